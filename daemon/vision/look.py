@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from daemon.vision import recognition, registration
 from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import SAID, Pictures, cause_of_nothing, with_causes
+from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
@@ -59,7 +59,7 @@ def look(
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
-    guesses, left_out, ground = tuple[NearestGuess, ...](), tuple[str, ...](), None
+    guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Part]()
     if known.labels and not all_explained(found, view, known, eyes):
         start = now()
         found, view = beside(found, view, (), known, eyes)
@@ -74,17 +74,19 @@ def look(
             )
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
+            by_edges = [r.part for r in straight.named]
         seconds["edges"] = now() - start
     parts = tuple(r.part for r in found)
     if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
         start = now()
-        parts = rested(sharpened(parts, known, eyes), known, ground)
+        parts = rested(sharpened(parts, known, eyes, by_edges), known, ground, by_edges)
         seconds["sharpen"] = now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:
         parts = with_causes(parts, guesses, pictures)
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
-    notes = (*view.notes, *_notes(view, parts, model, pictures), *(f"{ended}: {what}" for what in left_out))
+    seen = _notes(view, parts, model, pictures)
+    notes = (*view.notes, *seen, *depth_doubt(guesses), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 

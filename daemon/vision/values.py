@@ -177,7 +177,8 @@ class NearestGuess:
     """What came nearest to a name and did not get it, laid onto both images.
 
     left_px, right_px: (N, 2, 2) ends of every edge that should show in that eye, distorted px; left_shows, right_shows:
-    (N,) bool, whether the image shows it.
+    (N,) bool, whether the image shows it. print_apart_px: how far from where these edges have it the print on its faces
+    lies apart in the eyes, along epipolar lines; 0 where it agrees, or nobody can tell.
     """
 
     label: str
@@ -185,6 +186,7 @@ class NearestGuess:
     right_px: Array
     left_shows: Flags
     right_shows: Flags
+    print_apart_px: float = 0.0
 
     @property
     def share(self) -> float:

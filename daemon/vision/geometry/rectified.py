@@ -32,6 +32,15 @@ class Eye:
         rays = p @ self.baseline_from_camera[:, :2].T + self.baseline_from_camera[:, 2]
         return np.asarray(rays[:, :2] / rays[:, 2:])
 
+    def least_aside(self, image_size: tuple[int, int]) -> float:
+        """The least angle, radians, of any sight of an image (width, height) against the plane through the baseline
+        that the eyes look away from; nought and less where one points along it or back, nan where lens and image do not
+        go together."""
+        x, y = (np.array([0.0, (size - 1) / 2, size - 1.0]) for size in image_size)
+        rim = self.camera.normalised(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
+        rays = rim @ self.baseline_from_camera[:, :2].T + self.baseline_from_camera[:, 2]
+        return float(np.arcsin(rays[:, 2] / np.linalg.norm(rays, axis=1)).min())
+
     def pixels(self, points: Array) -> Array:
         """(N, 2) ideal coordinates -> (N, 2) distorted px."""
         r = self.baseline_from_camera

@@ -64,6 +64,16 @@ def with_causes(parts: Sequence[Part], guesses: Sequence[NearestGuess], pictures
     return tuple(told)
 
 
+def depth_doubt(guesses: Sequence[NearestGuess]) -> tuple[str, ...]:
+    """What a person should know where edges and print of one thing are at two depths: in one look that is the rig."""
+    return tuple(
+        f"depth calibration: edges and print of what may be {guess.label} do not agree on how far away it is "
+        f"({abs(guess.print_apart_px):.0f} px); `facetctl calibrate stereo`"
+        for guess in guesses
+        if guess.print_apart_px
+    )
+
+
 def cause_of_nothing(pictures: Pictures) -> Cause | None:
     """What may hide a part where no part is seen at all; None where the picture would show one."""
     return _light(pictures) or (Cause.PATTERNED if _patterned(pictures) else None)

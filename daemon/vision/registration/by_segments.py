@@ -12,25 +12,21 @@ the bar. And what only it has must tell it from every other taught part that cou
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from daemon import frames
-from daemon.arrays import Array
-from daemon.vision.facets import Table, seen_table, weld
-from daemon.vision.geometry import Polyhedron, Shape
+from daemon.vision.facets import Table, seen_table
+from daemon.vision.geometry import Shape
 from daemon.vision.image import Eyes
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, typed_as
-from daemon.vision.registration.beside import COVERED, covered, lies_on
+from daemon.vision.recognition import Recognised
+from daemon.vision.registration.beside import covered, lies_on
+from daemon.vision.registration.cut_off import ahead_of_sizes, cut_off
 from daemon.vision.registration.directed import directed_map, elsewhere, other_sizes
-from daemon.vision.registration.edge_pose import facets_in_view, facets_laid
-from daemon.vision.registration.equivalent import best_fitted
-from daemon.vision.registration.expected_edges import Placements
+from daemon.vision.registration.edge_pose import facets_in_view
 from daemon.vision.registration.explained import explained
-from daemon.vision.registration.faces import likeness
+from daemon.vision.registration.faces import likeness, print_apart_px
 from daemon.vision.registration.guessing import (
     FEWEST_IN_VIEW,
     SEARCHED,
@@ -40,20 +36,15 @@ from daemon.vision.registration.guessing import (
     guessed_in_space,
     guessed_on_table,
 )
-from daemon.vision.registration.measured import measured_facet, silhouette
-from daemon.vision.registration.resting import Ground, rests_on
+from daemon.vision.registration.laid import BY_NATS, ON_TABLE, Laid, laid_near
+from daemon.vision.registration.placing import placed
+from daemon.vision.registration.resting import Ground
 from daemon.vision.registration.rivals import LEAST_APART, by_own_edges
-from daemon.vision.registration.space_corners import lookalikes
-from daemon.vision.registration.stretches import Borne, Stretches, settled, stretches_of
 from daemon.vision.registration.unsure import nearby
-from daemon.vision.values import Group, NearestGuess, Part, Recognition
+from daemon.vision.values import Group, NearestGuess
 
-BY_NATS, BY_WHOLE, BY_SIZE, ELSE = 0.168, 12.7, 12.0, -3.0
-"""What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
-share of what there could be; less, the more speaks for another size; and what is left. A logistic regression on parts
-laid in 235 rendered and photographed looks with their own part taught and without it, 64 parts taught in some."""
-MOST_SIZE = 3.0
-"""How much more for another size counts."""
+BY_SIZE, MOST_SIZE = 12.0, 3.0
+"""Less, the more speaks for another size (of the same regression as BY_NATS), and how much more counts."""
 BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
 """Less, the less alike its print is in both eyes, and the more of the segments where it lies are none of its edges: and
 what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where nothing
@@ -63,9 +54,6 @@ MOST_LIKENESS, MOST_EXPLAINED = BY_LIKENESS * (1 - USUAL_LIKENESS), BY_EXPLAINED
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
 """Less, the more the picture would give the part elsewhere, from this share on: two of three true ones of those looks
 had less, the worst .74; of 151 guesses on photographed chessboards 149 had more than .72."""
-ON_TABLE = {True: 4.0, False: -3.0, None: 0.0}
-"""What it adds to them that a part lies on the table that both eyes see, or does not; None: nobody knows. Of guesses in
-those looks that were worth -2 and more without it, 288 of 295 true ones lay on it and none of 33 false ones."""
 CONTRADICTED = -5.0
 """What a group of facets that lies elsewhere adds to them."""
 FEWEST_TESTS = 1500
@@ -74,38 +62,15 @@ they are. Of 368 rendered looks without the part that lay there two were named w
 these; of 200 strangers to 64 taught parts six and one."""
 LEAST_CONFIDENCE = 0.95
 """Of a name. No stranger of those looks had more than 0.93."""
+LEAST_CUT_OFF = 0.99
+"""Of the name of a part that leaves a picture: what is outside cannot speak against it. Of 40 strangers cut off, 64
+parts taught, three had .97 to .987."""
 UNDECIDED, MOST_UNDECIDED = (-1.6, 7.4), 3
 """Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
 where they lie. In a trial fourteen true ones gained 1.3 by it on average, 5 at most; five strangers .5, 1 at most. They
 pay for their tries as turned guesses do: unpaid, a cylinder was taken for a prism."""
 NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Laid:
-    """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
-    guess it is the best; rests: whether it lies on the table, where that is seen."""
-
-    label: str
-    solid: Polyhedron
-    pose: Array
-    seen: tuple[Stretches, Stretches]
-    borne: Borne
-    covers: Shape
-    tries: float = 1.0
-    rests: bool | None = None
-
-    @property
-    def odds(self) -> float:
-        """Log odds of its being there by its edges alone, before all guesses that were made share them."""
-        by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
-        return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
-
-    def overlaps(self, other: Laid) -> bool:
-        """Whether both cannot be there."""
-        return self.covers.covers(other.covers) > COVERED
 
 
 class Straight(NamedTuple):
@@ -140,7 +105,7 @@ def named_by_segments(
     search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes, told), told))
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = guessed_by_facets(search, spent)
-    laid = _by_odds(_laid(search, by_facets.likely))
+    laid = _by_odds(laid_near(search, by_facets.likely))
     _, found, _ = _proven(search, laid, max(by_facets.tests, fewest), spent)
     if found and enough(found):
         return Straight(found, (), (), search.ground)
@@ -149,9 +114,9 @@ def named_by_segments(
         likely, of, unasked = guessed(search, spent)
         tests += of
         chances = max(tests, fewest)
-        fresh = _by_odds(_laid(search, likely))
+        fresh = _by_odds(laid_near(search, likely))
         if spent() < SEARCHED:
-            fresh += _laid(search, _undecided(fresh, chances, eyes))
+            fresh += laid_near(search, _undecided(fresh, chances, eyes))
         laid = _by_odds([*laid, *fresh])
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
@@ -161,7 +126,11 @@ def named_by_segments(
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
-    return Straight(found, tuple(map(_guess, nearest)), left_out, search.ground)
+    apart_px = 0.0
+    if nearest and not named and not found and spent() < 1:
+        apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
+    guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
+    return Straight(found, guesses, left_out, search.ground)
 
 
 def _proven(
@@ -180,8 +149,9 @@ def _proven(
             continue
         taken.append(one)
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        if all(_ahead_of(one, other) for other in rivals):
-            found.append(_recognised(one, confidence, search.eyes, search.model))
+        if all(_ahead_of(one, other) for other in rivals) and _proven_if_cut_off(one, confidence, search):
+            same = [other for other in laid if other.label == one.label and other.overlaps(one)]
+            found.append(placed(one, confidence, same, search))
     return taken, found, ()
 
 
@@ -192,28 +162,21 @@ def _ahead_of(one: Laid, other: Laid) -> bool:
     return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] > 0
 
 
+def _proven_if_cut_off(one: Laid, confidence: float, search: Search) -> bool:
+    """Whether what is in view of a part proves it and how long it is, where it leaves a picture."""
+    eyes, tolerance = search.eyes, search.model.parameters.tolerance_mm
+    if not cut_off(one.solid, one.pose, eyes):
+        return True
+    return confidence > LEAST_CUT_OFF and ahead_of_sizes(one.solid, one.pose, one.seen, eyes, tolerance) > LEAST_APART
+
+
 def _by_odds(laid: Iterable[Laid]) -> list[Laid]:
     return sorted(laid, key=lambda one: -one.odds)
 
 
-def _guess(one: Laid) -> NearestGuess:
+def _guess(one: Laid, apart_px: float) -> NearestGuess:
     ends = [np.stack([seen.edges.start, seen.edges.end], 1) for seen in one.seen]
-    return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows)
-
-
-def _laid(search: Search, likely: Sequence[Likely]) -> Iterator[Laid]:
-    """Parts laid where their edges lie, near likely places."""
-    if not likely:
-        return
-    eyes, model, ground = search.eyes, search.model, search.ground
-    solids = [model.metric[one.label].solid for one in likely]
-    laid, tolerance = Placements.of(solids), model.parameters.tolerance_mm
-    poses = settled(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
-    seen = stretches_of(laid, eyes, poses, tolerance)
-    for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
-        own = seen[0].only(k, laid), seen[1].only(k, laid)
-        rests = None if ground is None else rests_on(ground, solid, pose)
-        yield Laid(one.label, solid, pose, own, Borne.of(own), silhouette(solid, pose, eyes), one.tries, rests)
+    return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
 def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
@@ -276,28 +239,3 @@ def _for_and_against(one: Laid, search: Search) -> Iterator[tuple[float, float]]
 
 def _probability(log_odds: float) -> float:
     return float(1 / (1 + np.exp(-log_odds)))
-
-
-def _recognised(seen: Laid, confidence: float, eyes: Eyes, model: Model) -> Recognised:
-    """The part with the facets that both eyes have in view, measured where its sides show."""
-    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist())
-    fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
-    laid = facets_laid(seen.solid, observed)
-    facets = typed_as(
-        [measured_facet(f, eyes.geometry) for f in laid], (seen.solid.types[f.index] for f in laid), model.library
-    )
-    pose = fit.cyclopean_from_part
-    corners = frames.apply(pose, seen.solid.corners_mm)
-    fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
-    why = f"{100 * seen.borne.share:.0f} % of what its edges could show is there in both eyes"
-    name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    equivalents = _alike(seen.solid, pose, [f.index for f in laid])
-    part = Part(name, facets, pose, fit.covariance, fit.residual_mm, fitted, equivalents)
-    return Recognised(weld(list(facets)), part)
-
-
-def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int]) -> Array:
-    """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
-    or where others of the solid do."""
-    turns = lookalikes(solid, tuple(solid.corners_of(facets).tolist()))
-    return np.array([pose @ frames.inverse(turn) for turn in turns])

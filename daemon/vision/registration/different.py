@@ -41,8 +41,8 @@ def thinned(guesses: Guesses, of_each: int = 1) -> Index:
 
 
 def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
-    """Which of a few hundred are inside both images, the likeliest first, none of which looks like an earlier one; and
-    where the left eye sees all corners of each (K, 2) px."""
+    """Which of a few hundred have the middle of what shows inside both images, the likeliest first, none of which looks
+    like an earlier one; and where the left eye sees all corners of each (K, 2) px."""
     posed = guesses.posed
     if not len(posed.part):
         return
@@ -56,7 +56,8 @@ def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
     most = np.array(eyes.rig.image_size) - 1 - ROOM_PX
     inside = count > 0
     for px in seen:
-        inside &= (((px >= ROOM_PX) & (px <= most)).all(2) | ~shows).all(1)
+        middle = (px * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]
+        inside &= ((middle >= ROOM_PX) & (middle <= most)).all(1)
     of_one = (posed.part[:, None] == posed.part) & (count[:, None] == count)
     alike = of_one & (((middle_mm[:, None] - middle_mm) ** 2).sum(2) < SAME_MM**2)
     order, out = np.argsort(guesses.against, kind="stable"), ~inside

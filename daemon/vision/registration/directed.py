@@ -30,7 +30,11 @@ _NEARBY[::4, ::4] = 0
 RIM = 3
 """Pixels of a map this near to a segment's lie on it: less surely from 2 on, the mean of a pixel's neighbours, and no
 more from 4 on."""
-MOST_COLUMNS = 32000  # of a map that cv2.remap takes
+ROOM = RIM + 2  # about the outermost segments
+MOST_COLUMNS = MOST_ROWS = 32000  # of what cv2.remap takes
+LARGEST = 2.0
+"""Of the image's own area at SHRINK, that a map of it may have: where eyes look askew, ideal coordinates stretch what
+is far aside, and its map is coarser."""
 PLACES, SPACING_PX = 10, 5.0
 """Where along an edge is looked, and how far apart places are that say something of their own."""
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
@@ -39,7 +43,7 @@ SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
 """Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
-SIZES, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), 0.98
+SIZES, FARTHEST, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), (0.75, 1.25), 0.98
 ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
 """Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
 shift on that is another place, and the farthest."""
@@ -93,12 +97,11 @@ class DirectedMap:
 def directed_map(view: OneEye) -> DirectedMap:
     """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
     found, eye, shape = view.segments, view.eye, view.grey.shape
-    scale = eye.focal_px / SHRINK
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
+    scale = _scale(eye.focal_px / SHRINK, rim.max(0) - rim.min(0), shape)
     ends = (eye.ideal(np.concatenate([found.start, found.end])) - rim.min(0)) * scale
-    room = RIM + 2  # about the outermost segments
-    low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - room
-    width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + room
+    low = (np.floor(ends.min(0)) if len(ends) else np.zeros(2)) - ROOM
+    width, height = np.ceil(ends.max(0, initial=0.0) - low).astype(int) + ROOM
     ends = (ends - low).reshape(2, -1, 2)
     way = ends[1] - ends[0]
     direction = np.arctan2(way[:, 1], way[:, 0]) / np.pi * DIRECTIONS
@@ -113,6 +116,13 @@ def directed_map(view: OneEye) -> DirectedMap:
             often[k] = np.count_nonzero(hit[k] > 127)
     chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
     return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
+
+
+def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
+    """Pixels per unit of a map that is size (2,) wide and high, of an image (H, W): as fine as wanted, but for maps
+    much larger than the image."""
+    by_area = np.sqrt(LARGEST * np.prod(shape) / np.prod(size)) / SHRINK
+    return float(min(finest, by_area, (MOST_ROWS / DIRECTIONS - ROOM) / size[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +196,7 @@ def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[
     """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
     of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
     either end of it staying where it is."""
-    sizes = _in_sizes(solid)
+    sizes = _side_by_side(solid)
     each = np.arange(len(sizes.shapes))
     nats, most = evidence(Posed(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
     share = nats / np.maximum(most, 1.0)
@@ -215,16 +225,23 @@ def elsewhere(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Directed
 
 
 @lru_cache(maxsize=256)
-def _in_sizes(solid: Polyhedron) -> Solids:
+def _side_by_side(solid: Polyhedron) -> Solids:
     """A solid as it is, then in other sizes."""
+    found = (solid, *in_sizes(solid, SIZES))
+    return Solids.of([""] * len(found), found)
+
+
+@lru_cache(maxsize=256)
+def in_sizes(solid: Polyhedron, sizes: tuple[float, ...] = FARTHEST) -> tuple[Polyhedron, ...]:
+    """A solid so many times as long along an edge or across a face, either end of it staying where it is."""
     pairs = solid.lines[0]
     edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
     ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
-    found = [solid]
+    found = list[Polyhedron]()
     for k, way in enumerate(ways):
         if (np.abs(ways[:k] @ way) < PARALLEL).all():
             height = solid.corners_mm @ way
             for end in (height.min(), height.max()):
-                longer = [(factor - 1) * (height - end)[:, None] * way for factor in SIZES]
+                longer = [(factor - 1) * (height - end)[:, None] * way for factor in sizes]
                 found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
-    return Solids.of([""] * len(found), found)
+    return tuple(found)

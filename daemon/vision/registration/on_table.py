@@ -26,11 +26,15 @@ LIES, SUNK = chi_square_limit(3, 0.01), chi_square_limit(3, 1e-6)
 to have sunk in, which none has, so much that it is no table."""
 
 
-def rested(parts: Sequence[Part], model: Model, ground: Ground | None) -> tuple[Part, ...]:
-    """The parts, the named ones that lie on a table which is seen where their edges and it together have them."""
+def rested(
+    parts: Sequence[Part], model: Model, ground: Ground | None, by_edges: Sequence[Part] = ()
+) -> tuple[Part, ...]:
+    """The parts, the named ones that lie on a table which is seen where their edges and it together have them; those
+    that edges named lie there already."""
     if ground is None or not ground.seen:
         return tuple(parts)
-    return tuple(_laid(part, model, ground) if part.named else part for part in parts)
+    done = [not part.named or any(part is other for other in by_edges) for part in parts]
+    return tuple(part if there else _laid(part, model, ground) for part, there in zip(parts, done, strict=True))
 
 
 def _laid(part: Part, model: Model, ground: Ground) -> Part:

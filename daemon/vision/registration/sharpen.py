@@ -31,10 +31,14 @@ MOST_APART = chi_square_limit(6, 1e-3)
 """Chi-square of the way between the pose that corners and the pose that edges say."""
 
 
-def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes) -> tuple[Part, ...]:
-    """The parts, the named ones where the edges in both images have them."""
+def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes, by_edges: Sequence[Part] = ()) -> tuple[Part, ...]:
+    """The parts, the named ones where the edges in both images have them; those that edges named lie there already."""
     better, tolerance = list(parts), model.parameters.tolerance_mm
-    named = {k: model.metric[part.recognition.label].solid for k, part in enumerate(parts) if part.named}
+    named = {
+        k: model.metric[part.recognition.label].solid
+        for k, part in enumerate(parts)
+        if part.named and not any(part is other for other in by_edges)
+    }
     most = {k: most_in_view(solid, parts[k].equivalents, eyes) for k, solid in named.items()}
     for which in (most, {k: 0 for k, other in most.items() if other}):
         still = {k: _turned(parts[k], turn) for k, turn in which.items() if better[k] is parts[k]}

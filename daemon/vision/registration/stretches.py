@@ -69,6 +69,13 @@ class Stretches:
         """(E,) evidence of each edge against chance."""
         return np.asarray(self.weight * (np.minimum(self.surprise.mean(1), MOST_SURPRISE) - 1))
 
+    def information(self, sigma_px: float) -> Array:
+        """(6, 6) of the pose, in edges of which either end is off by sigma_px, as far as they show."""
+        shown = np.minimum(self.surprise.mean(1), MOST_SURPRISE) / MOST_SURPRISE
+        trust = self.edges.sharp * shown * np.where(self.edges.outline, 1.0, INNER)
+        rows = self.edges.jacobian.reshape(-1, 6)
+        return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
+
     def only(self, placement: int, laid: Placements) -> Stretches:
         """Those of one placement."""
         own = np.flatnonzero(self.edges.owner == placement)

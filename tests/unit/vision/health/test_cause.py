@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daemon.vision.health import SAID, cause_of_nothing, with_causes
+from daemon.vision.health import SAID, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.values import Cause, Facet, NearestGuess, Part, Recognition
 
 Image = NDArray[np.uint8]
@@ -118,3 +120,10 @@ def test_where_nothing_is_seen_the_whole_picture_is_asked() -> None:
     assert cause_of_nothing(noisy(empty / 10)) is Cause.DARK
     assert cause_of_nothing(noisy(empty * 3)) is Cause.BURNT
     assert cause_of_nothing(noisy(empty + rings)) is Cause.PATTERNED
+
+
+def test_print_and_edges_at_two_depths_are_said_to_be_the_rigs_calibration():
+    apart = replace(guess(True, True), print_apart_px=-3.0)
+    (said,) = depth_doubt([guess(True, True), apart])
+    assert said.startswith("depth calibration: edges and print of what may be cube do not agree")
+    assert "(3 px); `facetctl calibrate stereo`" in said

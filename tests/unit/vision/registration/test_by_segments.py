@@ -16,12 +16,14 @@ from daemon.vision.facets.table import Table
 from daemon.vision.facets.weld import weld
 from daemon.vision.geometry import Shape
 from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
-from daemon.vision.registration import by_segments, guessing
+from daemon.vision.registration import by_segments, guessing, laid, placing
 from daemon.vision.registration.by_segments import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_segments
 from daemon.vision.registration.directed import directed_map
 from daemon.vision.registration.guessing import Guessed, Search, guessed_in_space
+from daemon.vision.registration.laid import Laid, laid_near
 from daemon.vision.registration.resting import rests
 from daemon.vision.registration.stretches import Borne, Stretches
 from daemon.vision.values import Group
@@ -102,9 +104,9 @@ def _in_both(facet):
 
 
 @cache
-def all_laid(name: str) -> tuple[by_segments.Laid, ...]:
+def all_laid(name: str) -> tuple[Laid, ...]:
     there = scene(name)
-    return tuple(by_segments._laid(there, guessed_in_space(there, lambda: 0.0).likely))
+    return tuple(laid_near(there, guessed_in_space(there, lambda: 0.0).likely))
 
 
 def scene(name: str, groups: Sequence[Group] = ()) -> Search:
@@ -112,7 +114,7 @@ def scene(name: str, groups: Sequence[Group] = ()) -> Search:
     return Search(eyes, model(), groups, (), (directed_map(eyes.left), directed_map(eyes.right)), None)
 
 
-def confidence(one: by_segments.Laid, groups: Sequence[Group] = (), tests: int = 1000) -> float:
+def confidence(one: Laid, groups: Sequence[Group] = (), tests: int = 1000) -> float:
     return by_segments._confidence(one, scene("cube", groups), tests)
 
 
@@ -147,7 +149,7 @@ def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it
     twin = replace(best, label="pyramid", borne=best.borne._replace(nats=0.1 * best.borne.nats))
     fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=Borne(99.0, 1.0))
     for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
-        monkeypatch.setattr(by_segments, "_laid", lambda *_, others=others: iter(others))
+        monkeypatch.setattr(by_segments, "laid_near", lambda *_, others=others: iter(others))
         assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
 
 
@@ -160,7 +162,7 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
     rival = replace(best, label="pyramid", borne=best.borne._replace(nats=0.5 * best.borne.nats))
     for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
         laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
-        monkeypatch.setattr(by_segments, "_laid", lambda *_, laid=laid: iter(laid))
+        monkeypatch.setattr(by_segments, "laid_near", lambda *_, laid=laid: iter(laid))
         assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
 
 
@@ -250,7 +252,7 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     known, there = (Table(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
     grounds = []
     monkeypatch.setattr(by_segments, "seen_table", lambda *_: there if seen else None)
-    monkeypatch.setattr(by_segments, "rests_on", lambda ground, solid, pose: grounds.append(ground))
+    monkeypatch.setattr(laid, "rests_on", lambda ground, solid, pose: grounds.append(ground))
     named_by_segments(eyes_on("cube"), model(), [], told=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
 
@@ -331,3 +333,34 @@ def lone_facet(name: str) -> Recognised:
         (_in_both(one) for one in view_of(KNOWN[name], WHERE).facets), key=lambda one: Shape.of(one.left_px).area
     )
     return unnamed(weld([facet]))
+
+
+@pytest.mark.parametrize(("nats_less", "least_mm", "most_mm"), [(0.0, 2.0, 4.0), (200.0, 0.0, 0.1)])
+def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
+    nats_less: float, least_mm: float, most_mm: float
+) -> None:
+    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
+    other = replace(best, pose=farther, borne=Borne(best.borne.nats - nats_less, best.borne.share), tries=7.0)
+    spread = placing._spread(best, [best, other], best.pose[None])
+    assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
+    assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm
+
+
+def test_where_a_part_looks_the_same_turned_that_is_no_doubt_of_its_place() -> None:
+    best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
+    turned = replace(best, pose=best.pose @ frames.rigid(np.diag([-1.0, -1.0, 1.0]), np.zeros(3)))
+    alike = np.stack([best.pose, turned.pose])
+    np.testing.assert_allclose(placing._spread(best, [best, turned], alike), 0.0, atol=1e-9)
+
+
+def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_depth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(by_segments, "LEAST_CONFIDENCE", 1.1)
+    monkeypatch.setattr(by_segments, "print_apart_px", lambda *_: 2.0)
+    first, *others = named_by_segments(eyes_on("cube"), model(), []).guesses
+    assert first.print_apart_px == 2.0
+    assert not any(other.print_apart_px for other in others)
+    scene = look(*print_pair(CUBE, WHERE, 0), straight_rig(), model())
+    assert any("depth calibration" in note for note in scene.notes)

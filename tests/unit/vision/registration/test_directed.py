@@ -21,7 +21,7 @@ from daemon.vision.registration.directed import (
     other_sizes,
     promising,
 )
-from daemon.vision.registration.faces import ENOUGH, _on_face, likeness
+from daemon.vision.registration.faces import ENOUGH, _on_face, likeness, print_apart_px
 from daemon.vision.registration.posed import Posed, Solids
 from tests.worlds.printed import print_pair, straight_rig
 from tests.worlds.solids import KNOWN, STRANGERS, pose
@@ -207,3 +207,18 @@ def test_a_map_is_as_large_as_its_segments_and_empty_at_its_rim() -> None:
     x = np.array([[-50.0], [ends[0, 0]], [2000.0]], np.float32)
     y = np.array([[ends[0, 1]], [-50.0], [2000.0]], np.float32)
     assert not seen.hits(np.array([[1.0, 0.0]], np.float32), x, y)[0].any()
+
+
+@pytest.mark.parametrize("off_px", [-3.0, 0.0, 3.0])
+def test_by_how_much_print_lies_apart_is_told_where_the_eyes_are_turned_in_a_little(off_px: float) -> None:
+    whole = straight_rig()
+    matrix = whole.right.matrix + np.array([[0, 0, -off_px], [0, 0, 0], [0, 0, 0]])
+    turned = replace(whole, right=replace(whole.right, matrix=matrix))
+    eyes = open_eyes(*print_pair(KNOWN["cube"], WHERE, 3), turned)
+    assert print_apart_px(shape("cube"), WHERE, eyes) == off_px
+
+
+def test_faces_through_thin_air_and_faces_without_print_say_nothing_of_the_eyes() -> None:
+    tilted = frames.perturb(WHERE, np.array([0.0, 0.0, 40.0, 0.3, 0.3, 0.0]))
+    assert print_apart_px(shape("cube"), tilted, eyes_on("cube")) == 0.0
+    assert print_apart_px(shape("cube"), WHERE, eyes_on("cube", printed=False)) == 0.0

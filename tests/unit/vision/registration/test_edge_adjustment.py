@@ -110,3 +110,36 @@ def test_wear_is_believed_where_it_is_seen():
     little, much = _wear(0.05, 0.05**2)[0], _wear(0.3, 0.05**2)[0]
     assert 0 < little < 0.015 < 0.295 < much < 0.3
     assert _wear(30.0, 1e-4)[0] == pytest.approx(30.0)
+
+
+def contradicting(located, rng):
+    """The lines of both eyes, some much surer than others, all of them astray by .4 px at either end."""
+    for seen in located.observed:
+        as_sure = seen.sides.covariance * rng.choice([0.2, 20.0], len(seen.off))[:, None, None]
+        off = seen.off + rng.normal(0.0, 0.4, seen.off.shape)
+        yield replace(seen, off=off, sides=replace(seen.sides, covariance=as_sure))
+
+
+def test_of_lines_that_contradict_each_other_the_surest_do_not_have_their_way():
+    shape, located, _ = fitted(CUBE.corners_mm)
+    off_mm, chi_squares = [], []
+    for seed in range(30):
+        lines = list(contradicting(located, np.random.default_rng(seed)))
+        ways = [None, (located.pose, 1e-3 * np.eye(6))]
+        found = [adjusted(shape, located.pose, lines, TOLERANCE_MM, way) for way in ways]
+        off = [frames.difference(one.pose, WHERE) for one in found]
+        off_mm.append([np.linalg.norm(one[:3] + 30.0 * one[3:]) for one in off])
+        chi_squares.append(off[1] @ np.linalg.solve(found[1].covariance, off[1]))
+    surest, all_doubted = np.mean(off_mm, axis=0)
+    assert all_doubted < 0.8 * surest
+    assert np.median(chi_squares) < 8.0
+    assert np.mean(np.array(chi_squares) < 12.6) > 0.85
+
+
+def test_an_anchor_holds_a_part_and_makes_it_no_surer():
+    shape, located, free = fitted(CUBE.corners_mm)
+    aside = frames.perturb(WHERE, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+    held = adjusted(shape, located.pose, located.observed, TOLERANCE_MM, (aside, 1e6 * np.eye(6)))
+    assert np.linalg.norm(frames.difference(held.pose, aside)) < 0.05
+    assert np.linalg.norm(frames.difference(free.pose, aside)) > 0.7
+    assert np.trace(held.covariance) > 0.9 * np.trace(free.covariance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from daemon.vision.facets.table import Table
 from daemon.vision.geometry import exact
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
+from daemon.vision.registration import placing
 from daemon.vision.registration.on_table import flat_on, rested
 from daemon.vision.registration.resting import Ground
 from daemon.vision.values import Part, Scene
@@ -84,7 +84,7 @@ def too_high_mm(part: Part) -> float:
 def test_a_look_lays_what_it_names_on_the_table_it_sees(monkeypatch: pytest.MonkeyPatch) -> None:
     taught = model()
     _, laid = cube_on_a_patterned_table(taught)
-    monkeypatch.setattr(sys.modules["daemon.vision.look"], "rested", lambda parts, *_: parts)
+    monkeypatch.setattr(placing, "flat_on", lambda *_: None)
     _, as_seen = cube_on_a_patterned_table(taught)
     assert too_high_mm(laid) < 0.6 * too_high_mm(as_seen)
     turn = laid.cyclopean_from_part @ frames.inverse(as_seen.cyclopean_from_part)
