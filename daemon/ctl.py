@@ -1,6 +1,7 @@
 """`facetctl`: the operator's tool. Which module serves which offline job; everything else is said to the daemon.
 
-Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon there.
+Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon there, 3 nobody answered a stop in
+time: press the emergency stop.
 """
 
 from __future__ import annotations
@@ -19,10 +20,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from daemon.doors.client import DaemonLink, NotThereError
+from daemon.console.stop_words import takes_leave
+from daemon.doors.client import DaemonLink, NotThereError, StopUnansweredError, stop_unanswered
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
+from daemon.errors import STOP_UNANSWERED as STOP_UNANSWERED
 from daemon.errors import FacetdError, spelt, visible
 from daemon.store.outside import FileError, read_file
 
@@ -89,8 +92,9 @@ def main(arguments: list[str] | None = None) -> int:
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except NotThereError as error:
-        print(f"facetctl: {error}", file=sys.stderr)
-        return NOT_UNDERSTOOD
+        unanswered = isinstance(error, StopUnansweredError) or takes_leave(shlex.join(words))
+        print(f"facetctl: {stop_unanswered(error) if unanswered else error}", file=sys.stderr)
+        return STOP_UNANSWERED if unanswered else NOT_UNDERSTOOD
     except KeyboardInterrupt:
         return NOT_DONE
     except BrokenPipeError:
@@ -288,10 +292,17 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
         return link.do(text, "one-shot", say)
     from daemon.doors.keyboard import Lines
 
-    with Lines(lambda stop: say(link.stop_beside(stop, "one-shot", say)["text"]), say) as typed:
+    beside = [DONE]
+
+    def stop(words: str) -> None:
+        done = link.stop_beside(words, "one-shot", say)
+        beside.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
+        say(done["text"])
+
+    with Lines(stop, say) as typed:
         done = link.do(text, "one-shot", say, None if as_json else typed.answer)
     typed.drop()
-    return done
+    return done | {"status": max(done["status"], *beside)}
 
 
 def _teller(as_json: bool) -> Callable[[str], None]:

@@ -21,7 +21,7 @@ from daemon.arm import said
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, fold, prose, table
 from daemon.console.phrases import is_no, is_yes
-from daemon.console.stop_words import means_stop
+from daemon.console.stop_words import WITHDRAW, means_stop
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
@@ -100,8 +100,6 @@ OF_THE_SHELL = (
     *("replay", "review", "runs", "script", "snap", "stream", "tail"),
 )
 """Words of `facetctl` that are none of the daemon's."""
-WITHDRAW = ("disable", "abort")
-"""Beside `stop`, the words that take the arm's leave to move, or what it is moving for."""
 
 
 def never(_: list[str]) -> bool:

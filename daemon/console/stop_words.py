@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 
 STOP_WORDS = ("stop", "halt")
+WITHDRAW = ("disable", "abort")
+"""Beside these, the words that take the arm's leave to move, or what it is moving for."""
 SHORTEST_STOP = 3
 """Letters from which on the beginning of a stop word is that of no other."""
 ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")
@@ -19,6 +21,11 @@ def means_stop(text: str) -> bool:
     letters = re.match("[a-zA-Z]*", word)
     begun = letters[0].lower() if letters else ""
     return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
+
+
+def takes_leave(text: str) -> bool:
+    """Whether a line is to stop the arm, or takes its leave to move: whoever types it may hang on the answer."""
+    return means_stop(text) or text.split("#")[0].lower().split() in [[word] for word in WITHDRAW]
 
 
 def ends_in_stop(taken: Sequence[str], line: str) -> bool:

@@ -22,11 +22,13 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.key_binding import KeyBindings
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.console.stop_words import ends_in_stop
-from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
+from daemon.console.stop_words import ends_in_stop, takes_leave
+from daemon.doors import client
+from daemon.doors.client import EMERGENCY, DaemonLink, NotThereError, file_in_pieces
 from daemon.doors.keyboard import Keyboard
 from daemon.doors.paths import files_begun
 from daemon.doors.recall import DaemonCompleter, PlainHistory
+from daemon.errors import STOP_UNANSWERED
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
@@ -49,6 +51,10 @@ class ListeningPrompt:
         self._numbers = count(1)
         self._unanswered: dict[int, str] = {}
         """Commands that are not answered yet, by their numbers."""
+        self._stops: deque[asyncio.TimerHandle] = deque()
+        """The clock of each stop that is not answered yet: control-C's."""
+        self._stop_words: dict[int, asyncio.TimerHandle] = {}
+        """And of those in words, by their numbers."""
         self._asked: tuple[int, str] | None = None
         """The question that stands: its number and its words."""
         self._kept = ""
@@ -131,8 +137,18 @@ class ListeningPrompt:
         self._kept = ""
         self._taken.clear()
         self._session.default_buffer.reset()
-        if not self._send({"interrupt": True}):
-            self._show(self._why_gone or NOT_THERE)
+        if self._send({"interrupt": True}):
+            self._stops.append(self._clock())
+        else:
+            self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
+
+    def _clock(self) -> asyncio.TimerHandle:
+        """Sends to the emergency stop, unless it is cancelled in time."""
+        return asyncio.get_running_loop().call_later(client.STOP_ANSWER_S, self._emergency, client.UNANSWERED)
+
+    def _emergency(self, told: str) -> None:
+        self._status = STOP_UNANSWERED
+        self._show(told)
 
     def _typed(self, line: str) -> None:
         """A line to the daemon: the answer to its question, or a command."""
@@ -143,7 +159,11 @@ class ListeningPrompt:
             number, _ = self._answering
             if self._asked == self._answering:
                 self._unask()
-            self._send({"answer": line, "id": number})
+            sent = self._send({"answer": line, "id": number})
+            if takes_leave(line):
+                self._stops.append(self._clock())
+            if takes_leave(line) and not sent:
+                self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
         elif line.strip():
             number = next(self._numbers)
             size = self._session.output.get_size()
@@ -151,6 +171,10 @@ class ListeningPrompt:
             message["size"] = [size.columns, size.rows]
             if self._send(message):
                 self._unanswered[number] = line.strip()
+                if takes_leave(line):
+                    self._stop_words[number] = self._clock()
+            elif takes_leave(line):
+                self._emergency(f"{EMERGENCY}; not said: {line.strip()}: {self._why_gone or NOT_THERE}")
             else:
                 self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
 
@@ -173,9 +197,11 @@ class ListeningPrompt:
     async def _hear_always(self) -> None:
         while True:
             await self._hear()
-            amid = bool(self._unanswered)
+            amid, stopping = bool(self._unanswered), bool(self._stops or self._stop_words)
             self._hung_up()
             await self._end_controller()
+            if stopping:
+                self._emergency(f"{EMERGENCY}: the stop was not answered")
             self._show("the daemon ended before it answered" if amid else "the daemon has ended")
             await self._seek()
 
@@ -207,11 +233,15 @@ class ListeningPrompt:
             return
 
     async def _heard(self, message: dict[str, Any]) -> None:
+        if "stopped" in message and self._stops:
+            self._stops.popleft().cancel()
         for key in ("say", "notice", "stopped"):
             if key in message:
                 self._show(str(message[key]))
         if "done" in message:
             self._unanswered.pop(message.get("id", 0), None)
+            if (clock := self._stop_words.pop(message.get("id", 0), None)) is not None:
+                clock.cancel()
             self._status = int(message["done"]["status"])
             self._show(message["done"]["text"])
         elif "ask" in message:
@@ -277,6 +307,10 @@ class ListeningPrompt:
             self._writer.close()
         self._writer = None
         self._unanswered.clear()
+        for clock in (*self._stops, *self._stop_words.values()):
+            clock.cancel()
+        self._stops.clear()
+        self._stop_words.clear()
         while self._options:
             self._offer([])
         if self._asked is not None:

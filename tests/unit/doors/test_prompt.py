@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon import ctl
 from daemon.console.stop_words import means_stop
-from daemon.doors import keyboard, prompt
+from daemon.doors import client, keyboard, prompt
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.keyboard import Lines
 from tests.worlds.person import Person, piped
@@ -159,13 +159,57 @@ def test_control_c_where_lines_wait_stops_the_arm_before_it_tells_of_them(monkey
         def drop(self) -> None:
             done.append("told")
 
-    def interrupt() -> str:
+    def interrupt(_: object) -> str:
         done.append("stopped")
         return ""
 
     monkeypatch.setattr(prompt, "Lines", lambda *_: Pressed())
     assert prompt._piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
     assert done == ["stopped", "told"]
+
+
+@pytest.mark.parametrize("way", ["control-C", "a word"])
+def test_at_the_prompt_a_stop_that_a_hung_daemon_does_not_answer_sends_to_the_emergency_stop(
+    place: Path, way: str
+) -> None:
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(place))
+        hung.listen(1)
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("\x03" if way == "control-C" else "stop\r")
+        person.sees("PRESS THE EMERGENCY STOP: no answer to the stop for 2 s")
+        person.types("quit\r")
+        assert person.leaves() == ctl.STOP_UNANSWERED
+
+
+def test_at_the_prompt_a_stop_where_no_daemon_is_any_more_sends_to_the_emergency_stop(place: Path) -> None:
+    played = Played(place)
+    first = played.live(1)
+    person = Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("stop\r")
+    person.sees("PRESS THE EMERGENCY STOP: the stop was not answered")
+    first.join(5)
+    person.sees("no daemon answers")
+    person.types("stop\r")
+    person.sees("PRESS THE EMERGENCY STOP; not said: stop: no daemon")
+    person.types("\x03")
+    person.sees("PRESS THE EMERGENCY STOP: no daemon")
+    person.types("quit\r")
+    assert person.leaves() == ctl.STOP_UNANSWERED
+
+
+def test_at_the_prompt_a_stop_that_is_answered_sends_nobody_anywhere(place: Path) -> None:
+    played = Played(place)
+    played.live(3)
+    person = Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("stop\r")
+    person.sees("well")
+    assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S + 0.5)
+    person.types("quit\r")
+    assert person.leaves() == 0
 
 
 class Asking:
