@@ -10,12 +10,19 @@ WITHDRAW = ("disable", "abort")
 """Beside these, the words that take the arm's leave to move, or what it is moving for."""
 SHORTEST_STOP = 3
 """Letters from which on the beginning of a stop word is that of no other."""
+LINE_END = re.compile("\r\n|\r|\n")
+"""As terminals, files and clipboards have it."""
 ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")
 
 
 def means_stop(text: str) -> bool:
     """Whether a line, whatever it is typed for, is to stop the arm: it begins with a stop word, or a beginning of one,
-    however a person in haste wrote it (case, blanks, quotes, what a bad line or another key put in between)."""
+    however a person in haste wrote it (case, blanks, quotes, what a bad line or another key put in between). Of a text
+    of many lines, whether any is."""
+    return any(map(_line_means_stop, {text, *LINE_END.split(text)}))
+
+
+def _line_means_stop(text: str) -> bool:
     plain = "".join(c for c in ESCAPES.sub("", text) if " " <= c <= "~").lstrip()
     word = re.sub("^[^a-zA-Z#]*", "", plain)
     letters = re.match("[a-zA-Z]*", word)

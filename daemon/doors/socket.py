@@ -1,8 +1,9 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS]}: a
-command; where another is still being done it is refused, unless it waits; size: of the terminal, ROWS null where pages
-are not turned there. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS],
+"block": ID}: a command, of one line; where another is still being done it is refused, unless it waits; size: of the
+terminal, ROWS null where pages are not turned there; block: of what was pasted together, done line by line to the first
+that is not. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
 {"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
 a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
@@ -64,6 +65,7 @@ class _Message(msgspec.Struct):
     asks: bool | UnsetType = UNSET
     id: int | str | UnsetType | None = UNSET
     size: tuple[int, int | None] | UnsetType = UNSET
+    block: int | str | UnsetType | None = UNSET
     waits: bool = False
     answer: str | UnsetType = UNSET
     interrupt: bool | UnsetType = UNSET
@@ -327,6 +329,8 @@ class _Operator:
             raise ValueError("the last command is still being done")
         if self._turns.crowded and not stops:
             raise ValueError(CROWDED)
+        if not stops and len(message.do.strip().splitlines() if isinstance(message.do, str) else ()) > 1:
+            raise ValueError("a command is one line")
         self.name = self.name if message.door is UNSET else printable(message.door[:20])
         self.asks = self.asks if message.asks is UNSET else message.asks
         if message.size is not UNSET:
@@ -337,7 +341,7 @@ class _Operator:
         async def answered(answer: Answer) -> None:
             await self._send({"done": _plain(answer), **number})
 
-        self._turns.take(text, answered)
+        self._turns.take(text, answered, None if message.block is UNSET else message.block)
 
     def _take_file(self, piece: str | UnsetType, no_file: str | UnsetType, more: bool) -> None:
         """One piece of a file that was asked for, or why there is none."""

@@ -258,6 +258,75 @@ def test_a_stop_that_a_question_comes_or_goes_amid_is_heard(place: Path, first: 
     assert person.leaves() == 0
 
 
+def commands_heard(daemon: Asking, count: int) -> list[dict[str, Any]]:
+    assert daemon.heard.get(timeout=10.0) == {"notices": True}
+    return [daemon.heard.get(timeout=10.0) for _ in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("typed", "pasted"),
+    [
+        ("", "\x1b[200~status\rstop\x1b[201~"),
+        ("", "\x1b[200~status # x\nstop\x1b[201~"),
+        ("", "\x1b[200~status\r\nstop\r\npick\r\n\x1b[201~"),
+        ("st", "\x1b[200~op\x1b[201~"),
+        ("", "\x1b[200~status\rstop\r"),  # the mark of its end is lost
+    ],
+)
+def test_a_stop_in_a_paste_is_said_at_once_and_nothing_else_of_it(place: Path, typed: str, pasted: str) -> None:
+    """The lines of a paste were made one: a stop in it was one word too many, or a part of a comment."""
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    if typed:
+        person.types(typed)
+        person.sees(typed)
+    person.types(pasted)
+    (said,) = commands_heard(daemon, 1)
+    assert said["do"] == "stop"
+    person.types("where\r")
+    assert daemon.heard.get(timeout=10.0)["do"] == "where", "nothing of the paste is left"
+    person.types("\x04")
+    person.leaves()
+
+
+def test_control_c_is_heard_amid_a_paste_whose_end_is_lost(place: Path) -> None:
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("\x1b[200~status")
+    person.sees_for(0.2)
+    person.types("\x03")
+    assert commands_heard(daemon, 1) == [{"interrupt": True}]
+    person.types("where\r")
+    assert daemon.heard.get(timeout=10.0)["do"] == "where"
+    person.types("\x04")
+    person.leaves()
+
+
+def test_each_line_of_a_paste_is_a_line_of_its_own_behind_one_enter(place: Path) -> None:
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("\x1b[200~# how it stands\rstatus # now\r\r  where\r\x1b[201~")
+    person.sees("2 lines pasted: Enter says one after the other")
+    assert daemon.heard.qsize() <= 1, "nothing is said before that"
+    person.types("\r")
+    first, then = commands_heard(daemon, 2)
+    assert (first["do"], then["do"].strip()) == ("status # now", "where")
+    assert first["block"] == then["block"]
+    daemon.tell(ask="Sure?", id=1)
+    person.sees("Sure?")
+    person.types("\x1b[200~y\rgo home\r\x1b[201~")
+    person.sees("an answer is one line")
+    person.types("n\r")
+    assert daemon.heard.get(timeout=10.0) == {"answer": "n", "id": 1}
+    person.types("\x1b[200~where\r\x1b[201~ # one line waits for Enter as well\r")
+    alone = daemon.heard.get(timeout=10.0)
+    assert (alone["do"], alone.get("block")) == ("where # one line waits for Enter as well", None)
+    person.types("\x04")
+    person.leaves()
+    kept = (place.parent / ".local/state/facetctl-history").read_text().splitlines()
+    assert kept[:2] == ["status # now", "where"]
+
+
 def typed_later(write: Callable[[str], object], text: str) -> None:
     threading.Timer(0.2, write, [text]).start()
 

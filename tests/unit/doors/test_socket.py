@@ -776,6 +776,17 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert [told for told in context.cycle.told if told.startswith("stop")]
 
 
+def test_a_command_of_many_lines_is_none_unless_a_stop_is_among_them(tmp_path: Path) -> None:
+    """Joined, `status # x` and `stop` had dropped the stop in silence."""
+    (refused, stopped), context = with_socket(
+        tmp_path / "s",
+        lambda path: asked(path, {"do": "enable\nwhere"}, {"do": "status # x\nstop"}, answers=2),
+    )
+    assert "a command is one line" in refused["done"]["text"]
+    assert stopped["done"]["status"] == 0
+    assert [told.split(" by")[0] for told in context.cycle.told] == ["stop"]
+
+
 @pytest.mark.parametrize(("length", "opens"), [(100, True), (101, False)])
 def test_a_socket_s_path_may_have_a_hundred_bytes(
     length: int, opens: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
