@@ -1,8 +1,8 @@
 """A prompt that listens while it waits: what the daemon says appears above the line being typed, whoever caused it.
 
 Commands are said as soon as they are typed; the daemon does them in their order, and `stop` at once. What is pasted is
-as many lines as it has: Enter says them, and a stop among them does not wait for that. Built on prompt_toolkit; only for
-a person at a terminal.
+as many lines as it has: Enter says them, and a stop among them does not wait for that. Built on prompt_toolkit, for a
+person at a terminal only.
 """
 
 from __future__ import annotations
