@@ -34,6 +34,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
+from daemon.quantities import decimal, whole
 from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
@@ -118,7 +119,7 @@ def _board(words: list[str]) -> Board:
     if rest not in ([], ["charuco"]):
         raise CommandError(f"{rest[0]}: expected `charuco` or nothing; usage: {USAGE}", NOT_UNDERSTOOD)
     try:
-        return parse_board(size, float(square), "charuco" if rest else "chessboard")
+        return parse_board(size, decimal(square), "charuco" if rest else "chessboard")
     except (BoardError, ValueError) as error:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 
@@ -193,11 +194,12 @@ async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
     calibrations = context.config.calibrations
     known = (CONFIGURED, *calibrations.numbers())
     word = one_of(words, 1, map(str, known), "calibration", USAGE)
-    load_calibration(calibrations.path(int(word)))  # what cannot be used is not taken over
+    number = whole(word)
+    load_calibration(calibrations.path(number))  # what cannot be used is not taken over
     before = calibrations.current
-    calibrations.use(int(word))
+    calibrations.use(number)
     try:
-        return Answer(f"Calibration {word} is in use. {await context.reload(door.who)}", {"current": int(word)})
+        return Answer(f"Calibration {word} is in use. {await context.reload(door.who)}", {"current": number})
     except FacetdError:
         calibrations.use(before)
         raise
@@ -268,7 +270,7 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:
-        off = np.array([float(word) for word in answer.replace(",", " ").split()[:2]])
+        off = np.array([decimal(word) for word in answer.replace(",", " ").split()[:2]])
         if len(off) != 2:
             raise ValueError
     except ValueError:

@@ -26,6 +26,7 @@ from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import FacetdError, printable
+from daemon.quantities import shown, whole
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
@@ -368,9 +369,10 @@ def no_more(words: list[str], count: int, usage: str) -> None:
 
 def number(word: str, what: str, low: int, high: int) -> int:
     """A whole number within bounds. Raises CommandError."""
-    if not word.isdecimal() or not low <= int(word) <= high:
-        raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {word}", NOT_UNDERSTOOD)
-    return int(word)
+    with contextlib.suppress(ValueError):
+        if low <= (found := whole(word)) <= high:
+            return found
+    raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {shown(word)}", NOT_UNDERSTOOD)
 
 
 async def yes_or_no(door: Door, question: str) -> bool | None:

@@ -25,6 +25,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.quantities import WHOLE, whole
 from daemon.store import model as files
 from daemon.store import places
 from daemon.store.files import number_of, plain, write_atomically
@@ -275,11 +276,11 @@ class ModelStore:
 def model_file(named: Path) -> Path:
     """A model's file where one is named, or that of a version kept here: 3, or latest. Raises ModelStoreError."""
     word = str(named)
-    if named.exists() or not (word == "latest" or word.isdecimal()):
+    if named.exists() or not (word == "latest" or WHOLE.fullmatch(word)):
         return named
     store = ModelStore(places.state_folder())
     known = store.versions()
-    found = known[-1:] if word == "latest" else [version for version in known if version == int(word)]
+    found = known[-1:] if word == "latest" else [version for version in known if version == whole(word)]
     if not found:
         there = ", ".join(map(str, known)) or "none"
         raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (there: {there})")
