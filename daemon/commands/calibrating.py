@@ -7,6 +7,7 @@ nothing.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import asdict
 
 import numpy as np
@@ -168,13 +169,21 @@ async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answ
 async def _taken_over(context: CommandContext, before: Calibration, after: Calibration, door: Door) -> list[str]:
     """Keep it, and work with it from now on. before: what was worked with as it was solved."""
     calibrations = context.config.calibrations
-    used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
-    try:
+    used, number = CONFIGURED, CONFIGURED
+
+    async def go_over() -> Callable[[], None]:
+        nonlocal used, number
+        used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
+            calibrations.use(used)
             raise CommandError(f"meanwhile another one was; `calibrate use {number}` goes over to it")
-        taken = await context.reload(door.who)
+        return lambda: calibrations.use(used)
+
+    try:
+        taken = await context.reload(door.who, go_over)
     except FacetdError as error:
-        calibrations.use(used)
+        if number == CONFIGURED:
+            raise
         raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
     return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` goes back."]
 
@@ -196,13 +205,14 @@ async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
     word = one_of(words, 1, map(str, known), "calibration", USAGE)
     number = whole(word)
     load_calibration(calibrations.path(number))  # what cannot be used is not taken over
-    before = calibrations.current
-    calibrations.use(number)
-    try:
-        return Answer(f"Calibration {word} is in use. {await context.reload(door.who)}", {"current": number})
-    except FacetdError:
-        calibrations.use(before)
-        raise
+
+    async def go_over() -> Callable[[], None]:
+        before = calibrations.current
+        calibrations.use(number)
+        return lambda: calibrations.use(before)
+
+    taken = await context.reload(door.who, go_over)
+    return Answer(f"Calibration {word} is in use. {taken}", {"current": number})
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:
