@@ -322,7 +322,7 @@ class Console:
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
     def _check_door(self, command: Command, grade: Grade, door: Door) -> None:
-        if grade != "look" and door.may == "look" and command.name not in ("stop", "abort", "pause"):
+        if grade != "look" and door.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
             raise CommandError(f"{command.name}: this {door.name} may only look; use another door", NOT_DONE)
 
     def _names(self, _: CommandContext) -> Iterable[str]:

@@ -260,6 +260,18 @@ def _words(text: str) -> list[str]:
         return []
 
 
+@contextlib.contextmanager
+def told_anyway() -> Iterator[None]:
+    """Where a disk is full that what is said goes to, what is done goes on, a stop above all; it is told at the end, as
+    it still waits to be written then."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError:
+        pass
+
+
 def stop_unanswered(error: NotThereError) -> StopUnansweredError:
     """Why no daemon hears a stop, for somebody who wanted the arm to stop."""
     if isinstance(error, StopUnansweredError):

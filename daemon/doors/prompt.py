@@ -6,7 +6,7 @@ import shutil
 import sys
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.doors.client import DaemonLink
+from daemon.doors.client import DaemonLink, told_anyway
 from daemon.doors.keyboard import Lines
 from daemon.errors import DONE, STOP_UNANSWERED
 
@@ -57,4 +57,5 @@ def _piped(link: DaemonLink) -> int:
 
 def _say(text: str) -> None:
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
-    print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)
+    with told_anyway():
+        print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)

@@ -23,6 +23,7 @@ import contextlib
 import json
 import os
 import re
+import select
 import socket
 from collections import Counter
 from collections.abc import Callable
@@ -220,7 +221,12 @@ class _Operator:
             except ValueError as error:
                 # Nobody waits here for one who does not read: their next line may be a stop.
                 self._write({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
-        self.leave()
+        if _hears(self._writer.get_extra_info("socket")):  # it has said all, and waits for the answers
+            self._console.context.notices.leave(self)
+            self._turns.say_no_more()
+            self._left.set()
+        else:
+            self.leave()
         await self._turns.end()
 
     async def listen_for_a_stop(self) -> None:
@@ -382,6 +388,13 @@ class _Operator:
             self._writer.transport.abort()
         except ConnectionError:
             pass
+
+
+def _hears(connection: socket.socket) -> bool:
+    """Whether the other end, which says nothing more, can still hear."""
+    poll = select.poll()
+    poll.register(connection.fileno(), 0)
+    return not poll.poll(0)
 
 
 async def _hang_up(writer: asyncio.StreamWriter) -> None:

@@ -46,7 +46,8 @@ class Turns:
         """A command is being done that others wait for."""
         self.question = 0
         """The number of the question that was put last."""
-        self.gone = False
+        self.gone = self._mute = False
+        """Whether the operator went away; whether they only hear."""
         self._doing = ""
         self._ahead: deque[tuple[str, Answered, int, Block]] = deque()
         """What was typed ahead, and how often the arm had been stopped by then: a later stop, at whatever door, voids
@@ -98,7 +99,7 @@ class Turns:
     async def ask(self, question: str) -> str:
         """Put a question and wait for the answer; empty when it was to stop, or nobody is there."""
         async with self._one_question:
-            if self.gone:
+            if self.gone or self._mute:
                 return ""
             loop = asyncio.get_running_loop()
             self._asked, self._words = loop.create_future(), question
@@ -131,6 +132,12 @@ class Turns:
         """The operator is gone: what is being done goes on, what was typed ahead is dropped, nobody answers."""
         self.gone = True
         self._ahead.clear()
+        self._unasked()
+
+    def say_no_more(self) -> None:
+        """The operator hears, and says nothing more: what they asked for goes on in its turn, and answers no
+        question."""
+        self._mute = True
         self._unasked()
 
     def beside(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
