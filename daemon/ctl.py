@@ -1,6 +1,7 @@
 """`facetctl`: the operator's tool. Which module serves which offline job; everything else is said to the daemon.
 
-Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon there.
+Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon there, 3 nobody answered a stop in
+time: press the emergency stop.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import difflib
 import importlib
 import importlib.metadata
 import json
+import os
 import re
 import shlex
 import shutil
@@ -19,12 +21,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from daemon.doors.client import DaemonLink, NotThereError
+from daemon.console.stop_words import takes_leave
+from daemon.doors.client import DaemonLink, NotThereError, StopUnansweredError, stop_unanswered, told_anyway
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
+from daemon.errors import STOP_UNANSWERED as STOP_UNANSWERED
 from daemon.errors import FacetdError, spelt, visible
-from daemon.store.outside import FileError, read_file
+from daemon.store.outside import FileError, fill_standard_files, read_file
 
 if TYPE_CHECKING:
     from daemon.console.interpreter import Command
@@ -69,7 +73,36 @@ OUR_OWN = re.compile(r"(\A\r|\x1b\[\d*m)")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns its exit status."""
+    """Run one command; returns its exit status, also where what it is to read from or write to is closed or full."""
+    _stand_in()
+    try:
+        status = _main(arguments)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        _write_no_more()
+    except OSError as error:
+        _write_no_more()
+        with contextlib.suppress(OSError):
+            print(f"facetctl: what it has to say cannot be written: {error.strerror or error}", file=sys.stderr)
+    return NOT_DONE
+
+
+def _stand_in() -> None:
+    """For standard files that are closed: nothing comes in, and what goes out is lost."""
+    fill_standard_files()
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
+
+
+def _write_no_more() -> None:
+    """What waits to be written is lost: at the end it would be tried again, and Python says a word of its own."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _main(arguments: list[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     socket_path, as_json = _take_options(words)
     if VERSION in words:
@@ -89,12 +122,10 @@ def main(arguments: list[str] | None = None) -> int:
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except NotThereError as error:
-        print(f"facetctl: {error}", file=sys.stderr)
-        return NOT_UNDERSTOOD
+        unanswered = isinstance(error, StopUnansweredError) or takes_leave(shlex.join(words))
+        print(f"facetctl: {stop_unanswered(error) if unanswered else error}", file=sys.stderr)
+        return STOP_UNANSWERED if unanswered else NOT_UNDERSTOOD
     except KeyboardInterrupt:
-        return NOT_DONE
-    except BrokenPipeError:
-        sys.stderr.close()
         return NOT_DONE
 
 
@@ -288,10 +319,17 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
         return link.do(text, "one-shot", say)
     from daemon.doors.keyboard import Lines
 
-    with Lines(lambda stop: say(link.stop_beside(stop, "one-shot", say)["text"]), say) as typed:
+    beside = [DONE]
+
+    def stop(words: str) -> None:
+        done = link.stop_beside(words, "one-shot", say)
+        beside.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
+        say(done["text"])
+
+    with Lines(stop, say) as typed:
         done = link.do(text, "one-shot", say, None if as_json else typed.answer)
     typed.drop()
-    return done
+    return done | {"status": max(done["status"], *beside)}
 
 
 def _teller(as_json: bool) -> Callable[[str], None]:
@@ -313,7 +351,8 @@ def _tell(text: str, stream: TextIO) -> None:
     """To a person folded between words, to a file or another program as it is."""
     from daemon.console.pages import fold
 
-    print("\n".join(fold(text, _columns())) if stream.isatty() else text, file=stream, flush=True)
+    with told_anyway():
+        print("\n".join(fold(text, _columns())) if stream.isatty() else text, file=stream, flush=True)
 
 
 def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:

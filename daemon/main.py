@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 
 from daemon.store import places
+from daemon.store.outside import fill_standard_files
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -54,7 +55,7 @@ def serve(config_path: Path, simulated: bool) -> int:
     """Run until told to end."""
     import faulthandler
 
-    _fill_standard_files()
+    fill_standard_files()
     if sys.stderr is not None:
         faulthandler.enable()
     tame_malloc()
@@ -71,16 +72,6 @@ def serve(config_path: Path, simulated: bool) -> int:
             stream.flush()
     # All is stopped, written and told. A driver's thread that hangs in the kernel must not keep the process.
     os._exit(status)
-
-
-def _fill_standard_files() -> None:
-    """Where one of them is closed, the next file opened would take its number: the arm's line, say, and a library's
-    warning would be typed to the controller."""
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
 
 
 def tame_malloc() -> None:

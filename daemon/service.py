@@ -31,7 +31,7 @@ from daemon.commands.awaiting import tell_what_waits
 from daemon.commands.between_picks import BetweenPicks
 from daemon.commands.simulated_hand import know_drawings
 from daemon.config import Config, load_config
-from daemon.console.context import CommandContext
+from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import Console
 from daemon.console.notices import Level
 from daemon.console.phrases import as_left
@@ -116,14 +116,22 @@ class Service:
         self._why = why
         self._ending.set()
 
-    async def reload(self, who: str | None = None) -> str:
+    async def reload(self, who: str | None = None, change: Change | None = None) -> str:
         """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError.
-        who: the operator who asked for it, and is told by what this returns.
+        who: the operator who asked for it, and is told by what this returns; change: what is written to be taken over,
+        first and in the same turn, and put back where it is refused.
 
-        One at a time: what was read first would else be taken over last, where it waits for the arm's stop.
+        One at a time: what was read first would else be taken over last, where it waits for the arm's stop; and what
+        one operator writes would be put back to, or taken over by, another whose turn it is.
         """
         async with self._reloading:
-            return await self._reload(who)
+            put_back = None if change is None else await change()
+            try:
+                return await self._reload(who)
+            except BaseException:
+                if put_back is not None:
+                    put_back()
+                raise
 
     async def _reload(self, who: str | None) -> str:
         """Whoever enabled the arm, or was asked whether it may move, knew how it stands in its cell: where that is
@@ -152,6 +160,8 @@ class Service:
             context.troubles.tell("calibration", None)
             answered = who
         except FacetdError as error:
+            if disabled:
+                disabled = f"The arm is no longer enabled; nothing else has changed: the reload was refused: {error}"
             journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
             raise
         finally:

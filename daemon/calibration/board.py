@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from daemon.quantities import shown, whole
 
 Grey = NDArray[np.uint8]
 
+MOST_CORNERS = 100
 SHARP_ENOUGH_PX = 2.5
 """Widest blur (sigma of the black-white edge) of which corners are still trusted."""
 
@@ -61,11 +63,16 @@ class SeenBoard:
 def parse_board(text: str, square_mm: float, kind: Literal["chessboard", "charuco"] = "chessboard") -> Board:
     """`9x6` -> Board. Raises BoardError with what was expected."""
     columns, _, rows = text.lower().partition("x")
-    if not (columns.isdigit() and rows.isdigit() and min(int(columns), int(rows)) >= 3):
-        raise BoardError(f"--board {text}: expected COLUMNSxROWS of inner corners, 3x3 or more, such as 9x6")
+    expected = f"--board {shown(text)}: expected COLUMNSxROWS of inner corners, 3x3 or more, such as 9x6"
+    try:
+        counts = whole(columns), whole(rows)
+    except ValueError:
+        raise BoardError(expected) from None
+    if min(counts) < 3 or max(counts) > MOST_CORNERS:
+        raise BoardError(expected)
     if not square_mm > 0:
         raise BoardError(f"--square-mm {square_mm:g}: expected a length above 0")
-    return Board(int(columns), int(rows), square_mm, kind)
+    return Board(*counts, square_mm, kind)
 
 
 def find_board(image: Grey, board: Board) -> SeenBoard:

@@ -19,6 +19,7 @@ from daemon.calibration.file import Calibration, Quality, load_calibration, save
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.stereo import rig_of
 from daemon.errors import FacetdError
+from daemon.quantities import shown, whole
 from daemon.store.files import write_atomically
 from daemon.store.yamlfile import read
 from daemon.vision.geometry import StereoRig
@@ -211,6 +212,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit()):
-        raise InterchangeError(f"--size {text}: expected WIDTHxHEIGHT, such as 640x480")
-    return int(width), int(height)
+    try:
+        return whole(width), whole(height)
+    except ValueError:
+        raise InterchangeError(f"--size {shown(text)}: expected WIDTHxHEIGHT, such as 640x480") from None

@@ -13,6 +13,7 @@ from pathlib import Path
 from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
 from daemon.calibration.file import load_calibration, of_stereo, save_calibration
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
+from daemon.quantities import decimal
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 from daemon.store.pictures import read_grey
@@ -25,7 +26,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--board", required=True, metavar="CxR", help="inner corners along a row and a column, e.g. 9x6"
     )
-    parser.add_argument("--square-mm", required=True, type=float, help="side of one square")
+    parser.add_argument("--square-mm", required=True, type=decimal, help="side of one square")
     parser.add_argument(
         "--charuco", action="store_true", help="a ChArUco board (DICT_4X4_50), which may be seen in part"
     )

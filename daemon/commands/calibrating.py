@@ -7,6 +7,7 @@ nothing.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import asdict
 
 import numpy as np
@@ -34,6 +35,7 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
 from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
+from daemon.quantities import decimal, whole
 from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
@@ -118,7 +120,7 @@ def _board(words: list[str]) -> Board:
     if rest not in ([], ["charuco"]):
         raise CommandError(f"{rest[0]}: expected `charuco` or nothing; usage: {USAGE}", NOT_UNDERSTOOD)
     try:
-        return parse_board(size, float(square), "charuco" if rest else "chessboard")
+        return parse_board(size, decimal(square), "charuco" if rest else "chessboard")
     except (BoardError, ValueError) as error:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 
@@ -167,13 +169,21 @@ async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answ
 async def _taken_over(context: CommandContext, before: Calibration, after: Calibration, door: Door) -> list[str]:
     """Keep it, and work with it from now on. before: what was worked with as it was solved."""
     calibrations = context.config.calibrations
-    used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
-    try:
+    used, number = CONFIGURED, CONFIGURED
+
+    async def go_over() -> Callable[[], None]:
+        nonlocal used, number
+        used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
+            calibrations.use(used)
             raise CommandError(f"meanwhile another one was; `calibrate use {number}` goes over to it")
-        taken = await context.reload(door.who)
+        return lambda: calibrations.use(used)
+
+    try:
+        taken = await context.reload(door.who, go_over)
     except FacetdError as error:
-        calibrations.use(used)
+        if number == CONFIGURED:
+            raise
         raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
     return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` goes back."]
 
@@ -193,14 +203,16 @@ async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
     calibrations = context.config.calibrations
     known = (CONFIGURED, *calibrations.numbers())
     word = one_of(words, 1, map(str, known), "calibration", USAGE)
-    load_calibration(calibrations.path(int(word)))  # what cannot be used is not taken over
-    before = calibrations.current
-    calibrations.use(int(word))
-    try:
-        return Answer(f"Calibration {word} is in use. {await context.reload(door.who)}", {"current": int(word)})
-    except FacetdError:
-        calibrations.use(before)
-        raise
+    number = whole(word)
+    load_calibration(calibrations.path(number))  # what cannot be used is not taken over
+
+    async def go_over() -> Callable[[], None]:
+        before = calibrations.current
+        calibrations.use(number)
+        return lambda: calibrations.use(before)
+
+    taken = await context.reload(door.who, go_over)
+    return Answer(f"Calibration {word} is in use. {taken}", {"current": number})
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:
@@ -268,7 +280,7 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
     await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
     answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:
-        off = np.array([float(word) for word in answer.replace(",", " ").split()[:2]])
+        off = np.array([decimal(word) for word in answer.replace(",", " ").split()[:2]])
         if len(off) != 2:
             raise ValueError
     except ValueError:

@@ -23,6 +23,7 @@ from daemon.console.interpreter import (
     yes_or_no,
 )
 from daemon.console.phrases import at_utc, plural
+from daemon.quantities import decimal, shown
 from daemon.store.named_places import NamedPlaces
 
 AXES = {
@@ -80,11 +81,11 @@ async def jog(context: CommandContext, words: list[str], door: Door) -> Answer:
 
 def _distance(word: str, unit: str) -> float:
     try:
-        distance = float(word.removesuffix(WRITTEN[unit]))
+        distance = decimal(word, WRITTEN[unit])
     except ValueError:
         distance = np.nan
     if not 0 < abs(distance) <= LONGEST[unit]:
-        found = word or "nothing"
+        found = shown(word) or "nothing"
         raise CommandError(
             f"DISTANCE: expected up to {LONGEST[unit]:g} {unit} either way, found {found}", NOT_UNDERSTOOD
         )

@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Protocol
 
 from daemon.arm import EyeName, Log
 from daemon.calibration.file import Calibration
@@ -35,6 +36,17 @@ ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
 """What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
 
 
+Change = Callable[[], Awaitable[Callable[[], None]]]
+"""Writes what is to be taken over; gives what puts it back."""
+
+
+class Reload(Protocol):
+    """Takes over what is on the disk (service.py)."""
+
+    def __call__(self, who: str | None, change: Change | None = None) -> Awaitable[str]:
+        """Asked for by that operator; change: made first, in the same turn. Raises FacetdError."""
+
+
 @dataclass
 class CommandContext:
     """See the module. Built by the service; a reload replaces config and calibration."""
@@ -47,8 +59,7 @@ class CommandContext:
     run_log: RunLog
     log: Log
     troubles: Troubles
-    reload: Callable[[str | None], Awaitable[str]]
-    """Asked for by that operator."""
+    reload: Reload
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False

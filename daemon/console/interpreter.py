@@ -21,11 +21,12 @@ from daemon.arm import said
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.pages import by_pages, fold, prose, table
 from daemon.console.phrases import is_no, is_yes
-from daemon.console.stop_words import means_stop
+from daemon.console.stop_words import WITHDRAW, means_stop
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import FacetdError, printable
+from daemon.quantities import shown, whole
 from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
@@ -100,8 +101,6 @@ OF_THE_SHELL = (
     *("replay", "review", "runs", "script", "snap", "stream", "tail"),
 )
 """Words of `facetctl` that are none of the daemon's."""
-WITHDRAW = ("disable", "abort")
-"""Beside `stop`, the words that take the arm's leave to move, or what it is moving for."""
 
 
 def never(_: list[str]) -> bool:
@@ -323,7 +322,7 @@ class Console:
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
     def _check_door(self, command: Command, grade: Grade, door: Door) -> None:
-        if grade != "look" and door.may == "look" and command.name not in ("stop", "abort", "pause"):
+        if grade != "look" and door.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
             raise CommandError(f"{command.name}: this {door.name} may only look; use another door", NOT_DONE)
 
     def _names(self, _: CommandContext) -> Iterable[str]:
@@ -370,9 +369,10 @@ def no_more(words: list[str], count: int, usage: str) -> None:
 
 def number(word: str, what: str, low: int, high: int) -> int:
     """A whole number within bounds. Raises CommandError."""
-    if not word.isdecimal() or not low <= int(word) <= high:
-        raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {word}", NOT_UNDERSTOOD)
-    return int(word)
+    with contextlib.suppress(ValueError):
+        if low <= (found := whole(word)) <= high:
+            return found
+    raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {shown(word)}", NOT_UNDERSTOOD)
 
 
 async def yes_or_no(door: Door, question: str) -> bool | None:

@@ -104,7 +104,7 @@ class Lines:
         self._shown = question
 
     def _take(self, data: bytes) -> None:
-        *lines, self._begun = (self._begun + data).split(b"\n")
+        *lines, self._begun = (self._begun + data).replace(b"\r", b"\n").split(b"\n")
         for line in lines:
             self._hear(line.decode("utf-8", "replace").strip())
 

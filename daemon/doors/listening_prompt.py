@@ -1,7 +1,8 @@
 """A prompt that listens while it waits: what the daemon says appears above the line being typed, whoever caused it.
 
-Commands are said as soon as they are typed; the daemon does them in their order, and `stop` at once. Built on
-prompt_toolkit; only for a person at a terminal.
+Commands are said as soon as they are typed; the daemon does them in their order, and `stop` at once. What is pasted is
+as many lines as it has: Enter says them, and a stop among them does not wait for that. Built on prompt_toolkit, for a
+person at a terminal only.
 """
 
 from __future__ import annotations
@@ -19,14 +20,17 @@ from prompt_toolkit import PromptSession
 from prompt_toolkit.application import in_terminal
 from prompt_toolkit.buffer import Buffer
 from prompt_toolkit.document import Document
-from prompt_toolkit.key_binding import KeyBindings
+from prompt_toolkit.key_binding import KeyBindings, KeyPressEvent
+from prompt_toolkit.keys import Keys
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.console.stop_words import ends_in_stop
-from daemon.doors.client import DaemonLink, NotThereError, file_in_pieces
+from daemon.console.stop_words import LINE_END, ends_in_stop, means_stop, takes_leave
+from daemon.doors import client
+from daemon.doors.client import EMERGENCY, DaemonLink, NotThereError, file_in_pieces
 from daemon.doors.keyboard import Keyboard
 from daemon.doors.paths import files_begun
 from daemon.doors.recall import DaemonCompleter, PlainHistory
+from daemon.errors import STOP_UNANSWERED
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
@@ -37,6 +41,8 @@ SEEK_S = 0.5
 ROOM_TO_ANSWER = 4
 """Columns kept free behind a question."""
 LONGEST_MESSAGE = 16_000_000
+LONGEST_PASTE = 200
+"""Lines; fewer than the daemon lets one operator wait with."""
 
 
 class ListeningPrompt:
@@ -49,6 +55,10 @@ class ListeningPrompt:
         self._numbers = count(1)
         self._unanswered: dict[int, str] = {}
         """Commands that are not answered yet, by their numbers."""
+        self._stops: deque[asyncio.TimerHandle] = deque()
+        """The clock of each stop that is not answered yet: control-C's."""
+        self._stop_words: dict[int, asyncio.TimerHandle] = {}
+        """And of those in words, by their numbers."""
         self._asked: tuple[int, str] | None = None
         """The question that stands: its number and its words."""
         self._kept = ""
@@ -83,6 +93,7 @@ class ListeningPrompt:
             return accept(of)
 
         buffer.accept_handler = ended
+        self._hear_unended_pastes()
 
     async def run(self) -> int:
         """Prompt until the operator leaves; gives the status of what was answered last."""
@@ -124,15 +135,78 @@ class ListeningPrompt:
         def _(_: object) -> None:
             self._stop()
 
+        @keys.add(Keys.BracketedPaste)
+        def _(event: KeyPressEvent) -> None:
+            self._pasted(event.data)
+
         return keys
+
+    def _pasted(self, data: str) -> None:
+        """A stop amid a paste is said at once, and nothing else of it. Of more lines than one, comments left out, each
+        is a line of its own once Enter is pressed."""
+        buffer = self._session.default_buffer
+        before, after = buffer.document.text_before_cursor, buffer.document.text_after_cursor
+        first, *others = LINE_END.split(before + data + after)
+        if ends_in_stop(self._taken, first.removeprefix(self._given_back)) or any(map(means_stop, others)):
+            self._kept, self._given_back = "", ""
+            self._taken.clear()
+            buffer.reset()
+            self._command("stop")
+            if others:
+                self._show("A stop was pasted: nothing else of the paste is done.")
+            return
+        lines = [line for line in LINE_END.split(data) if line.split("#")[0].strip()]
+        if len(lines) < 2:
+            buffer.insert_text(lines[0] if lines else "")
+        elif self._asked is not None or len(lines) > LONGEST_PASTE:
+            most = "an answer is one line" if self._asked is not None else f"at most {LONGEST_PASTE}; `facetctl script`"
+            self._show(f"Not taken, {len(lines)} lines were pasted: {most}.")
+        else:
+            lines = [line for line in (first, *others) if line.split("#")[0].strip()]
+            buffer.reset(Document("\n".join(lines)))
+            self._show(
+                f"{len(lines)} lines pasted: Enter says one after the other, to the first that is not done; "
+                "control-C drops them."
+            )
+
+    def _hear_unended_pastes(self) -> None:
+        """Where the mark that ends a paste is lost on the way, all that is typed later would be taken for more of it: a
+        control-C or a stop as well."""
+        parser: Any = getattr(self._session.input, "vt100_parser", None)
+        if parser is None:
+            return
+        feed = parser.feed
+
+        def heard(data: str) -> None:
+            feed(data)
+            begun = parser._paste_buffer if getattr(parser, "_in_bracketed_paste", False) else ""
+            *lines, _ = LINE_END.split(begun)
+            if "\x03" in begun:
+                parser.reset()
+                self._stop()
+            elif any(map(means_stop, lines)):
+                parser.reset()
+                self._pasted(begun)
+
+        parser.feed = heard
 
     def _stop(self) -> None:
         """Control-C, at any moment."""
         self._kept = ""
         self._taken.clear()
         self._session.default_buffer.reset()
-        if not self._send({"interrupt": True}):
-            self._show(self._why_gone or NOT_THERE)
+        if self._send({"interrupt": True}):
+            self._stops.append(self._clock())
+        else:
+            self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
+
+    def _clock(self) -> asyncio.TimerHandle:
+        """Sends to the emergency stop, unless it is cancelled in time."""
+        return asyncio.get_running_loop().call_later(client.STOP_ANSWER_S, self._emergency, client.UNANSWERED)
+
+    def _emergency(self, told: str) -> None:
+        self._status = STOP_UNANSWERED
+        self._show(told)
 
     def _typed(self, line: str) -> None:
         """A line to the daemon: the answer to its question, or a command."""
@@ -143,16 +217,31 @@ class ListeningPrompt:
             number, _ = self._answering
             if self._asked == self._answering:
                 self._unask()
-            self._send({"answer": line, "id": number})
+            sent = self._send({"answer": line, "id": number})
+            if takes_leave(line):
+                self._stops.append(self._clock())
+            if takes_leave(line) and not sent:
+                self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
+        elif "\n" in line.strip():
+            block = next(self._numbers)
+            for one in line.strip().splitlines():
+                self._command(one, {"block": block})
         elif line.strip():
-            number = next(self._numbers)
-            size = self._session.output.get_size()
-            message = {"do": line, "door": "console", "asks": True, "waits": True, "id": number}
-            message["size"] = [size.columns, size.rows]
-            if self._send(message):
-                self._unanswered[number] = line.strip()
-            else:
-                self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
+            self._command(line)
+
+    def _command(self, line: str, of: dict[str, Any] | None = None) -> None:
+        number = next(self._numbers)
+        size = self._session.output.get_size()
+        message = {"do": line, "door": "console", "asks": True, "waits": True, "id": number, **(of or {})}
+        message["size"] = [size.columns, size.rows]
+        if self._send(message):
+            self._unanswered[number] = line.strip()
+            if takes_leave(line):
+                self._stop_words[number] = self._clock()
+        elif takes_leave(line):
+            self._emergency(f"{EMERGENCY}; not said: {line.strip()}: {self._why_gone or NOT_THERE}")
+        else:
+            self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
         """Every line that the typed one may become; files are those of this machine."""
@@ -173,9 +262,11 @@ class ListeningPrompt:
     async def _hear_always(self) -> None:
         while True:
             await self._hear()
-            amid = bool(self._unanswered)
+            amid, stopping = bool(self._unanswered), bool(self._stops or self._stop_words)
             self._hung_up()
             await self._end_controller()
+            if stopping:
+                self._emergency(f"{EMERGENCY}: the stop was not answered")
             self._show("the daemon ended before it answered" if amid else "the daemon has ended")
             await self._seek()
 
@@ -207,11 +298,15 @@ class ListeningPrompt:
             return
 
     async def _heard(self, message: dict[str, Any]) -> None:
+        if "stopped" in message and self._stops:
+            self._stops.popleft().cancel()
         for key in ("say", "notice", "stopped"):
             if key in message:
                 self._show(str(message[key]))
         if "done" in message:
             self._unanswered.pop(message.get("id", 0), None)
+            if (clock := self._stop_words.pop(message.get("id", 0), None)) is not None:
+                clock.cancel()
             self._status = int(message["done"]["status"])
             self._show(message["done"]["text"])
         elif "ask" in message:
@@ -277,6 +372,10 @@ class ListeningPrompt:
             self._writer.close()
         self._writer = None
         self._unanswered.clear()
+        for clock in (*self._stops, *self._stop_words.values()):
+            clock.cancel()
+        self._stops.clear()
+        self._stop_words.clear()
         while self._options:
             self._offer([])
         if self._asked is not None:

@@ -6,14 +6,15 @@ import shutil
 import sys
 
 from daemon.console.pages import NARROWEST, fold
-from daemon.doors.client import DaemonLink
+from daemon.doors.client import DaemonLink, told_anyway
 from daemon.doors.keyboard import Lines
+from daemon.errors import DONE, STOP_UNANSWERED
 
 
 def converse(link: DaemonLink) -> int:
     """Lines until end of input or `quit`; gives the status of the last. At a terminal the prompt listens meanwhile.
 
-    Raises NotThereError where the daemon goes away from a pipe; at a terminal it is sought again.
+    Raises NotThereError where the daemon goes away from a pipe, or hangs at a stop; at a terminal it is sought again.
     """
     if sys.stdin.isatty() and sys.stdout.isatty():
         import asyncio
@@ -28,16 +29,22 @@ def _piped(link: DaemonLink) -> int:
     """One line after the other, each when the one before is done; but a stop is said as soon as it comes, and what came
     before it and still waits is dropped. Control-C stops the arm, and drops what waits as well.
     """
-    status = 0
-    with Lines(lambda text: _say(link.stop_beside(text, "console", _say)["text"]), _say) as typed:
+    status, beside = DONE, [DONE]
+
+    def stop(text: str) -> None:
+        done = link.stop_beside(text, "console", _say)
+        beside.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
+        _say(done["text"])
+
+    with Lines(stop, _say) as typed:
         while True:
             try:
                 line = typed.waiting.get()
                 if line is None or line in ("quit", "exit"):
-                    return status
+                    return max(status, *beside)
                 done = link.do(line, "console", _say, typed.answer if sys.stdin.isatty() else None)
             except KeyboardInterrupt:
-                told = link.interrupt()
+                told = link.interrupt(_say)
                 typed.drop()
                 _say(told)
                 continue
@@ -50,4 +57,5 @@ def _piped(link: DaemonLink) -> int:
 
 def _say(text: str) -> None:
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
-    print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)
+    with told_anyway():
+        print("\n".join(fold(text, columns)) if columns > NARROWEST else text, flush=True)

@@ -57,8 +57,9 @@ class PlainHistory(History):
 
     def append_string(self, string: str) -> None:
         """Keep a command, unless it is the answer to a question."""
-        if self.remember and string.strip():
-            super().append_string(string.strip())
+        for line in string.splitlines() if self.remember else ():
+            if line.strip():
+                super().append_string(line.strip())
 
     def store_string(self, string: str) -> None:
         """Write it behind the others; where that cannot be, this session remembers it all the same."""

@@ -5,8 +5,11 @@ deploy/README.md, "Who may do what".
 | --- | --- |
 | root, the daemon's own user | all |
 | a member of `console.group` (where none is named: of the daemon's own group) | all |
-| a member of `console.look_group` | look: nothing moves and no model changes; and stop, which everybody may |
+| a member of `console.look_group` | look: nothing moves, no model changes; and stop, disable, abort, pause |
 | anybody else | nothing: is told so, and hung up |
+
+Everybody may take motion away. To give it back, `resume`, also of one's own pause, and `enable`, is for those who may
+all, as they answer for what moves then.
 
 What a command is, to look, to move or to change, its grade says (console/interpreter.py), which refuses what is not
 allowed. A serial terminal may what `console.tty.may` says.

@@ -1,8 +1,9 @@
 """The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
 
-Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS]}: a
-command; where another is still being done it is refused, unless it waits; size: of the terminal, ROWS null where pages
-are not turned there. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+Operator to daemon: {"do": TEXT, "door": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS],
+"block": ID}: a command, of one line; where another is still being done it is refused, unless it waits; size: of the
+terminal, ROWS null where pages are not turned there; block: of what was pasted together, done line by line to the first
+that is not. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
 {"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
 a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
@@ -22,6 +23,7 @@ import contextlib
 import json
 import os
 import re
+import select
 import socket
 from collections import Counter
 from collections.abc import Callable
@@ -64,6 +66,7 @@ class _Message(msgspec.Struct):
     asks: bool | UnsetType = UNSET
     id: int | str | UnsetType | None = UNSET
     size: tuple[int, int | None] | UnsetType = UNSET
+    block: int | str | UnsetType | None = UNSET
     waits: bool = False
     answer: str | UnsetType = UNSET
     interrupt: bool | UnsetType = UNSET
@@ -218,7 +221,12 @@ class _Operator:
             except ValueError as error:
                 # Nobody waits here for one who does not read: their next line may be a stop.
                 self._write({"done": _plain(Answer(f"not a message: {error}", {}, 2))})
-        self.leave()
+        if _hears(self._writer.get_extra_info("socket")):  # it has said all, and waits for the answers
+            self._console.context.notices.leave(self)
+            self._turns.say_no_more()
+            self._left.set()
+        else:
+            self.leave()
         await self._turns.end()
 
     async def listen_for_a_stop(self) -> None:
@@ -327,6 +335,8 @@ class _Operator:
             raise ValueError("the last command is still being done")
         if self._turns.crowded and not stops:
             raise ValueError(CROWDED)
+        if not stops and len(message.do.strip().splitlines() if isinstance(message.do, str) else ()) > 1:
+            raise ValueError("a command is one line")
         self.name = self.name if message.door is UNSET else printable(message.door[:20])
         self.asks = self.asks if message.asks is UNSET else message.asks
         if message.size is not UNSET:
@@ -337,7 +347,7 @@ class _Operator:
         async def answered(answer: Answer) -> None:
             await self._send({"done": _plain(answer), **number})
 
-        self._turns.take(text, answered)
+        self._turns.take(text, answered, None if message.block is UNSET else message.block)
 
     def _take_file(self, piece: str | UnsetType, no_file: str | UnsetType, more: bool) -> None:
         """One piece of a file that was asked for, or why there is none."""
@@ -378,6 +388,13 @@ class _Operator:
             self._writer.transport.abort()
         except ConnectionError:
             pass
+
+
+def _hears(connection: socket.socket) -> bool:
+    """Whether the other end, which says nothing more, can still hear."""
+    poll = select.poll()
+    poll.register(connection.fileno(), 0)
+    return not poll.poll(0)
 
 
 async def _hang_up(writer: asyncio.StreamWriter) -> None:

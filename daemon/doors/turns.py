@@ -12,11 +12,14 @@ from typing import Any, TypeVar
 
 from daemon.commands.awaiting import READ_S
 from daemon.console.interpreter import NOT_DONE, Answer, Console, Door
+from daemon.errors import DONE
 
 T = TypeVar("T")
 Interrupt = Callable[[str, bool], Awaitable[str]]
 """Called when somebody presses control-C, with who it was, and whether what they asked for may be about to move the arm
 where it does not move yet; stops it and says what happened."""
+Block = int | str | None
+"""Of what was pasted together, its number."""
 Answered = Callable[[Answer], Awaitable[None]]
 """Called with the answer to one command."""
 
@@ -26,6 +29,8 @@ MOST_AHEAD = 500
 MOST_BESIDE = 1000
 """All that is done for one operator: beyond the commands it is stops."""
 CROWDED = "too many commands wait for their turn"
+STOPPED_SINCE = "the arm was stopped after it was typed"
+NOT_IN_BLOCK = "a line before it, of the same paste, was not"
 TOO_SOON = "not taken as an answer, as this has only just come up"
 
 
@@ -41,11 +46,14 @@ class Turns:
         """A command is being done that others wait for."""
         self.question = 0
         """The number of the question that was put last."""
-        self.gone = False
+        self.gone = self._mute = False
+        """Whether the operator went away; whether they only hear."""
         self._doing = ""
-        self._ahead: deque[tuple[str, Answered, int]] = deque()
+        self._ahead: deque[tuple[str, Answered, int, Block]] = deque()
         """What was typed ahead, and how often the arm had been stopped by then: a later stop, at whatever door, voids
-        it."""
+        it; and of which block it is."""
+        self._ended_block: Block = None
+        """The block of which a line was not done: nothing more of it is."""
         self._asked: asyncio.Future[str] | None = None
         self._words, self._read_s = "", -inf
         """What is asked, and from when on (the loop's time) an answer may be one to it."""
@@ -55,18 +63,21 @@ class Turns:
         self._one_question = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
-    def take(self, text: str, answered: Answered) -> None:
-        """Do a command: a stop, or what is for now, at once; others when those before them are done."""
+    def take(self, text: str, answered: Answered, block: Block = None) -> None:
+        """Do a command: a stop, or what is for now, at once; others when those before them are done. block: of several
+        lines that were pasted together, each is done after the one before, to the first that is not."""
         if self._console.is_stop(text):
             self.beside(lambda: self._do(self._stop_said(text), answered))
+        elif block is not None and block == self._ended_block:
+            self._start(_tell_dropped([(text, answered)], NOT_IN_BLOCK))
         elif not self.busy:
-            self._begin(text, answered)
-        elif self._console.at_once(text):
+            self._begin(text, answered, block)
+        elif block is None and self._console.at_once(text):
             self.beside(lambda: self._do(self._console.interpret(text, self._door), answered))
             if self._console.withdraws(text):
                 self._unasked()
         else:
-            self._ahead.append((text, answered, self._console.stops))
+            self._ahead.append((text, answered, self._console.stops, block))
 
     async def _stop_said(self, text: str) -> Answer:
         return await self._stopping(self._console.interpret(text, self._door), self._door.who)
@@ -88,7 +99,7 @@ class Turns:
     async def ask(self, question: str) -> str:
         """Put a question and wait for the answer; empty when it was to stop, or nobody is there."""
         async with self._one_question:
-            if self.gone:
+            if self.gone or self._mute:
                 return ""
             loop = asyncio.get_running_loop()
             self._asked, self._words = loop.create_future(), question
@@ -123,6 +134,12 @@ class Turns:
         self._ahead.clear()
         self._unasked()
 
+    def say_no_more(self) -> None:
+        """The operator hears, and says nothing more: what they asked for goes on in its turn, and answers no
+        question."""
+        self._mute = True
+        self._unasked()
+
     def beside(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Do something now, whatever else is under way. Where a flood of one operator's is, this is one more stop like
         those, and left out."""
@@ -139,29 +156,34 @@ class Turns:
         while self._tasks:
             await asyncio.wait(self._tasks)
 
-    def _begin(self, text: str, answered: Answered) -> None:
+    def _begin(self, text: str, answered: Answered, block: Block) -> None:
         self.busy, self._doing = True, text
-        self._start(self._in_turn(text, answered))
+        self._start(self._in_turn(text, answered, block))
 
-    async def _in_turn(self, text: str, answered: Answered) -> None:
+    async def _in_turn(self, text: str, answered: Answered, block: Block) -> None:
         answer = await self._console.interpret(text, self._door)
         self.busy = False
-        dropped = []
+        if block is not None and answer.status != DONE:
+            self._ended_block = block
+        dropped, of_block = [], []
         while self._ahead and not self.busy:
-            ahead, to, stops = self._ahead.popleft()
-            if stops == self._console.stops:
-                self._begin(ahead, to)
-            else:
+            ahead, to, stops, its = self._ahead.popleft()
+            if stops != self._console.stops:
                 dropped.append((ahead, to))
+            elif its is not None and its == self._ended_block:
+                of_block.append((ahead, to))
+            else:
+                self._begin(ahead, to, its)
         await answered(answer)
         await _tell_dropped(dropped)
+        await _tell_dropped(of_block, NOT_IN_BLOCK)
 
     async def _do(self, work: Awaitable[Answer], answered: Answered) -> None:
         await answered(await work)
 
     async def _stopping(self, work: Awaitable[T], who: str) -> T:
         """The arm first; then what was asked is no longer asked, and what was typed ahead is dropped, and told so."""
-        dropped = [(text, answered) for text, answered, _ in self._ahead]
+        dropped = [(text, answered) for text, answered, *_ in self._ahead]
         self._ahead.clear()
         try:
             with self._console.context.notices.stopping(self._door, who):
@@ -176,7 +198,7 @@ class Turns:
             self._asked.set_result("")
 
 
-async def _tell_dropped(dropped: list[tuple[str, Answered]]) -> None:
+async def _tell_dropped(dropped: list[tuple[str, Answered]], why: str = STOPPED_SINCE) -> None:
     for text, answered in dropped:
-        told = f"{text}: not done; the arm was stopped after it was typed"
+        told = f"{text}: not done; {why}"
         await answered(Answer(told, {"error": told}, NOT_DONE))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.quantities import shown, whole
 from daemon.review.cli import command
 from daemon.store import places
 from daemon.store.runs import find_run, list_runs
@@ -72,9 +74,10 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def _count(text: str) -> int:
     """How many; argparse tells what is wrong with another."""
-    if not (text.isdecimal() and 1 <= int(text) <= MOST):
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {MOST}, found {text}")
-    return int(text)
+    with contextlib.suppress(ValueError):
+        if 1 <= (count := whole(text)) <= MOST:
+            return count
+    raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {MOST}, found {shown(text)}")
 
 
 def _runs(args: argparse.Namespace) -> int:

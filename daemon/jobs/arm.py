@@ -36,6 +36,7 @@ from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import ends_in_stop, means_stop
 from daemon.doors.keyboard import typed_by_now
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
+from daemon.quantities import decimal, whole
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
@@ -49,7 +50,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     jobs = arm.add_subparsers(dest="job", required=True, metavar="JOB")
     meet = jobs.add_parser("introduce", help="find out how a controller speaks and which arm it has; writes arm.yaml")
     meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
-    meet.add_argument("--baud", type=int, help="the line's speed (default: the usual ones, 9600 first)")
+    meet.add_argument("--baud", type=whole, help="the line's speed (default: the usual ones, 9600 first)")
     meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
     meet.add_argument("--lengths", type=_lengths, metavar="A2,A3,D3,D4",
                       help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
@@ -63,7 +64,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def _lengths(text: str) -> tuple[float, float, float, float]:
     with contextlib.suppress(ValueError):
-        a2, a3, d3, d4 = (float(one) for one in text.split(","))
+        a2, a3, d3, d4 = (decimal(one) for one in text.split(","))
         if min(a2, d4) > 0.0 and min(a3, d3) >= 0.0 and all(one < LONGEST_MM for one in (a2, a3, d3, d4)):
             return a2, a3, d3, d4
     raise argparse.ArgumentTypeError(f"{text}: expected four lengths in mm, as in 650,0,190,600")

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daemon.quantities import decimal, shown, whole
 from daemon.store import places
 
 if TYPE_CHECKING:
@@ -51,10 +52,10 @@ def _number(least: float) -> Callable[[str], float]:
     """An argument's type: a number, `least` or more."""
 
     def number(text: str) -> float:
-        value = float(text)
-        if not least <= value < float("inf"):
-            raise argparse.ArgumentTypeError(f"expected {least:g} or more, found {text}")
-        return value
+        with contextlib.suppress(ValueError):
+            if (value := decimal(text)) >= least:
+                return value
+        raise argparse.ArgumentTypeError(f"expected {least:g} or more, found {shown(text)}")
 
     return number
 
@@ -63,10 +64,10 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
     """An argument's type: a whole number within bounds."""
 
     def number(text: str) -> int:
-        value = int(text)
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"expected {least} to {most}, found {text}")
-        return value
+        with contextlib.suppress(ValueError):
+            if least <= (value := whole(text)) <= most:
+                return value
+        raise argparse.ArgumentTypeError(f"expected {least} to {most}, found {shown(text)}")
 
     return number
 

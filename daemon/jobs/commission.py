@@ -17,6 +17,7 @@ from daemon.doors.client import DaemonLink
 from daemon.doors.keyboard import Lines
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.jobs.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
+from daemon.quantities import decimal
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
@@ -97,8 +98,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="facetctl commission", description=__doc__.splitlines()[0])
     parser.add_argument("step", nargs="?", choices=[step.name for step in STEPS], help="do it and all behind it again")
     parser.add_argument("--board", default="9x6", help="the calibration board's inner corners (9x6)")
-    parser.add_argument("--square-mm", type=float, default=16.0, help="its squares, measured (16)")
-    parser.add_argument("--board-mm", type=float, default=4.0, help="how thick it is (4)")
+    parser.add_argument("--square-mm", type=decimal, default=16.0, help="its squares, measured (16)")
+    parser.add_argument("--board-mm", type=decimal, default=4.0, help="how thick it is (4)")
     parser.add_argument("--charuco", action="store_true", help="it is a ChArUco board")
     parser.add_argument("--part", default="cube", help="the first part, by its label (cube)")
     parser.add_argument("--keep", type=Path, default=Path(), metavar="DIR", help=f"where {FILE} is (default: here)")

@@ -21,6 +21,7 @@ from typing import Any
 
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.errors import FacetdError
+from daemon.quantities import decimal, whole
 from daemon.store import places
 from daemon.store.records import Record
 from daemon.store.runs import follow, list_runs
@@ -53,8 +54,8 @@ class DemoError(FacetdError):
 def register(subparsers: Any) -> None:
     """Add `demo` to facetctl."""
     parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
-    parser.add_argument("--seed", type=int, help="repeat an earlier demo (each prints its seed)")
-    parser.add_argument("--time-scale", type=float, default=20.0, help="how much faster than life the cell runs (20)")
+    parser.add_argument("--seed", type=whole, help="repeat an earlier demo (each prints its seed)")
+    parser.add_argument("--time-scale", type=decimal, default=20.0, help="how much faster than life the cell runs (20)")
     parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
     parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from daemon.quantities import whole
+
 PORT = 8642
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `live` to facetctl."""
     parser = subparsers.add_parser("live", help="a page for a browser on this machine: what the daemon sees and does")
-    parser.add_argument("--port", type=int, default=PORT, help=f"on 127.0.0.1 ({PORT})")
+    parser.add_argument("--port", type=whole, default=PORT, help=f"on 127.0.0.1 ({PORT})")
     parser.add_argument("--socket", type=Path, help="the daemon's socket (the usual places)")
     parser.set_defaults(run=run)
 

@@ -3,6 +3,7 @@ is."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Literal
 
 from daemon.pick import pose_fusion, viewpoints
@@ -47,12 +48,13 @@ async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOK
     """Look, and find the target again."""
     target = world.the_target()
     seen = await look(context, world, "approach", expecting(target))
-    if follow(target, seen, context.cell, context.settings.doubt):
+    if await asyncio.to_thread(follow, target, seen, context.cell, context.settings.doubt):
         return Event.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
         return await _elsewhere(context, world, "its corners are not where the look before had them")
     world.failures += 1
+    world.odd["not seen where it was thought to lie"] += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
         skip(context, world, Outcome.LOST, target, why)
@@ -79,7 +81,7 @@ async def estimating(
         return Event.DOUBT
     estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
-    plan = regrasp(target.shape, target.world_from_part, target.plan, settings)
+    plan = await asyncio.to_thread(regrasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the grasp that was planned does not hold it as it lies"
         return await _elsewhere(context, world, why)
@@ -114,6 +116,7 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
     context.decide(f"suspect: {who}", text)
+    world.odd["two looks at the part differ by more than both may err"] += 1
     if who in ("camera", "hand-eye") or target.restarts:
         raise SuspectError(f"{text}; suspect: {who}")
     target.restarts += 1

@@ -298,7 +298,7 @@ class Cycle:
     async def _around(self, most: int) -> WorldModel:
         assert self.recogniser is not None
         context, world = self._context(self.recogniser), WorldModel([])
-        world.take_in(context, await context.lit_look(await self._set_out_to_look(), "look around"))
+        await world.take_in(context, await context.lit_look(await self._set_out_to_look(), "look around"))
         idle = 0
         for _ in range(0 if context.mover.dry else most):
             world.doubtful, before = find.least_known(context, world), find.in_all(world.found)
@@ -405,7 +405,7 @@ class Cycle:
         before, started_s = len(self.skipped), self.cell.clock()
         self.cell.log.record("cycle_start", cycle=self._cycles, target=label)
         context = replace(self._context(self.recogniser), cycle=self._cycles, wanted=label, stay=stay)
-        world = self._world = WorldModel(self.skipped)
+        world = self._world = WorldModel(self.skipped, began_s=started_s)
         try:
             await self._through(context, world)
         except asyncio.CancelledError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Sequence
 from typing import Literal
@@ -62,8 +63,9 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
             break
         await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
         assert context.mover.at is not None
+        world.taken += 1
         seen = await context.lit_look(context.mover.at, f"survey {number}")
-        world.take_in(context, seen)
+        await world.take_in(context, seen)
         if any(part.named for part in world.left(context)):
             _settle_question(context, world)
             return Event.SEEN
@@ -109,8 +111,14 @@ def _settle_question(context: PickContext, world: WorldModel) -> None:
 async def choose(
     context: PickContext, world: WorldModel
 ) -> Literal[Event.CHOSEN, Event.DOUBTFUL, Event.STALE, Event.NONE_LEFT]:
-    """The first part, in order, that can be had; each that cannot is skipped and named."""
+    """The first part, in order, that can be had; each that cannot is skipped and named. Also where a pick that would go
+    on and on ends."""
     world.target = None
+    given_up = world.too_long(context)
+    if given_up is not None:
+        world.outcome, world.why = Outcome.UNSURE, given_up
+        context.decide("give up", given_up)
+        return Event.NONE_LEFT
     for part in world.left(context):
         if world.old_looks < MOST_OLD and _is_old(context, part.look):
             world.old_looks += 1
@@ -125,8 +133,7 @@ async def choose(
             fits = " or ".join(candidates) or "nothing that was taught"
             skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}")
             continue
-        side_view = _side_view(context, world, part)
-        plan = _planned(context, world, part, shape, side_view)
+        side_view, plan = await asyncio.to_thread(_planned, context, world, part, shape)
         if isinstance(plan, str):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
@@ -169,11 +176,11 @@ def _side_view(context: PickContext, world: WorldModel, part: Seen) -> Array | N
     return view if all(context.mover.allows(pose) for pose in poses) else None
 
 
-def _planned(
-    context: PickContext, world: WorldModel, part: Seen, shape: Polyhedron, side_view: Array | None
-) -> Plan | str:
-    """The best grasp that can be reached past the neighbours, or why there is none."""
-    return plan_part(
+def _planned(context: PickContext, world: WorldModel, part: Seen, shape: Polyhedron) -> tuple[Array | None, Plan | str]:
+    """How it is looked at where not along the approach, and the best grasp that can be reached past the neighbours, or
+    why there is none. Moves nothing, and takes its time: called in a thread."""
+    side_view = _side_view(context, world, part)
+    return side_view, plan_part(
         shape,
         part.world_from_part,
         [other.corners for other in world.found if other is not part and not is_own(other, part)],
@@ -202,9 +209,14 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
     assert part is not None
     world.looked_again.append(part.centre)
     table_z_mm = context.settings.limits.table_z_mm
-    before = () if part.named else hypotheses_of(part, context.recogniser, table_z_mm)
-    poses = [p for p in places_round(part.centre, cell.tool_from_cyclopean) if context.mover.allows(p)]
-    for gain in _next_best(context, world, part, before, poses):
+
+    def thought() -> tuple[Sequence[Hypothesis], list[Array], list[Gain]]:
+        before = () if part.named else hypotheses_of(part, context.recogniser, table_z_mm)
+        poses = [p for p in places_round(part.centre, cell.tool_from_cyclopean) if context.mover.allows(p)]
+        return before, poses, _next_best(context, world, part, before, poses)
+
+    before, poses, gains = await asyncio.to_thread(thought)
+    for gain in gains:
         why = (
             "does what bars the way show again?"
             if part.named
@@ -225,7 +237,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
     seen = await look(context, world, "another view")
     if part.named:
         world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
-    world.take_in(context, seen)
+    await world.take_in(context, seen)
     if before:
         _tell_gain(context, world, part, before, gain)
     return Event.SEEN
@@ -245,7 +257,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     survey = context.settings.surveys[0]
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
     poses = places_round(middle, context.cell.tool_from_cyclopean, survey.distance_mm, tilts=SIDES_DEG)
-    poses = [pose for pose in poses if context.mover.allows(pose)]
+    poses = await asyncio.to_thread(lambda: [pose for pose in poses if context.mover.allows(pose)])
     eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
     for place in freshest(middle, eyes, before):
@@ -255,7 +267,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
             raise_if_closed(error)
             continue
         was = in_all(world.found)
-        world.take_in(context, await look(context, world, "another side"))
+        await world.take_in(context, await look(context, world, "another side"))
         world.tell(context, Gained("what they hide", was, in_all(world.found), 0.0, 0.0, 0.0, 0.0))
         return True
     return False

@@ -119,19 +119,32 @@ def seen_parts(look: Look) -> list[Seen]:
     return [Seen(part, look) for part in look.scene.parts if part.facets]
 
 
+def in_both_images(look: Look, point: Array) -> bool:
+    """Whether a point (3,), world, lies well within both images of a look."""
+    middle, rig = frames.apply(frames.inverse(look.world_from_cyclopean), point[None]), look.taken.rig
+    px = np.concatenate([eye.project(middle) for eye in (rig.left, rig.right)])
+    return bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
+
+
+def shown_again(before: Look, now: Look) -> tuple[int, int]:
+    """Of the parts of one look that lie within both images of the next, how many that one shows where they lay, and how
+    many it does not."""
+    here = [part.centre for part in seen_parts(now)]
+    due = [part.centre for part in seen_parts(before) if in_both_images(now, part.centre)]
+    again = sum(any(same_place(old, new) for new in here) for old in due)
+    return again, len(due) - again
+
+
 def unconfirmed(before: Sequence[Seen], look: Look, around: Array) -> list[Seen]:
     """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
     show again."""
-    now, cyclopean_from_world, rig = seen_parts(look), frames.inverse(look.world_from_cyclopean), look.taken.rig
-    found = []
-    for old in before:
-        middle = frames.apply(cyclopean_from_world, old.centre[None])
-        px = np.concatenate([eye.project(middle) for eye in (rig.left, rig.right)])
-        in_view = bool(np.all((px > RIM_PX) & (px < np.array(rig.image_size) - RIM_PX)))
-        near = same_place(old.centre, around, NEIGHBOUR_MM)
-        if old.lone and near and in_view and not any(same_place(old.centre, new.centre) for new in now):
-            found.append(old)
-    return found
+    now = seen_parts(look)
+
+    def missing(old: Seen) -> bool:
+        in_view = same_place(old.centre, around, NEIGHBOUR_MM) and in_both_images(look, old.centre)
+        return in_view and not any(same_place(old.centre, new.centre) for new in now)
+
+    return [old for old in before if old.lone and missing(old)]
 
 
 def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:

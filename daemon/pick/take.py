@@ -3,6 +3,7 @@ handler is."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Literal
 
 from daemon import frames
@@ -69,8 +70,12 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE,
     """Look whether the part is in the hand, or at least gone from where it lay and nowhere else. A look may err, so a
     hand that is said to have missed opens over the bin, as one that holds the part does."""
     target, seen = world.the_target(), await look(context, world, "verify")
-    held = in_hand(target, seen, context.cell)
-    failed = None if held else _failed(context, world, target, seen)
+
+    def judged() -> tuple[bool, str | None]:
+        held = in_hand(target, seen, context.cell)
+        return held, None if held else _failed(context, world, target, seen)
+
+    held, failed = await asyncio.to_thread(judged)
     if failed is None:
         shown = "is seen in the hand" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.PICKED, f"{target.label} {shown}"

@@ -1,14 +1,14 @@
 """What lies there, as all looks so far have it: parts with a name, and what has none yet. Pure.
 
-A name that one look gave stays. The facets of all looks are fused; those that no named part explains are put to the
-recogniser together, and where they hang together over a hollow edge, as parts that touch do, piece by piece. Fusing is
-vision's, and so is naming.
+A name that one look gave stays. The facets of the looks that tell most are fused, of so many that one look more takes
+no longer; those that no named part explains are put to the recogniser together, and where they hang together over a
+hollow edge, as parts that touch do, piece by piece. Fusing is vision's, and so is naming. Takes up to a second: not for
+the event loop.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.looking import Look, Recogniser
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.seen import Seen, apart_mm, seen_parts
+from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
 from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
@@ -29,6 +29,11 @@ EDGE_MM = 6.0
 """An edge whose ends are this near to those of a part's is that edge."""
 MOST = 0.5
 """A facet of which more lies in a face is of that face."""
+MOST_FUSED = 5
+"""So many looks are fused at most. What fusing takes grows with the square of their number, and what a table holds is
+seen from five sides, or from none."""
+OF_NAMED = 0.1
+"""What a part that has its name counts, beside one that has none, where looks are chosen."""
 CELLS = 12
 """A polygon is tried at so many times so many places."""
 HOLLOW_MM = 2.0
@@ -43,7 +48,7 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     if len(looks) < 2:
         return [*named, *(part for part in every if not part.named)]
     try:
-        fused = fuse([_seen_whole(look, doubt) for look in looks], doubt.shared())
+        fused = fuse([_seen_whole(look, doubt) for look in telling(looks)], doubt.shared())
     except np.linalg.LinAlgError:  # facets of no extent: what each look says by itself stands
         fused = None
     if fused is None:
@@ -54,6 +59,30 @@ def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[S
     named = _in_own_places(fused, _agreed(named, recogniser), recogniser)
     left = _unexplained(fused, named, recogniser)
     return [*named, *(part for piece in _whole(fused, left) for part in _recognised(fused, piece, newest, recogniser))]
+
+
+def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
+    """At most so many of the looks, in their order: the newest, and one by one that which shows most from where it was
+    seen least by those before; what has no name counts most."""
+    if len(looks) <= most:
+        return list(looks)
+    parts = [(k, part) for k, look in enumerate(looks) for part in seen_parts(look)]
+    owner = np.array([k for k, _ in parts], np.intp)
+    centres = np.array([part.centre for _, part in parts]).reshape(-1, 3)
+    rays = np.array([part.look.world_from_cyclopean[:3, 3] for _, part in parts]).reshape(-1, 3) - centres
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    weight = np.array([OF_NAMED if part.named else 1.0 for _, part in parts])
+    one = np.linalg.norm(centres[:, None] - centres, axis=2) < SAME_PLACE_MM
+    alike = np.where(one, rays @ rays.T, -1.0)  # cosines of the rays to one place; other places are as the other side
+    chosen, nearest = list[int](), np.full(len(parts), -1.0)
+    for _ in range(most):
+        gains = np.bincount(owner, weight * (1.0 - nearest), len(looks))
+        gains[chosen] = -1.0
+        best = len(looks) - 1 - int(np.argmax(gains[::-1])) if chosen else len(looks) - 1  # the newer of two alike
+        chosen.append(best)
+        if np.any(owner == best):
+            nearest = np.maximum(nearest, alike[:, owner == best].max(axis=1))
+    return [looks[k] for k in sorted(chosen)]
 
 
 def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> SeenFrom:
@@ -68,11 +97,11 @@ def _seen_whole(look: Look, doubt: Doubt) -> SeenFrom:
 
 def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
     """Each named part once, as it was seen last; those left out that looks gave different names to."""
-    middles = [_middle(part, recogniser) for part in named]
+    middles = np.array([_middle(part, recogniser) for part in named]).reshape(-1, 3)
+    near = np.linalg.norm(middles[:, None] - middles, axis=2) < ONE_MM
     out = set[int]()
-    for i, j in combinations(range(len(named)), 2):
-        if apart_mm(middles[i], middles[j]) < ONE_MM:
-            out |= {i} if named[i].label == named[j].label else {i, j}
+    for i, j in np.argwhere(np.triu(near, 1)).tolist():
+        out |= {i} if named[i].label == named[j].label else {i, j}
     return [part for k, part in enumerate(named) if k not in out]
 
 
@@ -81,19 +110,25 @@ def _in_own_places(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) 
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron
     area_mm2 = np.linalg.norm(seen.areas_mm2, axis=1)
-    shares = [_shares(seen, part, recogniser) for part in named]
+    shares = np.array([_shares(seen, part, recogniser) for part in named]).reshape(-1, len(seen.facets))
+    theirs, whole_mm2 = (shares > MOST).astype(float), shares @ area_mm2
     out = set[int]()
-    for i, j in combinations(range(len(named)), 2):
-        if np.any((shares[i] > MOST) & (shares[j] > MOST)):
-            less = i if shares[i] @ area_mm2 < shares[j] @ area_mm2 else j
-            out |= {less} if named[i].label == named[j].label else {i, j}
+    for i, j in np.argwhere(np.triu(theirs @ theirs.T > 0.0, 1)).tolist():
+        less = i if whole_mm2[i] < whole_mm2[j] else j
+        out |= {less} if named[i].label == named[j].label else {i, j}
     return [part for k, part in enumerate(named) if k not in out]
 
 
 def _shares(seen: Polyhedron, part: Seen, recogniser: Recogniser) -> Array:
     """(F,) the share of each facet that lies in a face of a named part."""
-    shape = recogniser.shape(part.label)
-    return np.array([_on_face(seen, k, shape, part.world_from_part) if shape else 0.0 for k in range(len(seen.facets))])
+    shape, shares = recogniser.shape(part.label), np.zeros(len(seen.facets))
+    if shape is None:
+        return shares
+    corners = frames.apply(part.world_from_part, shape.corners_mm)
+    reach_mm = np.linalg.norm(corners - corners.mean(axis=0), axis=1).max() + ON_FACE_MM
+    for k in np.flatnonzero(np.linalg.norm(seen.centres_mm - corners.mean(axis=0), axis=1) < reach_mm):
+        shares[k] = _on_face(seen, int(k), shape, part.world_from_part)
+    return shares
 
 
 def _middle(part: Seen, recogniser: Recogniser) -> Array:
@@ -120,6 +155,8 @@ def _untaught(seen: Polyhedron, mine: set[int], shape: Polyhedron, world_from_pa
     """The facets beyond edges at which what was taught of a part ends, and those that hang on them: sides of it that no
     taught view showed. mine: the facets in faces of it. Over such an edge the next facet bends away from the part: in
     the same plane, or hollow, another part begins."""
+    if not mine:
+        return set()
     ends = [shape.corners_mm[[a, b]] for (a, b), place in shape.edges.items() if place not in shape.across]
     corners = frames.apply(frames.inverse(world_from_part), seen.corners_mm)
     beyond, new = set[int](), set[int]()

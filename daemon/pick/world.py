@@ -7,6 +7,8 @@ it is reported. A part that cannot be had is skipped, and named, and that is no 
 
 from __future__ import annotations
 
+import asyncio
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
@@ -29,7 +31,7 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
-from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts
+from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
 from daemon.pick.things import ONE_MM, known
 from daemon.pick.transitions import Event
@@ -38,6 +40,9 @@ STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
 MOST_EXPOSURES = 3
 """Tries at the right exposure in one place."""
+MOST_LOOKS, MOST_S = 40, 300.0
+"""Looks of one pick, and seconds that it may take besides its motion: a pick that needs more has looks that disagree.
+Parts without a name are looked at four times each."""
 MOVE_ERRORS = (MoveRefusedError, OutOfReachError)
 
 
@@ -150,7 +155,9 @@ class WorldModel:
     (3,) in which direction from it a look along its approach did not find it; last_target: stays when the target is
     given up; doubtful: to be looked at from another side; failures: of tries at a target; old_looks: how often a table
     was looked at again because its looks got old; questioned: what was found before two looks at the target disagreed;
-    doubts: how often they did and the whole table had to be looked at.
+    doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
+    the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
+    next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often.
     All in world, mm.
     """
 
@@ -169,6 +176,11 @@ class WorldModel:
     old_looks: int = 0
     questioned: Question | None = None
     doubts: int = 0
+    began_s: float = 0.0
+    moved_s: float = 0.0
+    taken: int = 0
+    again: tuple[int, int] = (0, 0)
+    odd: Counter[str] = field(default_factory=Counter)
     outcome: Outcome = Outcome.EMPTY
     why: str = "nothing on the table that can be picked"
 
@@ -177,11 +189,27 @@ class WorldModel:
         assert self.target is not None
         return self.target
 
-    def take_in(self, context: PickContext, look: Look) -> None:
-        """One more look at the whole table, or at a part of it."""
+    async def take_in(self, context: PickContext, look: Look) -> None:
+        """One more look at the whole table, or at a part of it. Fused in a thread: a stop is heard meanwhile."""
+        if self.looks:
+            again, not_again = shown_again(self.looks[-1], look)
+            self.again = self.again[0] + again, self.again[1] + not_again
         self.looks.append(look)
-        found = known(self.looks, context.recogniser, context.settings.doubt)
+        found = await asyncio.to_thread(known, [*self.looks], context.recogniser, context.settings.doubt)
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
+
+    def too_long(self, context: PickContext) -> str | None:
+        """What disagreed, in words, where the pick has taken more looks or time than any needs; else None."""
+        seconds = context.cell.clock() - self.began_s - self.moved_s
+        if self.taken < MOST_LOOKS and seconds < MOST_S:
+            return None
+        again, not_again = self.again
+        odd = [f"{what} ({often} times)" for what, often in self.odd.most_common(2)]
+        if not_again:
+            odd.insert(0, f"{not_again} of {again + not_again} parts did not show again where the look before had them")
+        told = "; ".join(odd) or "no two looks disagreed, and what lies there was not settled"
+        blame = "; does a camera repeat itself, was one knocked? `doctor`, `calibrate verify`" if not_again else ""
+        return f"given up after {self.taken} looks and {seconds:.0f} s beside motion: {told}{blame}"
 
     def tell(self, context: PickContext, gained: Gained) -> None:
         """Keep what a look has brought, and log it."""
@@ -237,6 +265,7 @@ async def plan_again(context: PickContext, world: WorldModel, outcome: Outcome, 
     if world.replans > context.settings.tries:
         skip(context, world, outcome, target, why)
         return False
+    world.odd[why] += outcome is Outcome.LOST
     context.decide(f"plan {target.label} again", why)
     world.found = seen_parts(await whole_look(context.recogniser, target.look))
     return True
@@ -257,11 +286,16 @@ async def travel(
         away_mm = 1e9 if target is None else apart_mm(step[:3, 3], target.centre)
         return speed_pct(away_mm, settings.travel_pct, settings.near_pct)
 
-    await context.mover.travel(pose, purpose, speed, straight, None if look is None else look.taken_s)
+    set_out_s = context.cell.clock()
+    try:
+        await context.mover.travel(pose, purpose, speed, straight, None if look is None else look.taken_s)
+    finally:
+        world.moved_s += context.cell.clock() - set_out_s
 
 
 async def look(context: PickContext, world: WorldModel, purpose: str, expected: Expected | None = None) -> Look:
     """A look from where the last move ended."""
     assert context.mover.at is not None
     stop = 0 if world.target is None else world.target.looks + 1
+    world.taken += 1
     return await context.look(context.mover.at, purpose, stop, expected)

@@ -20,12 +20,12 @@ from daemon.errors import spelt
 from daemon.review.brief import that_picked
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
-from daemon.review.pagedata import page_data
+from daemon.review.pagedata import page_data, shown_of
 from daemon.review.production import compared, production
 from daemon.store.files import being_written, write_atomically
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
-from daemon.store.runs import check_wire, list_runs, read_run
+from daemon.store.runs import RunError, check_wire, list_runs, read_run
 
 PICTURE_BUDGET = 24_000_000
 """Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""
@@ -50,9 +50,12 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
             "rows": compared(then, data["production"]),
             "differences": kept_differences(against, other, folder, run),
         }
-    pictures, left_out = _pictures(folder, run)
+    pictures, left_out = _pictures(folder, shown_of(run))
     data["pictures_left_out"] = left_out
-    write_atomically(out, render("page", data, pictures).encode())
+    page = render("page", data, pictures).encode()
+    if out.parent == folder and not folder.is_dir():
+        raise RunError(f"{folder}: was removed while its page was made")
+    write_atomically(out, page)
     return out
 
 

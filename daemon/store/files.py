@@ -158,7 +158,8 @@ class Syncer:
 
 
 def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
-    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename.
+    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename. Raises
+    OSError, and then the old one is there, also where it is the rename that a disk cannot keep.
 
     Not synced it costs no wait: a reader still meets the whole file or none, but a power cut may leave it empty.
     """
@@ -168,6 +169,7 @@ def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
 
 def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    before = _content(path) if synced else None
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -183,11 +185,38 @@ def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
         raise
     if not synced:
         return
-    folder = os.open(path.parent, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        _sync_folder(path.parent)
+    except OSError:
+        _put_back(path, before)
+        raise
+
+
+def _content(path: Path) -> bytes | None:
+    return path.read_bytes() if path.is_file() else None
+
+
+def _put_back(path: Path, before: bytes | None) -> None:
+    """What was there before a write of which the caller is told that it was none. Raises OSError, which says that it
+    stands."""
+    try:
+        if before is None:
+            path.unlink()
+        else:
+            _write_atomically(path, before, synced=False)
+    except OSError as error:
+        why = f"written, and it is not sure that it stays: {error.strerror}"
+        raise OSError(error.errno, why, str(path)) from error
+    with contextlib.suppress(OSError):
+        _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
     finally:
-        os.close(folder)
+        os.close(handle)
 
 
 @contextlib.contextmanager

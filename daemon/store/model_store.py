@@ -3,6 +3,7 @@
 views/<label>/<number>/{left.png, right.png, view.json}      a view appears whole or not at all
 views/<label>/<number>/{mesh.stl or mesh.obj, view.json}     the same for a part taught from its drawing
 models/<version>.npz, models/state.json                      {"current", "candidate", "history"}
+models/last_views.json                                       {label: the highest number that was a view's}
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +26,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.quantities import WHOLE, whole
 from daemon.store import model as files
 from daemon.store import places
 from daemon.store.files import number_of, plain, write_atomically
@@ -33,7 +35,7 @@ from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
 
 Image = NDArray[np.uint8]
-LARGEST_NOTE = 1_000_000
+LARGEST_NOTE, LARGEST_LAST = 1_000_000, 10_000_000
 ALONE_S = 60.0
 """How long another may take to change what is stored: one that was halted in the middle takes for ever."""
 
@@ -128,7 +130,8 @@ class ModelStore:
                 write_atomically(making / "view.json", json.dumps(note, indent=1).encode())
                 os.chmod(making, 0o755)
                 with self._alone():
-                    number = max((view.number for view in self.views(label)), default=0) + 1
+                    numbers = [view.number for view in self.views(label)]
+                    number = max(*numbers, self._last_given().get(label, 0), 0) + 1
                     making.rename(parent / str(number))
             except BaseException:
                 shutil.rmtree(making, ignore_errors=True)
@@ -139,8 +142,10 @@ class ModelStore:
 
     def drop_views(self, label: str, number: int | None = None) -> int:
         """Remove a label's views, or one of them; returns how many there were. Raises ModelStoreError."""
-        gone = [view for view in self.views(label) if number in (None, view.number)]
+        views = self.views(label)
+        gone = [view for view in views if number in (None, view.number)]
         try:
+            self._keep_last_given(label, views)
             for view in gone:
                 doomed = view.folder.with_name(f".gone-{view.folder.name}")
                 if os.path.lexists(doomed):  # the power went in the middle of this
@@ -153,6 +158,24 @@ class ModelStore:
         except OSError as error:
             raise ModelStoreError(f"{self.folder / 'views' / label}: not removed: {error.strerror or error}") from error
         return len(gone)
+
+    def _last_given(self) -> dict[str, int]:
+        """The highest number of each label that was ever given and may be no view's any more: it is given to no other,
+        as models say by its name what they were trained on."""
+        try:
+            return msgspec.json.decode(read_file(self._last_file, LARGEST_LAST), type=dict[str, int])
+        except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+            return {}
+
+    def _keep_last_given(self, label: str, views: Sequence[StoredView]) -> None:
+        last = self._last_given()
+        highest = max((view.number for view in views), default=0)
+        if highest > last.get(label, 0):
+            write_atomically(self._last_file, msgspec.json.encode({**last, label: highest}))
+
+    @property
+    def _last_file(self) -> Path:
+        return self.folder / "models" / "last_views.json"
 
     @property
     def current(self) -> int | None:
@@ -275,11 +298,11 @@ class ModelStore:
 def model_file(named: Path) -> Path:
     """A model's file where one is named, or that of a version kept here: 3, or latest. Raises ModelStoreError."""
     word = str(named)
-    if named.exists() or not (word == "latest" or word.isdecimal()):
+    if named.exists() or not (word == "latest" or WHOLE.fullmatch(word)):
         return named
     store = ModelStore(places.state_folder())
     known = store.versions()
-    found = known[-1:] if word == "latest" else [version for version in known if version == int(word)]
+    found = known[-1:] if word == "latest" else [version for version in known if version == whole(word)]
     if not found:
         there = ", ".join(map(str, known)) or "none"
         raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (there: {there})")

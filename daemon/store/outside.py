@@ -112,3 +112,13 @@ def _told(path: Path) -> Iterator[None]:
         raise FileError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a name with a zero byte
         raise FileError(f"{str(path)!r}: not a file's name") from None
+
+
+def fill_standard_files() -> None:
+    """Where one of them is closed, the next file opened would take its number: the arm's line, say, and a library's
+    warning would be typed to the controller."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)

@@ -38,8 +38,6 @@ from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 Image = NDArray[np.uint8]
 ROUND = "around"
 """What the note of a view is known by that was learnt by walking round, and where its solid is."""
-SECONDS = len("2026-11-23T22:00:00")
-"""Of an ISO time in UTC, up to its seconds."""
 SAME_SIZE_MM = 2.0
 """How far apart the largest lengths of one part may come out, drawn and seen."""
 SAME_SIDE_MM = 5.0
@@ -140,15 +138,10 @@ class Trainer:
         return [label for label in self.parts if label not in shown]
 
     def waiting(self) -> list[StoredView]:
-        """Stored views that the model in use was not trained on. The number of one that was forgotten may be another's
-        by now: what was taught after the training is none of its."""
-        store, known = self.model_store, {view.source for view in self.model.views}
-        trained = "" if store.current is None else store.told(store.current).trained[:SECONDS]
-        return [
-            view
-            for view in store.views()
-            if view.name not in known or (trained and str(view.note.get("taught", ""))[:SECONDS] > trained)
-        ]
+        """Stored views that the model in use was not trained on: by their names, each of which is one view's for ever.
+        What the clock said tells nothing: it may have been set since."""
+        known = {view.source for view in self.model.views}
+        return [view for view in self.model_store.views() if view.name not in known]
 
     def check(
         self, label: str, left: Image, right: Image, table: Table | None, moved: Places | None = None

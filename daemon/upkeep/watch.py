@@ -82,6 +82,7 @@ class Watch:
             self._context.troubles.tell("restart", None)
         self._check_clock()
         self._check_folder()
+        self._roll(busy)
         self._check_memory_of_motion(busy)
         self._feed(now, busy)
 
@@ -171,11 +172,17 @@ class Watch:
         size = await asyncio.to_thread(run_bytes, current)
         if size > limits.roll_mb * 1_000_000:
             context.roll_due = True
-            if context.cycle.status()["doing"] is None:
-                try:
-                    context.roll_if_due()
-                except (FileError, OSError) as error:
-                    context.troubles.tell("disk", f"disk: the log does not go on in a new run: {plain(error)}")
+
+    def _roll(self, busy: bool) -> None:
+        """In the first idle moment after the run's folder was seen to be large: who looks and teaches all day leaves no
+        idle one to him who asks once a minute. Between the picks of an auto it is done there."""
+        context = self._context
+        if busy or not context.roll_due:
+            return
+        try:
+            context.roll_if_due()
+        except (FileError, OSError) as error:
+            context.troubles.tell("disk", f"disk: the log does not go on in a new run: {plain(error)}")
 
     def _check_folder(self) -> None:
         """Where somebody removed the run that is being written, the log goes on in a new one, and it is told."""

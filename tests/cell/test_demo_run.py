@@ -67,10 +67,10 @@ def test_a_demo_after_another_finds_nothing_standing(demo: tuple[str, Path], tmp
 
 
 def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert facetctl(["demo", "--seed", "-3", "--runs", str(tmp_path)]) == 2
+    assert facetctl(["demo", "--time-scale", "0", "--runs", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "simulated.seed: expected a whole number from 0" in error
+    assert "simulated.time_scale: expected" in error
     assert list(tmp_path.iterdir()) == []
 
 

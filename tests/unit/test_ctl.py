@@ -112,3 +112,29 @@ def test_what_a_model_knows_is_no_wider_than_the_terminal(tmp_path: Path) -> Non
     assert any("plank_as_it_was_drawn_again" in line for line in told)
     assert max(map(len, told)) <= 60
     os.close(ours)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("words", ["status", "stop", "console", "script -", "--help"])
+def test_a_closed_standard_file_is_no_fault(tmp_path: Path, words: str, closed: str) -> None:
+    """A traceback, and once a hang of 20 s."""
+    command = f"exec {sys.executable} -m daemon.ctl {words} {closed}"
+    env = {**os.environ, "FACETD_SOCKET": str(tmp_path / "none"), "HOME": str(tmp_path)}
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, env=env, check=False)
+    assert ended.returncode == {"--help": ctl.DONE, "stop": ctl.STOP_UNANSWERED}.get(words, ctl.NOT_UNDERSTOOD)
+    assert "Traceback" not in ended.stderr
+    assert "Exception" not in ended.stderr
+
+
+def test_a_full_disk_under_what_is_written_is_told_in_one_line() -> None:
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "daemon.ctl", "--help"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert ended.returncode == ctl.NOT_DONE
+    assert ended.stderr == "facetctl: what it has to say cannot be written: No space left on device\n"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 
-SCRIPT = "import os\nfrom daemon.main import _fill_standard_files\n_fill_standard_files()\nos._exit(os.open('/', 0))"
+SCRIPT = (
+    "import os\nfrom daemon.store.outside import fill_standard_files\nfill_standard_files()\nos._exit(os.open('/', 0))"
+)
 
 
 def test_the_arms_line_never_gets_the_number_of_a_closed_standard_file() -> None:

@@ -27,6 +27,7 @@ by("summary").append(...[
     data.kept.calibration ? `calibration ${data.kept.calibration}` : null, data.kept.config ? `configuration ${data.kept.config}` : null].filter(Boolean).join(" · "),
 ].filter(Boolean));
 const warnings = [...data.skipped];
+if (data.cycles_left_out) warnings.push(`${plural(data.cycles_left_out, "earlier cycle")} not in this page: facetctl export --csv ${data.run} lists them all (figures and measures are of all)`);
 if (data.pictures_left_out) warnings.push(`${plural(data.pictures_left_out, "picture")} not in this page (they are in the run folder)`);
 by("warnings").append(...warnings.map((w) => el("p", { class: "warn" }, w)));
 

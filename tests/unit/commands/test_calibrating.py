@@ -19,6 +19,7 @@ from daemon.calibration.session import Session
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
 from daemon.console.interpreter import Answer, CommandError, Console
+from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import Calibrations
 from tests.worlds.fake_context import FakeDoor, fake_context
@@ -28,16 +29,39 @@ ETC = Path(__file__).parents[3] / "etc"
 
 @pytest.fixture
 def context(tmp_path: Path) -> Any:
-    async def reload(who: str | None) -> str:
+    async def reload(who: str | None, change: Any = None) -> str:
+        put_back = await change()
+        try:
+            return await context.taking_over()
+        except FacetdError:
+            put_back()
+            raise
+
+    async def taken_over() -> str:
         return "Taken over."
 
     context = fake_context(tmp_path, reload)
+    context.taking_over = taken_over
     context.config.calibrations = Calibrations(tmp_path, "real", ETC / "calibration.yaml")
     return context
 
 
 def say(context: Any, text: str, door: FakeDoor | None = None) -> Answer:
     return asyncio.run(Console(context, every_command()).interpret(text, door or FakeDoor()))
+
+
+def test_where_the_reload_is_refused_the_calibration_before_is_in_use_again(context: Any) -> None:
+    calibrations = context.config.calibrations
+    calibrations.keep((ETC / "calibration.yaml").read_bytes())
+    told: list[int] = []
+
+    async def refused() -> str:
+        told.append(calibrations.current)
+        raise FacetdError("not now")
+
+    context.taking_over = refused
+    assert say(context, "calibrate use 0").text == "not now"
+    assert (told, calibrations.current) == ([0], 1)
 
 
 @pytest.mark.parametrize("kind", ["stereo", "hand-eye", "by-hand"])

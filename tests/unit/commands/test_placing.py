@@ -58,6 +58,8 @@ def test_a_turn_is_about_the_point_between_the_fingers(context: Any) -> None:
     ("text", "want"),
     [
         ("jog", "axis is missing"),
+        ("jog z 1_0", "DISTANCE: expected up to 100 mm either way, found 1_0"),
+        ("jog z \u0663", "DISTANCE: expected up to 100 mm either way, found \u0663"),
         ("jog up 5", "up: no such axis"),
         ("jog z", "DISTANCE: expected up to 100 mm either way, found nothing"),
         ("jog z 0", "found 0"),

@@ -238,6 +238,17 @@ def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(context: ob
     assert context.log.records == []  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("text", ["disable", "pause"])
+def test_a_door_that_may_only_look_may_take_motion_away(context: object, text: str) -> None:
+    assert "may only look" not in say(context, text, FakeDoor(may="look")).text
+
+
+@pytest.mark.parametrize("text", ["resume", "enable"])
+def test_and_gives_none_back_be_it_after_its_own_pause(context: object, text: str) -> None:
+    say(context, "pause", FakeDoor(may="look"))
+    assert "may only look" in say(context, text, FakeDoor(may="look")).text
+
+
 def test_stop_is_heard_at_every_door_and_whatever_else_is_on_the_line(context: object) -> None:
     answer = say(context, "stop at once please!!", FakeDoor(may="look"))
     assert answer.status == 0
@@ -370,7 +381,7 @@ def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
     assert say(context, f"q{text}").status in (0, 1, 2)
 
 
-ENDS_MOTION = ("stop", "abort", "pause")
+ENDS_MOTION = ("stop", "disable", "abort", "pause")
 """Of what moves or changes something, all that a door that may only look may say."""
 
 

@@ -13,6 +13,7 @@ STOPS = [
     "stop", "STOP", " stop", "stop.", "stop;", "stop!!", "sto", "Sto", "stopp", "stop '", '"stop', "stop now", "halt",
     "hal", "Halt!", "'stop'", "/stop", "stop\xfc", "st\x00op", "\x1bstop", "\x1b[Astop", "\x00stop", "stop\x1b",
     "\udcffstop", "stop\ud800", "\ufffdstop", "\tstop", "stop\r", "stop,go home", "stop#",
+    "status\nstop", "status # x\r\nstop", "status\rstop\rresume",
 ]  # fmt: skip
 OTHERS = [
     "",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -14,8 +15,8 @@ from unittest.mock import patch
 import pytest
 
 from daemon import ctl
-from daemon.doors import prompt
-from daemon.doors.client import PIECE, DaemonLink, NotThereError, file_in_pieces
+from daemon.doors import client, prompt
+from daemon.doors.client import PIECE, DaemonLink, NotThereError, StopUnansweredError, file_in_pieces
 from daemon.jobs.commission_steps import NotProvenError, Order, Person, Talk
 from tests.worlds.person import piped
 
@@ -26,6 +27,7 @@ class Scripted:
     def __init__(self, path: Path) -> None:
         self.path, self.heard = path, list[dict[str, Any]]()
         self.answers: dict[str, list[dict[str, Any]]] = {}
+        self.before_answering: Callable[[], object] = lambda: None
         self.gone = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(path))
@@ -41,7 +43,11 @@ class Scripted:
                 return
             with connection, connection.makefile("rwb") as file:
                 for line in file:
-                    message = json.loads(line)
+                    try:
+                        message = json.loads(line)
+                    except ValueError:
+                        continue
+                    self.before_answering()
                     self.heard.append(message)
                     key = next(iter(message))
                     told = self.answers.get(str(message[key]), self.answers.get(key, []))
@@ -146,7 +152,7 @@ def test_options_and_an_interrupt_are_the_next_answers_of_their_kind(daemon: Scr
                        "interrupt": [{"say": "x"}, {"stopped": "Nothing moves."}]}  # fmt: skip
     with DaemonLink(daemon.path) as link:
         assert link.options("st") == ["stop", "status"]
-        assert link.interrupt() == "Nothing moves."
+        assert link.interrupt(print) == "Nothing moves."
 
 
 def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -> None:
@@ -168,7 +174,9 @@ def test_a_stop_is_said_beside_whatever_is_waited_for_and_that_no_daemon_hears_i
     link.close()
     assert link.stop_beside("stop", "here", print) == DONE["done"]
     daemon.path.unlink()
-    assert "no daemon answers" in link.stop_beside("stop", "here", print)["text"]
+    unheard = link.stop_beside("stop", "here", print)
+    assert re.match("PRESS THE EMERGENCY STOP: the stop was not answered; no daemon answers", unheard["text"])
+    assert unheard["status"] == ctl.STOP_UNANSWERED
 
 
 def test_a_file_that_the_command_names_is_sent_in_pieces_and_no_other(daemon: Scripted, tmp_path: Path) -> None:
@@ -228,3 +236,113 @@ def test_a_terminal_is_shown_between_its_beginning_and_its_end(daemon: Scripted,
         link.do("monitor", "here", print, lambda _: "")
     later = [] if ends else ["x"]
     assert ["open", "inside", *later, "closed"] == EVENTS
+
+
+@pytest.fixture
+def hung(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scripted]:
+    """A daemon that takes people in and says nothing, and people who do not wait so long for it."""
+    monkeypatch.setattr(client, "STOP_ANSWER_S", 0.2)
+    monkeypatch.setattr(client, "LATE_ANSWER_S", 0.3)
+    daemon = Scripted(tmp_path / "hung")
+    yield daemon
+    daemon.close()
+
+
+@pytest.mark.parametrize("word", ["stop", "HALT!", "disable", "abort"])
+def test_a_stop_at_a_daemon_that_hangs_sends_to_the_emergency_stop_and_ends(
+    hung: Scripted, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """facetctl stop said nothing for as long as the daemon hung."""
+    assert ctl.main(["--socket", str(hung.path), word]) == ctl.STOP_UNANSWERED
+    told = capsys.readouterr()
+    assert "no answer to the stop" in told.out
+    assert "PRESS THE EMERGENCY STOP" in told.out
+    assert "PRESS THE EMERGENCY STOP" in told.err
+
+
+def test_control_c_at_a_daemon_that_hangs_sends_to_the_emergency_stop_and_ends(
+    hung: Scripted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hung.answers["pick"] = [{"say": "on my way"}]
+    pressed = iter([KeyboardInterrupt()])
+
+    def say(text: str) -> None:
+        said.append(text)
+        for key in pressed:
+            raise key
+
+    said: list[str] = []
+    with DaemonLink(hung.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
+        link.do("pick", "here", say)
+    assert said == ["on my way", client.UNANSWERED]
+    with DaemonLink(hung.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
+        link.interrupt(print)
+    assert client.UNANSWERED in capsys.readouterr().out
+
+
+def test_a_stop_that_is_answered_late_is_shown_and_its_status_says_that_it_was_late(
+    hung: Scripted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client, "LATE_ANSWER_S", 20.0)
+    hung.answers["stop"] = [DONE]
+    told = threading.Event()
+    hung.before_answering = lambda: told.wait(20)
+    said: list[str] = []
+
+    def say(text: str) -> None:
+        said.append(text)
+        told.set()
+
+    with DaemonLink(hung.path) as link:
+        assert link.do("stop", "here", say) == {"text": "well", "data": {}, "status": ctl.STOP_UNANSWERED}
+        assert link.do("stop", "here", say) == DONE["done"]
+    assert said == [client.UNANSWERED]
+
+
+def test_a_command_that_is_no_stop_may_take_its_time(hung: Scripted) -> None:
+    hung.answers["train"] = [DONE]
+    waited = threading.Event()
+    hung.before_answering = lambda: waited.wait(3 * client.STOP_ANSWER_S)
+    said: list[str] = []
+    with DaemonLink(hung.path) as link:
+        assert link.do("train", "here", said.append) == DONE["done"]
+    assert not said
+
+
+def test_a_daemon_that_takes_nobody_in_is_not_waited_for_and_where_it_was_to_stop_the_arm_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its queue is full: connecting waited for ever."""
+    monkeypatch.setattr(client, "CONNECT_S", 0.2)
+    with socket.socket(socket.AF_UNIX) as full, socket.socket(socket.AF_UNIX) as first:
+        full.bind(str(tmp_path / "full"))
+        full.listen(0)
+        first.connect(str(tmp_path / "full"))
+        assert ctl.main(["--socket", str(tmp_path / "full"), "status"]) == ctl.NOT_UNDERSTOOD
+        assert "it hangs" in capsys.readouterr().err
+        assert ctl.main(["--socket", str(tmp_path / "full"), "stop"]) == ctl.STOP_UNANSWERED
+    assert "PRESS THE EMERGENCY STOP" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("word", ["stop", "disable"])
+def test_without_a_daemon_a_stop_sends_to_the_emergency_stop(
+    tmp_path: Path, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ctl.main(["--socket", str(tmp_path / "none"), word]) == ctl.STOP_UNANSWERED
+    assert "PRESS THE EMERGENCY STOP: the stop was not answered; no daemon answers" in capsys.readouterr().err
+
+
+def test_a_stop_whose_daemon_ends_before_it_answers_sends_to_the_emergency_stop(daemon: Scripted) -> None:
+    daemon.answers |= {"stop": None, "interrupt": None}  # type: ignore[dict-item]
+    with DaemonLink(daemon.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
+        link.do("stop", "here", print)
+    with DaemonLink(daemon.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
+        link.interrupt(print)
+
+
+def test_control_c_amid_a_message_is_a_line_of_its_own(daemon: Scripted) -> None:
+    daemon.answers["interrupt"] = [{"stopped": "Nothing moves."}]
+    with DaemonLink(daemon.path) as link:
+        link.socket.sendall(b'{"file": "AAAA')
+        link._amid = True
+        assert link.interrupt(print) == "Nothing moves."

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 from daemon import ctl
 from daemon.console.stop_words import means_stop
-from daemon.doors import keyboard, prompt
+from daemon.doors import client, keyboard, prompt
 from daemon.doors.client import DaemonLink, NotThereError
 from daemon.doors.keyboard import Lines
 from tests.worlds.person import Person, piped
@@ -159,13 +159,57 @@ def test_control_c_where_lines_wait_stops_the_arm_before_it_tells_of_them(monkey
         def drop(self) -> None:
             done.append("told")
 
-    def interrupt() -> str:
+    def interrupt(_: object) -> str:
         done.append("stopped")
         return ""
 
     monkeypatch.setattr(prompt, "Lines", lambda *_: Pressed())
     assert prompt._piped(SimpleNamespace(interrupt=interrupt)) == 0  # type: ignore[arg-type]
     assert done == ["stopped", "told"]
+
+
+@pytest.mark.parametrize("way", ["control-C", "a word"])
+def test_at_the_prompt_a_stop_that_a_hung_daemon_does_not_answer_sends_to_the_emergency_stop(
+    place: Path, way: str
+) -> None:
+    with socket.socket(socket.AF_UNIX) as hung:
+        hung.bind(str(place))
+        hung.listen(1)
+        person = Person(place.parent, "console")
+        person.sees("facetd>")
+        person.types("\x03" if way == "control-C" else "stop\r")
+        person.sees("PRESS THE EMERGENCY STOP: no answer to the stop for 2 s")
+        person.types("quit\r")
+        assert person.leaves() == ctl.STOP_UNANSWERED
+
+
+def test_at_the_prompt_a_stop_where_no_daemon_is_any_more_sends_to_the_emergency_stop(place: Path) -> None:
+    played = Played(place)
+    first = played.live(1)
+    person = Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("stop\r")
+    person.sees("PRESS THE EMERGENCY STOP: the stop was not answered")
+    first.join(5)
+    person.sees("no daemon answers")
+    person.types("stop\r")
+    person.sees("PRESS THE EMERGENCY STOP; not said: stop: no daemon")
+    person.types("\x03")
+    person.sees("PRESS THE EMERGENCY STOP: no daemon")
+    person.types("quit\r")
+    assert person.leaves() == ctl.STOP_UNANSWERED
+
+
+def test_at_the_prompt_a_stop_that_is_answered_sends_nobody_anywhere(place: Path) -> None:
+    played = Played(place)
+    played.live(3)
+    person = Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("stop\r")
+    person.sees("well")
+    assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S + 0.5)
+    person.types("quit\r")
+    assert person.leaves() == 0
 
 
 class Asking:
@@ -212,6 +256,75 @@ def test_a_stop_that_a_question_comes_or_goes_amid_is_heard(place: Path, first: 
     assert said.get("do", said.get("answer")) == "stop"
     person.types("\x04")
     assert person.leaves() == 0
+
+
+def commands_heard(daemon: Asking, count: int) -> list[dict[str, Any]]:
+    assert daemon.heard.get(timeout=10.0) == {"notices": True}
+    return [daemon.heard.get(timeout=10.0) for _ in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("typed", "pasted"),
+    [
+        ("", "\x1b[200~status\rstop\x1b[201~"),
+        ("", "\x1b[200~status # x\nstop\x1b[201~"),
+        ("", "\x1b[200~status\r\nstop\r\npick\r\n\x1b[201~"),
+        ("st", "\x1b[200~op\x1b[201~"),
+        ("", "\x1b[200~status\rstop\r"),  # the mark of its end is lost
+    ],
+)
+def test_a_stop_in_a_paste_is_said_at_once_and_nothing_else_of_it(place: Path, typed: str, pasted: str) -> None:
+    """The lines of a paste were made one: a stop in it was one word too many, or a part of a comment."""
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    if typed:
+        person.types(typed)
+        person.sees(typed)
+    person.types(pasted)
+    (said,) = commands_heard(daemon, 1)
+    assert said["do"] == "stop"
+    person.types("where\r")
+    assert daemon.heard.get(timeout=10.0)["do"] == "where", "nothing of the paste is left"
+    person.types("\x04")
+    person.leaves()
+
+
+def test_control_c_is_heard_amid_a_paste_whose_end_is_lost(place: Path) -> None:
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("\x1b[200~status")
+    person.sees_for(0.2)
+    person.types("\x03")
+    assert commands_heard(daemon, 1) == [{"interrupt": True}]
+    person.types("where\r")
+    assert daemon.heard.get(timeout=10.0)["do"] == "where"
+    person.types("\x04")
+    person.leaves()
+
+
+def test_each_line_of_a_paste_is_a_line_of_its_own_behind_one_enter(place: Path) -> None:
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("\x1b[200~# how it stands\rstatus # now\r\r  where\r\x1b[201~")
+    person.sees("2 lines pasted: Enter says one after the other")
+    assert daemon.heard.qsize() <= 1, "nothing is said before that"
+    person.types("\r")
+    first, then = commands_heard(daemon, 2)
+    assert (first["do"], then["do"].strip()) == ("status # now", "where")
+    assert first["block"] == then["block"]
+    daemon.tell(ask="Sure?", id=1)
+    person.sees("Sure?")
+    person.types("\x1b[200~y\rgo home\r\x1b[201~")
+    person.sees("an answer is one line")
+    person.types("n\r")
+    assert daemon.heard.get(timeout=10.0) == {"answer": "n", "id": 1}
+    person.types("\x1b[200~where\r\x1b[201~ # one line waits for Enter as well\r")
+    alone = daemon.heard.get(timeout=10.0)
+    assert (alone["do"], alone.get("block")) == ("where # one line waits for Enter as well", None)
+    person.types("\x04")
+    person.leaves()
+    kept = (place.parent / ".local/state/facetctl-history").read_text().splitlines()
+    assert kept[:2] == ["status # now", "where"]
 
 
 def typed_later(write: Callable[[str], object], text: str) -> None:

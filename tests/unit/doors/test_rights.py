@@ -20,7 +20,7 @@ from tests.worlds.fake_context import FakeDoor, fake_context
 NOBODY = 54_321
 FIRST, SECOND = sorted(grp.getgrall(), key=lambda group: group.gr_gid)[1:3]
 COMMANDS = every_command()
-STOPS = ("stop", "abort", "pause")
+STOPS = ("stop", "disable", "abort", "pause")
 
 
 def peer(*groups: int, user: int = NOBODY) -> Peer:

@@ -776,6 +776,33 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     assert [told for told in context.cycle.told if told.startswith("stop")]
 
 
+def test_who_says_all_and_then_only_hears_is_answered(tmp_path: Path) -> None:
+    """`echo ... | nc -U -N`: the end of what it says is not its end."""
+
+    def use(path: Path) -> list[Any]:
+        with socket.socket(socket.AF_UNIX) as raw:
+            raw.settimeout(10)
+            raw.connect(str(path))
+            raw.sendall(b'{"do": "enable"}\n{"do": "enable", "waits": true}\n')
+            raw.shutdown(socket.SHUT_WR)
+            with raw.makefile("rb") as file:
+                return [json.loads(line) for line in file]
+
+    answers, _ = with_socket(tmp_path / "s", use)
+    assert [answer["done"]["status"] for answer in answers if "done" in answer] == [0, 0]
+
+
+def test_a_command_of_many_lines_is_none_unless_a_stop_is_among_them(tmp_path: Path) -> None:
+    """Joined, `status # x` and `stop` had dropped the stop in silence."""
+    (refused, stopped), context = with_socket(
+        tmp_path / "s",
+        lambda path: asked(path, {"do": "enable\nwhere"}, {"do": "status # x\nstop"}, answers=2),
+    )
+    assert "a command is one line" in refused["done"]["text"]
+    assert stopped["done"]["status"] == 0
+    assert [told.split(" by")[0] for told in context.cycle.told] == ["stop"]
+
+
 @pytest.mark.parametrize(("length", "opens"), [(100, True), (101, False)])
 def test_a_socket_s_path_may_have_a_hundred_bytes(
     length: int, opens: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -994,7 +1021,10 @@ def test_a_closed_socket_has_let_go_of_everybody(tmp_path: Path) -> None:
 
 
 def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
-    operator, done = _Operator(Mock(), Mock(), Mock(), Mock(), Mock(), "all"), []
+    here, gone = socket.socketpair()
+    gone.close()
+    writer = Mock(get_extra_info=lambda _: here)
+    operator, done = _Operator(Mock(), writer, Mock(), Mock(), Mock(), "all"), []
 
     async def command() -> None:
         await asyncio.sleep(0.02)
@@ -1005,5 +1035,6 @@ def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
         operator._turns.beside(command)
         await operator.listen()
 
-    asyncio.run(serve())
+    with here:
+        asyncio.run(serve())
     assert done == ["the command"]

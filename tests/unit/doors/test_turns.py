@@ -92,6 +92,49 @@ def test_commands_are_done_in_the_order_typed_and_what_is_for_now_beside_them() 
     assert play(script).answers == ["now", "done 1", "done 2", "done 3"]
 
 
+def test_who_only_hears_has_what_they_asked_for_done_in_turn_and_answers_no_question() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.turns.take("go 1", operator.answered)
+        operator.turns.take("ask really?", operator.answered)
+        operator.turns.say_no_more()
+        operator.may_end.set()
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers == ["sure?: ''", "done 1", "really?: ''"]
+    assert operator.shown == ["sure?", None]
+
+
+def test_a_pasted_block_is_done_line_by_line_to_the_first_that_is_not_done() -> None:
+    async def script(operator: Operator) -> None:
+        for line in ("go 1", "status", "flurb", "go 2"):
+            operator.turns.take(line, operator.answered, block=7)
+        operator.types("read 3")
+        await a_moment()
+        assert operator.answers == [], "not even what is for now is done before its turn"
+        operator.may_end.set()
+        await a_moment()
+        operator.turns.take("go 4", operator.answered, block=7)
+        operator.turns.take("go 5", operator.answered, block=8)
+        await a_moment()
+
+    operator = play(script)
+    not_done = "not done; a line before it, of the same paste, was not"
+    assert operator.answers[:2] == ["done 1", "now"]
+    assert sorted(operator.answers[2:]) == sorted(
+        [
+            "flurb: no such command; `help` lists what there is",
+            f"go 2: {not_done}",
+            "done 3",
+            f"go 4: {not_done}",
+            "done 5",
+        ]
+    )
+    assert operator.done == ["1", "3", "5"]
+
+
 def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_question_by_nothing() -> None:
     async def script(operator: Operator) -> None:
         operator.types("ask sure?")

@@ -11,10 +11,11 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.pick import things
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
-from daemon.pick.things import ONE_MM, _untaught, known, outlines_of
+from daemon.pick.things import ONE_MM, _untaught, known, outlines_of, telling
 from daemon.store.library import load_facets
 from daemon.teaching.aspects import learn_solid
 from daemon.teaching.trainer import Recogniser
@@ -100,6 +101,53 @@ def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, reco
     found = known([one, as_look((laid,), other.world_from_cyclopean)], recogniser, Doubt())
     assert [thing.label for thing in found] == ["block"]
     assert np.linalg.norm(found[0].world_from_part[:3, 3] - seen_parts(one)[0].world_from_part[:3, 3]) < 3.0
+
+
+@pytest.fixture(scope="module")
+def odd_looks(recogniser: Recogniser) -> list[Look]:
+    """Forty, each of which shows the block elsewhere, as cameras do that repeat a picture while the arm goes on."""
+    found = []
+    for k in range(40):
+        seen = look_from(recogniser, 37.0 * k, 3.0 + k, k)
+        at = seen.world_from_cyclopean.copy()
+        at[:3, 3] += (150.0 * (k % 7), 150.0 * (k // 7), 0.0)
+        found.append(as_look(seen.scene.parts, at))
+    return found
+
+
+def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
+    recogniser: Recogniser, odd_looks: list[Look], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What fusing takes grew with the square of the looks: 28 s at the twentieth, in the event loop."""
+    fused, tried = list[int](), 0
+
+    def fuse(looks: Any, shared: Array) -> Any:
+        fused.append(len(looks))
+        return things_fuse(looks, shared)
+
+    def on_face(*about: Any) -> float:
+        nonlocal tried
+        tried += 1
+        return things_on_face(*about)
+
+    things_fuse, things_on_face = things.fuse, things._on_face
+    monkeypatch.setattr(things, "fuse", fuse)
+    monkeypatch.setattr(things, "_on_face", on_face)
+    for count in (5, 40):
+        known(odd_looks[:count], recogniser, Doubt())
+    assert fused == [things.MOST_FUSED] * 2
+    assert 0 < tried < 100, "each part is held against the facets near it alone"
+
+
+def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_seen(recogniser: Recogniser) -> None:
+    names = [0, 3, 5, 90, 180, 183, 270, 272]
+    looks = [look_from(recogniser, azimuth, 40, k) for k, azimuth in enumerate(names)]
+    nothing = as_look((), np.eye(4))
+    chosen = [names[looks.index(look)] for look in telling([*looks, nothing, looks[1]][-9:], 5) if look is not nothing]
+    assert {round(name / 90) % 4 for name in chosen} == {0, 1, 2, 3}
+    assert 3 in chosen
+    assert telling(looks[:5], 5) == looks[:5]
+    assert telling([nothing] * 7, 5)[-1] is nothing
 
 
 def test_one_look_alone_is_what_it_is(recogniser: Recogniser) -> None:

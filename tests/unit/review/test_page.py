@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 from daemon.review.page import read_digest, render, write_page
 from daemon.review.week import write_week
+from daemon.store.runs import RunError
 from tests.worlds.made_run import MadeRun
 
 
@@ -143,3 +145,34 @@ def test_pictures_of_picks_that_went_well_are_on_the_page_where_there_is_room(ma
     page = write_page(folder, tmp_path / "page.html").read_text()
     shown = set(re.findall(r'"(\d+)-left":"data:image/jpeg', page))
     assert shown == {str(look["seq"]) for look in read_digest(folder).of("look")}
+
+
+def test_of_very_many_cycles_the_newest_are_shown_and_the_others_are_told(
+    made: MadeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """10,000 made a page of 102 MB."""
+    for _ in range(4):
+        made.pick()
+    monkeypatch.setattr("daemon.review.pagedata.MOST_CYCLES", 3)
+    page = write_page(made.close(), made.folder / "page.html").read_text()
+    data = data_of(page)
+    assert [cycle["n"] for cycle in data["cycles"]] == [bar["n"] for bar in data["timeline"]] == [2, 3, 4]
+    assert (data["cycles_left_out"], data["production"]["tried"]) == (1, 4)
+    assert "not in this page: facetctl export --csv" in page
+
+
+def test_a_run_that_is_removed_while_its_page_is_made_is_not_made_anew(
+    made: MadeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder of a page alone, which no quota counts."""
+    made.pick()
+    folder = made.close()
+
+    def removed(*_: object) -> str:
+        shutil.rmtree(folder)
+        return "page"
+
+    monkeypatch.setattr("daemon.review.page.render", removed)
+    with pytest.raises(RunError, match="was removed while its page was made"):
+        write_page(folder, folder / "report.html")
+    assert not folder.exists()

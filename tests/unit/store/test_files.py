@@ -29,6 +29,46 @@ def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path, monkey
     assert (tmp_path / "file").read_bytes() == b"old"
 
 
+@pytest.mark.parametrize("before", [b"old", None])
+def test_what_is_told_as_not_written_is_not_there_also_where_the_folder_cannot_be_synced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: bytes | None
+) -> None:
+    """accept was refused, and yet that version was in use at the next start."""
+    if before is not None:
+        (tmp_path / "file").write_bytes(before)
+        (tmp_path / "file").chmod(0o600)
+    sync = os.fsync
+
+    def fsync(handle: int) -> None:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        sync(handle)
+
+    monkeypatch.setattr("os.fsync", fsync)
+    with pytest.raises(OSError, match="Input/output error"):
+        write_atomically(tmp_path / "file", b"new")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == ([("file", b"old")] if before else [])
+    if before is not None:
+        assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o600
+
+
+def test_what_cannot_be_put_back_either_is_told_as_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_bytes(b"old")
+    sync, replace = os.fsync, os.replace
+
+    def fsync(handle: int) -> None:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            monkeypatch.setattr("os.replace", full)
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        sync(handle)
+
+    monkeypatch.setattr("os.fsync", fsync)
+    with pytest.raises(OSError, match="written, and it is not sure that it stays"):
+        write_atomically(tmp_path / "file", b"new")
+    monkeypatch.setattr("os.replace", replace)
+    assert (tmp_path / "file").read_bytes() == b"new"
+
+
 def test_room_for_what_must_be_known_is_taken_at_the_start_or_the_file_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

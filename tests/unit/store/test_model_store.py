@@ -118,9 +118,9 @@ def test_a_damaged_note_names_itself_and_keeps_nobody_from_the_other_views(model
         assert [view.damage == "" for view in model_store.views()] == [True, False], content
         (told,) = (view.damage for view in model_store.views("wedge"))
         assert told.startswith(f"{broken.folder / 'view.json'}: cannot be read")
-        assert told.endswith("`forget wedge 1`")
+        assert told.endswith(f"`forget wedge {broken.number}`")
         assert model_store.labels() == ["cube", "wedge"]
-        assert model_store.drop_views("wedge", 1) == 1
+        assert model_store.drop_views("wedge", broken.number) == 1
         assert model_store.drop_views("cube") == 1
         assert whole.damage == ""
 

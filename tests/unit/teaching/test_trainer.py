@@ -105,13 +105,23 @@ def test_what_a_candidate_names_does_not_hang_on_how_fast_the_computer_is(traine
     assert not named, "the look itself keeps to its budget"
 
 
-def test_a_view_that_took_the_number_of_a_forgotten_one_is_not_in_use_yet(trainer: Trainer) -> None:
+def test_a_view_taught_after_a_forgotten_one_is_not_in_use_yet_whatever_the_clock_says(trainer: Trainer) -> None:
+    """Its number had been given anew, and the clock decided: wrong for ever after it had been a day ahead."""
     taught(trainer)
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
     last = trainer.model_store.views()[-1]
     pictures = last.images()
     assert trainer.model_store.drop_views(last.label, last.number) == 1
-    again = trainer.model_store.add_view(last.label, *pictures, {"taught": "2999-01-01T00:00:00+00:00"})
-    assert again.name == last.name
-    assert [view.name for view in trainer.waiting()] == [last.name]
+    again = trainer.model_store.add_view(last.label, *pictures, {"taught": "1999-01-01T00:00:00+00:00"})
+    assert again.number == last.number + 1
+    assert [view.name for view in trainer.waiting()] == [again.name]
+    for view in trainer.model_store.views():
+        note = view.folder / "view.json"
+        note.write_text(json.dumps({**json.loads(note.read_text()), "taught": "2999-01-01T00:00:00+00:00"}))
+    assert [view.name for view in trainer.waiting()] == [again.name]
+    trainer.train()
+    trainer.accept(trainer.model_store.candidate)
+    assert trainer.waiting() == []
+    trainer.model_store.drop_views(last.label)
+    assert trainer.model_store.add_view(last.label, *pictures, {}).number == again.number + 1

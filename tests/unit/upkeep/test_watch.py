@@ -360,6 +360,22 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
     assert watched.failed == ["asleep: the computer was asleep for 3600 s"] * enabled
 
 
+def test_a_large_run_is_ended_in_the_first_idle_moment_after_that_was_seen(tmp_path: Path) -> None:
+    """An idle moment was waited for that fell on the minute at which the size is asked."""
+    watched, rolled = WatchedCell(tmp_path), list[bool]()
+    watched.context.roll_if_due = lambda: rolled.append(True)
+    watch = Watch(watched.context)
+    watch._roll(busy=False)
+    assert rolled == []
+    with patch("daemon.upkeep.watch.run_bytes", lambda _: 10**12):
+        asyncio.run(watch._keep_quota())
+    watch._roll(busy=True)
+    assert rolled == []
+    watch._roll(busy=False)
+    assert rolled == [True]
+    watched.run_log.close()
+
+
 def test_a_new_run_that_a_full_disk_does_not_take_is_told(tmp_path: Path) -> None:
     watched = WatchedCell(tmp_path)
 
@@ -368,6 +384,10 @@ def test_a_new_run_that_a_full_disk_does_not_take_is_told(tmp_path: Path) -> Non
 
     watched.context.roll_if_due = full
     with patch("daemon.upkeep.watch.run_bytes", lambda _: 10**12):
-        asyncio.run(Watch(watched.context)._keep_quota())
+        watch = Watch(watched.context)
+        asyncio.run(watch._keep_quota())
+    watch._roll(busy=True)
+    assert "disk" not in watched.context.troubles.standing
+    watch._roll(busy=False)
     assert "does not go on in a new run" in watched.context.troubles.standing["disk"]
     watched.run_log.close()
