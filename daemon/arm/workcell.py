@@ -56,13 +56,20 @@ class Robot(Protocol):
     async def rest(self) -> Reading:
         """Where the arm is at rest (two WHERE that agree); waits a little for it, raises where it goes on moving."""
 
-    async def at_speed(self, speed_pct: float) -> None:
-        """Have the controller know how fast the next move is; as often as is liked: said where it may not know."""
-
-    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+    async def move(
+        self,
+        world_from_tool: Array,
+        *,
+        starts: Callable[[Reading], None],
+        straight: bool,
+        speed_pct: float,
+        timeout_s: float,
+    ) -> Reading:
         """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.
 
-        straight: DO SET + DO MOVES, otherwise DO MOVE. Whether it arrived is for the caller to judge.
+        In one turn of the line, whatever was said before: SPEED, the location, WHERE, the move. starts: called with
+        that WHERE; what it raises comes out of here, and nothing has moved. straight: DO SET + DO MOVES, otherwise DO
+        MOVE. Whether it arrived is for the caller to judge.
         """
 
     async def hand(self, closed: bool) -> None:

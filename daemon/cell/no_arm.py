@@ -50,7 +50,7 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    at_speed = move = hand = power_up = calibrate = monitor = prove_stop = _refuse
+    move = hand = power_up = calibrate = monitor = prove_stop = _refuse
 
     def check_typable(self, _: str) -> None:
         """Whatever it is, it is refused when it is typed."""

@@ -43,6 +43,8 @@ class Session:
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
+        self.recoveries = 0
+        """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on = ledger, switched_on
         self._reader = Reader()
         self.talk = self._new_conversation()
@@ -144,9 +146,13 @@ class Session:
         wait_s: float,
         meant: Callable[[str], bool] = bool,
         held: Callable[[], bool] = never,
+        first: Callable[[], Awaitable[None]] | None = None,
     ) -> Answer:
-        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
+        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing. first: what is to
+        be done each time before it is typed."""
         for _ in range(self.dialect.typing_attempts):
+            if first is not None:
+                await first()
             try:
                 return await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, held))
             except (Garbled, NoAnswer, HeldBack) as caught:
@@ -172,6 +178,7 @@ class Session:
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
         """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
+        self.recoveries += 1
         try:
             events = await self.find_prompt(talk)
         except NoAnswer as deaf:

@@ -449,7 +449,7 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
         supervisor.resume()
         if way == "step":
             supervisor.hold.confirm()
-        with pytest.raises(NotThereError, match="somebody moved the arm"):
+        with pytest.raises(NotThereError, match="somebody else moved the arm"):
             await task
 
     asyncio.run(story())

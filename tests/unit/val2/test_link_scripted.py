@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ from drivers.val2.errors import (
     Preempted,
     StopRefused,
 )
-from drivers.val2.link import Link, Where
+from drivers.val2.link import Link, Start, Where
 from drivers.val2.location import Location
 from tests.worlds.in_time import lived
 
@@ -70,6 +71,7 @@ class Scripted:
 
 GOAL = Location(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TRANS = "TRANS(500.00,0.00,0.00,0.000,0.000,0.000)"
+START = Start(40.0, lambda where: None)
 
 
 def linked(port: Scripted, **settings: Any) -> Link:
@@ -292,11 +294,23 @@ def test_after_an_answer_to_a_question_that_nobody_knows_a_program_may_run(asks:
         (lambda link: link.move_straight(GOAL), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
         (lambda link: link.ready(), ["DO READY", "DO BREAK", "WHERE", "WHERE"], {}),
         (lambda link: link.ready(), ["DO READY", "WHERE", "WHERE"], {"break_after_move": False}),
-        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE"], {}),
+        (lambda link: link.rest(replace(GOAL, x_mm=500.1)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(replace(GOAL, a_deg=0.05)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(GOAL), ["WHERE", "WHERE"], {"break_after_move": False}),
         (lambda link: link.open_hand(), ["DO OPENI"], {}),
         (lambda link: link.close_hand(), ["DO CLOSEI"], {}),
         (lambda link: link.tool(GOAL), [f"TOOL {TRANS}"], {}),
-        (lambda link: link.own_speed_only(), ["DO SPEED 100 ALWAYS"], {}),
+        (
+            lambda link: link.move_straight(GOAL, start=START),
+            ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}", "WHERE", "DO MOVES GOAL"],
+            {},
+        ),
+        (
+            lambda link: link.move(GOAL, start=START),
+            ["DO SPEED 100 ALWAYS", "SPEED 40", "WHERE", f"DO MOVE {TRANS}"],
+            {},
+        ),
         (lambda link: link.calibrate(), ["CALIB", "Y"], {"calibrate_word": "CALIB"}),
         (lambda link: link.calibrate("N"), ["CAL", "N"], {}),
     ],
@@ -350,13 +364,13 @@ def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_word
         def says(line: str, nth: int, said: str = said) -> str:
             return said if "ALWAYS" in line else usual(line, nth)
 
-        assert str(told(lambda link: link.own_speed_only(), says)[0]).startswith(came)
+        assert str(told(lambda link: link.move(GOAL, start=START), says)[0]).startswith(came)
 
     async def in_a_stop(link: Link) -> None:
         stopping = asyncio.ensure_future(link.abort())
         await asyncio.sleep(0.01)
         with pytest.raises(Preempted, match="an abort is under way"):
-            await link.own_speed_only()
+            await link.move(GOAL, start=START)
         await stopping
 
     assert told(in_a_stop)[0] is None
@@ -752,3 +766,41 @@ def test_a_program_that_prints_on_and_on_as_the_line_is_opened_is_stopped() -> N
     assert stopped
     assert "ABORT" in lines
     assert seconds < 3.0
+
+
+def test_of_a_move_whose_place_is_not_where_it_was_to_start_no_line_that_moves_is_typed() -> None:
+    def elsewhere(where: Where) -> None:
+        raise Elsewhere(f"at x {where.location.x_mm:g}")
+
+    for move in (Link.move, Link.move_straight):
+        came, lines, _ = told(lambda link, move=move: move(link, GOAL, start=Start(40.0, elsewhere)), usual)
+        assert str(came) == "at x 500"
+        assert lines[-1] == "WHERE"
+
+
+@pytest.mark.parametrize("spoilt_line", [0, 1, 2, 3, 4])
+def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_speed_on_once_more(
+    spoilt_line: int,
+) -> None:
+    """Whoever spoiled it may have changed the speed, the location, or where the arm is."""
+    told_once = ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}", "WHERE"]
+    whole = [*told_once, "DO MOVES GOAL"]
+
+    async def story() -> list[str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        write, spoilt = port.write, []
+
+        def spoils_one(data: bytes) -> None:
+            if data == whole[spoilt_line].encode() and not spoilt:
+                spoilt.append(data)
+                data = data[:-1] + b"?"
+            write(data)
+
+        port.write = spoils_one  # type: ignore[method-assign]
+        del port.lines[:]
+        await link.move_straight(GOAL, start=START)
+        return port.lines
+
+    assert lived(story()) == [*told_once, *whole]
