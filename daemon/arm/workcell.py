@@ -41,9 +41,11 @@ class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
 
     held: asked before the last byte of what moves arm or hand leaves: whether it is held back; raises HeldBackError.
+    disturbed: called as something is heard on the line that answers nothing of ours, before that is raised.
     """
 
     held: Callable[[], bool]
+    disturbed: Callable[[], None]
 
     @property
     def stop_seen(self) -> int:

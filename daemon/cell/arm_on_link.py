@@ -43,6 +43,9 @@ class ArmOnLink:
         self.arm = arm
         self._introduced = False
         self._o_deg = 0.0
+        self.disturbed: Callable[[], None] = lambda: None
+        """Workcell's."""
+        link.disturbed = self._others_type
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
@@ -254,6 +257,10 @@ class ArmOnLink:
                 yield
             finally:
                 self._forget()
+
+    def _others_type(self) -> None:
+        self._forget()
+        self.disturbed()
 
     def _forget(self) -> None:
         """TOOL is to be told again."""

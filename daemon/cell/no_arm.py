@@ -31,6 +31,7 @@ class NoArm:
 
     def __init__(self) -> None:
         self.held: Callable[[], bool] = bool
+        self.disturbed: Callable[[], None] = lambda: None
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""

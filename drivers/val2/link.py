@@ -20,6 +20,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
     ControllerError,
+    Disturbed,
     Elsewhere,
     Garbled,
     LinkError,
@@ -38,6 +39,7 @@ __all__ = [
     "Answer",
     "ControllerError",
     "Dialect",
+    "Disturbed",
     "Elsewhere",
     "Garbled",
     "Link",
@@ -93,6 +95,8 @@ class Link:
         self._aborting: asyncio.Task[Where | None] | None = None
         self.held: Callable[[], bool] = never
         """Asked before a line that moves is ended, at each try: whether it is held back; then it is taken back."""
+        self.disturbed: Callable[[], None] = nothing
+        """Called as something is heard that answers nothing of ours: whatever is believed of the cell is void."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = self._times_seen = 0
@@ -111,7 +115,13 @@ class Link:
         """
         self._let_go()
         self._session = Session(
-            self.port, self.dialect, self.clock, self._ledger, self._open_port, self._unsee_the_stop
+            self.port,
+            self.dialect,
+            self.clock,
+            self._ledger,
+            self._open_port,
+            self._unsee_the_stop,
+            self._others_type,
         )
         self.stopped_on_opening = False
         try:
@@ -133,6 +143,11 @@ class Link:
 
     def _unsee_the_stop(self) -> None:
         self.stop_seen = 0
+
+    def _others_type(self) -> None:
+        """What they have begun nobody knows: a program, a motion, a word in place of the one that stops the arm."""
+        self._unsee_the_stop()
+        self.disturbed()
 
     @property
     def connected(self) -> bool:
@@ -273,13 +288,11 @@ class Link:
         return await asyncio.shield(self._aborting)
 
     async def prove_stop(self) -> None:
-        """See that the controller takes the word that stops the arm. Raises StopRefused."""
-        session = self._open_session
-        async with session.turn() as talk:
-            by_itself = await self._see_it_taken(
-                session, lambda: session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s)
-            )
-            session.leave_unheard(by_itself)
+        """See that the stop works: by the very bytes and the very rule of `abort`, for that is what it is. Raises as
+        abort, and ControllerError where the controller asks instead."""
+        await self.abort()
+        if self.question is not None:
+            raise ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     # Inside
 
@@ -498,6 +511,10 @@ class Link:
             self._times_seen += 1
             self.stop_seen = self._times_seen
         return by_itself
+
+
+def nothing() -> None:
+    """Nobody is to be told."""
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:

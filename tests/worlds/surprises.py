@@ -126,7 +126,7 @@ class Surprises(RuleBasedStateMachine):
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
         if ready:
             self.there.doors[0].say("enable")
-            self.there.wait(0.1)
+            self.there.wait(0.5)
 
     @rule(door=DOOR, text=words(), seconds=SECONDS, first=AT_WORK)
     @kept

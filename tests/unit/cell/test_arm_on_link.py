@@ -266,7 +266,8 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
 
         def stopped(machine: Machine, _: str) -> None:
             machine.stop("ABORT")
-            goes_on.pop().cancel()
+            for timer in goes_on:
+                timer.cancel()
 
         monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", pausing)
         monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)

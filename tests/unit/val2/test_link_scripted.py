@@ -13,6 +13,7 @@ import pytest
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     ControllerError,
+    Disturbed,
     Elsewhere,
     Garbled,
     HeldBack,
@@ -648,7 +649,9 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
             await link.where()
         return link.stop_seen, link.question, port.lines
 
-    assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
+    stop_seen, question, lines = lived(story())
+    assert (stop_seen, question) == (0, "Load VAL II from floppy (Y/N)?")
+    assert set(lines) == {"DO BREAK", "!!", "ABORT", ""}
 
 
 @pytest.mark.parametrize("amid", ["ABORT", "WHERE"])
@@ -804,3 +807,104 @@ def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_spe
         return port.lines
 
     assert lived(story()) == [*told_once, *whole]
+
+
+class Shared(Scripted):
+    """A port on which somebody else types as well: it is echoed and answered to us."""
+
+    def others(self, heard: str) -> None:
+        """They type."""
+        self.hear(heard.encode())
+
+
+OTHERS = {
+    "a command": "SPEED 100\r\n.",
+    "where nothing is echoed": "\r\n.",
+    "half a command": "SPEED 10",
+    "another's answer": "\r\nprogram completed\r\n.",
+    "another's WHERE": table(400.0)[2:],
+}
+
+
+@pytest.mark.parametrize("heard", OTHERS.values(), ids=OTHERS)
+def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(heard: str) -> None:
+    """Between two commands, or while the one before the move is being answered."""
+
+    async def story(within: bool) -> tuple[Exception | None, list[str], int, int]:
+        port = Shared(usual)
+        link = linked(port)
+        await link.open()
+        await link.prove_stop()
+        voided: list[str] = []
+        link.disturbed = lambda: voided.append("void")
+        del port.lines[:]
+        if within:
+            says = port.says
+            port.says = lambda line, nth: (heard if line == "SPEED 40" else "") + says(line, nth)
+        else:
+            port.others(heard)
+        await asyncio.sleep(0.1)
+        came: Exception | None = None
+        try:
+            await link.move_straight(GOAL, start=START)
+        except Exception as error:
+            came = error
+        return came, port.lines, len(voided), link.stop_seen
+
+    for within in (False, True):
+        if within and heard in ("\r\n.", "SPEED 10"):
+            continue  # the first is as long as it takes to be heard an answer of ours, the second no line
+        came, lines, voided, stop_seen = lived(story(within))
+        assert isinstance(came, Disturbed | Garbled)
+        assert within or "somebody else types on this line" in str(came)
+        assert "DO MOVES GOAL" not in lines
+        assert within or (voided, stop_seen) == (1, 0)
+
+
+@pytest.mark.parametrize("line", ["SPEED 40", f"DO SET GOAL={TRANS}"])
+def test_a_second_prompt_to_a_line_before_a_move_keeps_the_move_back(line: str) -> None:
+    """Where nothing is echoed the prompt is all that is heard of what somebody else typed."""
+
+    async def story() -> list[str]:
+        port = Scripted(usual, echo=False)
+        link = linked(port, echo=False, prompt_silence_s=0.005)
+        await link.open()
+        await link.prove_stop()
+        del port.lines[:]
+
+        def types_as_well(typed: str, nth: int) -> str:
+            if typed == line:
+                port.loop.call_later(0.01, port.hear, PROMPT.encode())
+            return usual(typed, nth)
+
+        port.says = types_as_well
+        with pytest.raises((Disturbed, Garbled)):
+            await link.move_straight(GOAL, start=START)
+        return port.lines
+
+    assert "DO MOVES GOAL" not in lived(story())
+
+
+@pytest.mark.parametrize("prompt", [".", "..", ". ", "\r\n."])
+@pytest.mark.parametrize("echo", [True, False])
+def test_the_stop_is_confirmed_however_prompts_are_printed_and_is_tried_as_it_is_used(echo: bool, prompt: str) -> None:
+    """Without a line end before them, the prompts to all that a stop types stand in one line."""
+
+    async def story() -> tuple[list[str], list[str]]:
+        def says(line: str, _: int) -> str:
+            said = "*Illegal command*\r\n" if line == "!!" else ""
+            return (table().removesuffix(PROMPT) + "\r\n" if line == "WHERE" else "\r\n" * echo + said) + prompt
+
+        port = Scripted(says, at_first=prompt, echo=echo)
+        link = linked(port, echo=echo)
+        await link.open()
+        del port.lines[:]
+        await link.prove_stop()
+        tried = list(port.lines)
+        assert link.stop_seen
+        del port.lines[:]
+        assert await link.abort() is not None
+        return tried, port.lines
+
+    tried, used = lived(story())
+    assert tried == used == ["!!", "ABORT", "", "ABORT", "ABORT", "WHERE", "WHERE"]
