@@ -295,6 +295,12 @@ class Mover:
 
         await self.gate(text, still_there)
 
+    async def still_there(self, doing: str) -> None:
+        """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for
+        what that explains."""
+        if self.at is not None and not self.dry:
+            self._not_moved_by_others(doing, self.at, await self.cell.robot.where())
+
     def _starts_there(self, purpose: str, start: Reading, now: Reading) -> None:
         """Raise MovedByOthersError where a move's way, which was looked along from start, would begin elsewhere."""
         try:
