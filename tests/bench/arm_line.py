@@ -77,7 +77,7 @@ def wire_bytes(records: list[dict[str, Any]]) -> int:
 
 
 async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Location, straight: bool) -> float:
-    """Seconds from an arm at rest until the whole of its next move was typed: speed, location, where it is, the move."""
+    """Seconds from an arm at rest until its next move was typed to the last byte."""
     before, began_s = len(records), link.clock()
     move = link.move_straight if straight else link.move
     await move(place, start=Start(50.0, lambda where: None))
