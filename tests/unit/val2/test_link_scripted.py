@@ -908,3 +908,17 @@ def test_the_stop_is_confirmed_however_prompts_are_printed_and_is_tried_as_it_is
 
     tried, used = lived(story())
     assert tried == used == ["!!", "ABORT", "", "ABORT", "ABORT", "WHERE", "WHERE"]
+
+
+def test_what_somebody_else_types_between_two_readings_of_an_arm_at_rest_is_told() -> None:
+    """The line is ours for both, and nobody of ours types in the pause between them."""
+
+    async def story() -> None:
+        port = Shared(usual)
+        link = linked(port, poll_s=0.5)
+        await link.open()
+        port.loop.call_later(0.3, port.others, OTHERS["a command"])
+        await link.still(5.0)
+
+    with pytest.raises(Disturbed, match="SPEED 100"):
+        lived(story())
