@@ -40,6 +40,10 @@ class NotThereError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent, or otherwise than it was to get there."""
 
 
+class MovedByOthersError(NotThereError):
+    """The arm is not where it came to rest, and nothing of ours moved it; nothing was sent."""
+
+
 class OutOfReachError(NotSentError):
     """The arm, as it is configured, has no way there; nothing was sent."""
 
@@ -178,7 +182,7 @@ class Mover:
     async def go(self, command: Command) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
         self.check(command)
-        await self._held(_in_words(command), command.speed_pct)
+        await self._held(_in_words(command))
         self.check(command)
         assert self.here is not None
         self._log_move(command)
@@ -186,12 +190,13 @@ class Mover:
         if self.dry:
             self._imagined = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
             return self._imagined
-        longest_s = self.arrival.longest_s(self.here, command, joints)
+        start, self.at = self.here, None
+        longest_s = self.arrival.longest_s(start, command, joints)
         started_s = self.cell.clock()
-        start, self.at = self.at, None
         try:
             reading = await self.cell.robot.move(
                 command.world_from_tool,
+                starts=lambda now: self._starts_there(command.purpose, start, now),
                 straight=command.straight,
                 speed_pct=command.speed_pct,
                 timeout_s=longest_s,
@@ -278,29 +283,49 @@ class Mover:
             self._log_hand(closed)
             self.carried = ()
 
-    async def _held(self, text: str, speed_pct: float | None = None) -> None:
-        """Held back by the gate, once the controller knows the speed: on a bad line that takes seconds, in which a
-        pause may be said, and after it nothing is typed before the move itself. Raises NotThereError where the arm
-        stands elsewhere after it: somebody had time to move it by its pendant, and its way amid what lies there was
-        planned from where it stood."""
+    async def _held(self, text: str) -> None:
+        """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
+        to move it by its pendant, and its way amid what lies there was planned from where it stood."""
         place = self.at
 
         async def still_there() -> None:
-            if self.dry:
-                return
-            now = await self.rest()
-            off = (0.0, 0.0) if place is None else _apart(now.world_from_tool, place.world_from_tool)
-            if self.arrival.missed_by(*off):
-                told = "{:.2f} mm and {:.2f} degrees".format(*off)
-                raise NotThereError(f"{text}: while it was held somebody moved the arm, by {told}")
-            await self._tell_speed(speed_pct)
+            if not self.dry:
+                now = await self.rest()
+                self._not_moved_by_others(text, place or now, now)
 
-        await self._tell_speed(speed_pct)
         await self.gate(text, still_there)
 
-    async def _tell_speed(self, speed_pct: float | None) -> None:
-        if speed_pct is not None and not self.dry:
-            await self.cell.robot.at_speed(speed_pct)
+    async def still_there(self, doing: str) -> None:
+        """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for
+        what that explains."""
+        if self.at is not None and not self.dry:
+            self._not_moved_by_others(doing, self.at, await self.cell.robot.where())
+
+    def _starts_there(self, purpose: str, start: Reading, now: Reading) -> None:
+        """Raise MovedByOthersError where a move's way, which was looked along from start, would begin elsewhere."""
+        try:
+            self._not_moved_by_others(purpose, start, now)
+        except MovedByOthersError as moved:
+            self.cell.log.record("refusal", cycle=self.cycle, rule="moved_by_others", text=str(moved))
+            self._log_held_back("move")
+            raise
+
+    def _not_moved_by_others(self, doing: str, then: Reading, now: Reading) -> None:
+        """Raise MovedByOthersError where the arm is farther from where it was than an arrival may be off.
+
+        No less: an arm that creeps so far as it settles, or gives so much as the hand closes, was not moved by anybody.
+        No more: every way is looked along `clearance_mm` (2) from what it must not touch, and each joint turned by
+        0.1 degrees, the tool 0.5 mm off, leaves nothing of an arm of 0.9 m farther than 1.6 mm from its looked-along
+        way. Joints are asked as well: about a straight wrist two of them turn, and the tool stays.
+        """
+        off_mm, off_deg = _apart(now.world_from_tool, then.world_from_tool)
+        off_deg = max(off_deg, float(np.degrees(np.abs(now.joints_rad - then.joints_rad)).max()))
+        if self.arrival.missed_by(off_mm, off_deg):
+            told = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
+            raise MovedByOthersError(
+                f"{doing}: since it came to rest somebody else moved the arm, {told} (its pendant, another terminal?); "
+                "nothing was sent"
+            )
 
     def _check_hand(self) -> None:
         hindrance = self.leave.hindrance

@@ -29,6 +29,7 @@ FROM_TABLE_MM = 250.0
 LOOKS_ALONG = 0.2
 """Least cosine between the cameras' axis and the way the gripper approaches."""
 LIMITS: Keys = ("pick", "limits")
+DIGITS_MM = 0.1
 AS_METRES = "metres? write them times 1000"
 AS_DEFAULT = "nothing of it would be guarded; leave the key out for the default"
 
@@ -129,6 +130,24 @@ def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
     size = max(float(np.linalg.norm(end)) for end in (capsule.from_mm, capsule.to_mm)) + capsule.radius_mm
     if size < METRES_MM:
         yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
+
+
+def fingers(guard: Limits, tip_mm: float, outside_mm: float) -> Iterator[Implausible]:
+    """pick.gripper, by which grasps and touches are reckoned, against the hand that is guarded: fingers that reach
+    tip_mm beyond the tool centre point (z) and outside_mm to either side of it (y)."""
+    ends = [
+        (np.array(end), capsule.radius_mm)
+        for capsule in guard.capsules
+        if capsule.link == "tool"
+        for end in (capsule.from_mm, capsule.to_mm)
+    ] + [(np.array(point), 0.0) for point in guard.body_mm]
+    tips = [(end, radius) for end, radius in ends if end[2] + radius > tip_mm - DIGITS_MM]
+    for key, axis, says_mm, which in (("tip_mm", 2, tip_mm, ends), ("opening_mm", 1, outside_mm, tips or ends)):
+        guarded_mm = max((float(end[axis]) + radius for end, radius in which), default=0.0)
+        if says_mm > guarded_mm + DIGITS_MM:
+            expected = f"fingers within the hand that is guarded, {guarded_mm:g} mm in {'xyz'[axis]}"
+            remedy = "give pick.limits.capsules and body_mm fingers as long and as far apart"
+            yield _found(("pick", "gripper", key), expected, f"{says_mm:g}", remedy)
 
 
 def _keep_outs(guard: Limits) -> Iterator[Implausible]:

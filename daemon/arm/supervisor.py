@@ -23,6 +23,10 @@ T = TypeVar("T")
 AT_REST_S = 2.0
 """How long an arm that is at rest takes to show it."""
 THEN = "; then "
+ANOTHER_LINE = (
+    "an arm was seen at rest, on a line that was opened anew since the alarm: go and see whether it is the one that "
+    "was being stopped"
+)
 
 
 class Supervisor:
@@ -54,6 +58,8 @@ class Supervisor:
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
         self._closed = False
+        self._openings = self._alarmed_in = 0
+        """How often the line was opened anew, and as the last alarm sounded."""
 
     @property
     def busy(self) -> bool:
@@ -150,6 +156,7 @@ class Supervisor:
         """Nobody knows what is at its other end now: an operator enables the arm again, its stop tried."""
         self._let = Let.NOTHING
         self.stops += 1
+        self._openings += 1
         self.mover.forget()
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
@@ -319,8 +326,11 @@ class Supervisor:
 
     def _alarmed(self, text: str | None) -> None:
         if text is None:
-            self._tell(lambda: self.mover.cell.log.record("rest", text="the arm was seen at rest at last"))
+            same = self._openings == self._alarmed_in
+            rests = "the arm was seen at rest at last" if same else ANOTHER_LINE
+            self._tell(lambda: self.mover.cell.log.record("rest", text=rests))
         else:
+            self._alarmed_in = self._openings
             self.latch(text)
             self._report(Interruption.ERROR, text)
 

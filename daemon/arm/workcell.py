@@ -41,9 +41,11 @@ class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
 
     held: asked before the last byte of what moves arm or hand leaves: whether it is held back; raises HeldBackError.
+    disturbed: called as something is heard on the line that answers nothing of ours, before that is raised.
     """
 
     held: Callable[[], bool]
+    disturbed: Callable[[], None]
 
     @property
     def stop_seen(self) -> int:
@@ -56,13 +58,20 @@ class Robot(Protocol):
     async def rest(self) -> Reading:
         """Where the arm is at rest (two WHERE that agree); waits a little for it, raises where it goes on moving."""
 
-    async def at_speed(self, speed_pct: float) -> None:
-        """Have the controller know how fast the next move is; as often as is liked: said where it may not know."""
-
-    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
+    async def move(
+        self,
+        world_from_tool: Array,
+        *,
+        starts: Callable[[Reading], None],
+        straight: bool,
+        speed_pct: float,
+        timeout_s: float,
+    ) -> Reading:
         """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.
 
-        straight: DO SET + DO MOVES, otherwise DO MOVE. Whether it arrived is for the caller to judge.
+        In one turn of the line, whatever was said before: SPEED, the location, WHERE, the move. starts: called with
+        that WHERE; what it raises comes out of here, and nothing has moved. straight: DO SET + DO MOVES, otherwise DO
+        MOVE. Whether it arrived is for the caller to judge.
         """
 
     async def hand(self, closed: bool) -> None:

@@ -18,7 +18,7 @@ from drivers.val2.commands import turns_over as turns_over
 from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
-from drivers.val2.link import Link
+from drivers.val2.link import Link, Start
 from drivers.val2.location import apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
@@ -41,9 +41,11 @@ class ArmOnLink:
         self.aside = False
         """Somebody talks to the controller, or waits for the end of a motion; nobody else is to ask it anything."""
         self.arm = arm
-        self._speed_pct: float | None = None
         self._introduced = False
         self._o_deg = 0.0
+        self.disturbed: Callable[[], None] = lambda: None
+        """Workcell's."""
+        link.disturbed = self._others_type
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
@@ -81,21 +83,20 @@ class ArmOnLink:
         with contextlib.suppress(Preempted):
             await self.where()
 
-    async def at_speed(self, speed_pct: float) -> None:
-        """SPEED, and that programs leave it, where the controller may not know. Raises LinkError."""
-        if self._speed_pct is None:
-            await self.link.own_speed_only()
-        if speed_pct != self._speed_pct:
-            self._speed_pct = None
-            await self.link.speed(speed_pct)
-            self._speed_pct = speed_pct
-
-    async def move(self, world_from_tool: Array, *, straight: bool, speed_pct: float, timeout_s: float) -> Reading:
-        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError."""
+    async def move(
+        self,
+        world_from_tool: Array,
+        *,
+        starts: Callable[[Reading], None],
+        straight: bool,
+        speed_pct: float,
+        timeout_s: float,
+    ) -> Reading:
+        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError, and what starts raises."""
         location = location_from_matrix(world_from_tool, self._o_deg)
-        await self.at_speed(speed_pct)
+        start = Start(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
-            await (self.link.move_straight if straight else self.link.move)(location, timeout_s)
+            await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
             try:
                 return self._reading(await self.link.rest(location, timeout_s))
             except Elsewhere as elsewhere:
@@ -228,8 +229,8 @@ class ArmOnLink:
     async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
         """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
 
-        Over when the arm is at rest, and no program runs any more, or where the controller asks something; its TOOL and
-        SPEED are ours again, whatever was typed. abort() still works, and ends it.
+        Over when the arm is at rest, and no program runs any more, or where the controller asks something; its TOOL is
+        ours again, whatever was typed. abort() still works, and ends it.
         """
         with self._words_of_others():
             async with self.link.terminal(show) as send:
@@ -250,16 +251,20 @@ class ArmOnLink:
 
     @contextlib.contextmanager
     def _words_of_others(self) -> Iterator[None]:
-        """Stand aside; afterwards SPEED and TOOL may be theirs."""
+        """Stand aside; afterwards TOOL may be theirs."""
         with self._line_taken(), _refusals():
             try:
                 yield
             finally:
                 self._forget()
 
+    def _others_type(self) -> None:
+        self._forget()
+        self.disturbed()
+
     def _forget(self) -> None:
-        """SPEED and TOOL are to be told again."""
-        self._speed_pct, self._introduced = None, False
+        """TOOL is to be told again."""
+        self._introduced = False
 
     async def _rest(self) -> None:
         """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""

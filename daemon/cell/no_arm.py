@@ -31,6 +31,7 @@ class NoArm:
 
     def __init__(self) -> None:
         self.held: Callable[[], bool] = bool
+        self.disturbed: Callable[[], None] = lambda: None
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""
@@ -50,7 +51,7 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    at_speed = move = hand = power_up = calibrate = monitor = prove_stop = _refuse
+    move = hand = power_up = calibrate = monitor = prove_stop = _refuse
 
     def check_typable(self, _: str) -> None:
         """Whatever it is, it is refused when it is typed."""

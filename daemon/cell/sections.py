@@ -33,7 +33,13 @@ def check(config: Config) -> None:
     dialect(config)
     arm = arm_geometry(config)
     shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
-    for wrong in (*plausible.tool(arm.flange_from_tool), *plausible.limits(limits, arm.reach_mm, shoulder_mm)):
+    gripper = config.values.pick.gripper
+    outside_mm = gripper.opening_mm / 2 + gripper.finger_thick_mm
+    for wrong in (
+        *plausible.tool(arm.flange_from_tool),
+        *plausible.limits(limits, arm.reach_mm, shoulder_mm),
+        *plausible.fingers(limits, gripper.tip_mm, outside_mm),
+    ):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
         cameras = camera_settings(config)

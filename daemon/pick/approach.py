@@ -108,9 +108,11 @@ async def estimating(
 
 async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:
     """Two looks disagree: which is suspect? Where the part moved, the newest look alone counts from now on; where that
-    cannot be told from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame."""
+    cannot be told from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame, and
+    MovedByOthersError where somebody moved the arm."""
     assert target.looked_before is not None
     settings, recogniser = context.settings, context.recogniser
+    await context.mover.still_there(f"looks {target.looks - 1} and {target.looks} disagree")
     before, now = [await whole_look(recogniser, seen) for seen in (target.looked_before, target.look)]
     moved = beside(others(target, before), others(target, now), recogniser.shape, context.cell, settings.doubt)
     who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)

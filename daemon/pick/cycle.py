@@ -81,6 +81,7 @@ class Cycle:
         self._ball: tuple[Capsule, ...] = ()
         """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
+        cell.robot.disturbed = self._disturbed
         self._cycles = 0
         self._auto = False
         self._told_off = asyncio.Event()
@@ -246,6 +247,11 @@ class Cycle:
         self.cell.log.record("holding", held=None)
 
     # Inside.
+
+    def _disturbed(self) -> None:
+        """Somebody else types on the arm's line: what they told arm and hand nobody knows."""
+        self.supervisor.mover.forget()
+        self.doubt_the_hand()
 
     def _may_pick(self) -> None:
         self.supervisor.may_move()

@@ -67,9 +67,9 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
         seen = await context.lit_look(context.mover.at, f"survey {number}")
         await world.take_in(context, seen)
         if any(part.named for part in world.left(context)):
-            _settle_question(context, world)
+            await _settle_question(context, world)
             return Event.SEEN
-    _settle_question(context, world)
+    await _settle_question(context, world)
     if not world.found and world.outcome is Outcome.EMPTY:
         _tell_outlines(world)
     return Event.SEEN if world.left(context) else Event.NOTHING
@@ -86,12 +86,13 @@ def _tell_outlines(world: WorldModel) -> None:
         world.why = "outlines in both images, but no facet: light, focus, a knocked camera?"
 
 
-def _settle_question(context: PickContext, world: WorldModel) -> None:
+async def _settle_question(context: PickContext, world: WorldModel) -> None:
     """Looks at one part disagreed: do the others still lie where they lay before it was approached? Where there are
     none, does it?"""
     question, world.questioned = world.questioned, None
     if question is None:
         return
+    await context.mover.still_there("the look at the whole table")
 
     def moved(before: list[Seen]) -> list[float]:
         return beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)

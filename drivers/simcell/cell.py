@@ -17,7 +17,7 @@ from drivers.simcell.arm import Arm
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.camera import Scene, SimulatedPair
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
-from drivers.simcell.gripper import fingers
+from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import Drop
 from drivers.simcell.judge import Body, Judge, Violation
 from drivers.simcell.render import Thing
@@ -85,7 +85,9 @@ class SimulatedCell:
         )
         self._machine = self.controller.machine
         safety = self._settings.safety
-        body = Body(safety.body, self.arm.true_geometry, self.arm.joint_offsets_rad)
+        body = Body(
+            [*safety.body, *finger_rods(self._settings.gripper)], self.arm.true_geometry, self.arm.joint_offsets_rad
+        )
         self.judge = Judge(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:

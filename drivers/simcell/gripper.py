@@ -15,7 +15,7 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.simcell.parts import Polyhedron, Shape, box, hull
 from drivers.simcell.rigid import apply, rigid, turn
-from drivers.simcell.truth import Gripper
+from drivers.simcell.truth import Gripper, Rod
 
 TOUCH_MM = 0.3
 """Soft pads: what is this near to the farthest point touches the pad too."""
@@ -47,6 +47,17 @@ class _Bite:
 
     corners: Array
     normals: tuple[Array, ...]
+
+
+def finger_rods(gripper: Gripper) -> list[Rod]:
+    """Both fingers, open, as round bars that they fill: along each, and across its tip."""
+    half, beside = gripper.finger_width_mm / 2, (gripper.opening_mm + gripper.finger_thickness_mm) / 2
+    tip, back = gripper.tip_mm, gripper.tip_mm - gripper.finger_length_mm
+    rods = []
+    for y in (beside, -beside):
+        rods.append(Rod("a finger", "tool", [2.0 - half, y, tip - 2.0], [half - 2.0, y, tip - 2.0], 2.0))
+        rods.append(Rod("a finger", "tool", [0.0, y, tip - half - 0.5], [0.0, y, back], half))
+    return rods
 
 
 def fingers(gripper: Gripper, gap_mm: float) -> tuple[Polyhedron, Polyhedron]:

@@ -19,6 +19,8 @@ HARMLESS_DO = frozenset({"BREAK", "SET"})
 ARM_ALONE = HARMLESS_DO | {"ALIGN", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "MOVE", "MOVES", "NEST", "READY",
                            "SPEED"}  # fmt: skip
 """Program instructions that work no hand, spelled out: of a beginning nobody knows for which it is taken."""
+SAYS_NOTHING = frozenset({"BREAK", "CLOSEI", "MOVE", "MOVES", "OPENI", "SET", "SPEED"})
+"""Program instructions of ours that are answered by the prompt alone."""
 TURNS_OVER = ("ABOVE", "BELOW", "FLIP", "LEFTY", "NOFLIP", "RIGHTY")
 """Program instructions after which the next motion, whoever's, goes with shoulder, elbow or wrist turned over."""
 SHORTEST = 3
@@ -91,6 +93,12 @@ def turns_over(command: str) -> bool:
 def begins_a_program(command: str) -> bool:
     """Whether a typed command may begin a program, which goes on when the controller asks for the next command."""
     return moves_the_arm(command) and command.upper().split()[0] != "DO"
+
+
+def answers_nothing(command: str) -> bool:
+    """Whether a line, spelled as we do, is answered by the prompt alone, or by an error."""
+    words = command.split()
+    return words[:1] in (["SPEED"], ["TOOL"]) or (words[:1] == ["DO"] and words[1:2] != [] and words[1] in SAYS_NOTHING)
 
 
 def tool(flange_from_tool: Location, unit_mm: float = 1.0) -> str:

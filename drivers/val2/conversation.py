@@ -17,6 +17,7 @@ from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Read
 
 POISON = b"!!"
 """Makes any half-typed line an error instead of a command, where it could not be cancelled."""
+A_PROMPT = "a prompt"
 TWICE = (
     "what is typed comes back twice: the converter on the line echoes by itself, and what the controller read cannot "
     "be told from it. Switch that echo off"
@@ -41,6 +42,8 @@ class Answer:
     where: Where | None
     question: str | None
     seconds: float
+    of_text: tuple[str, ...] = ()
+    """Of the lines, those that are neither error nor question."""
 
 
 class Conversation:
@@ -75,6 +78,24 @@ class Conversation:
             if event is not None:
                 events.append(event)
         return events
+
+    def unheard_of_others(self) -> list[str]:
+        """What came since the last answer and answers nothing of ours; whatever else came is left for who listens next.
+        Raises as unheard."""
+        events = self.unheard()
+        for event in events:
+            if isinstance(event, Error | Question):
+                self.hear(event)
+        return self.others_of(events)
+
+    def others_of(self, events: Sequence[Event]) -> list[str]:
+        """What of these, and of what is half come, answers nothing of ours, in words. A second line end of our own is
+        answered by a prompt of its own."""
+        heard = [_in_words(event) for event in events if not isinstance(event, Error | Question)]
+        if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
+            del heard[0]
+        half_come = self._reader.pending.strip(b"\x00\x07\x7f\r\n .")
+        return heard + ([half_come.decode("latin-1")] if len(half_come) > 1 else [])
 
     async def ask(
         self,
@@ -270,6 +291,10 @@ class Conversation:
             raise self._over
 
 
+def _in_words(event: Event) -> str:
+    return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
+
+
 def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dialect) -> Answer:
     """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
@@ -288,6 +313,7 @@ def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dial
         where=_in_our_units(tables[-1], dialect) if tables else None,
         question=last.text if isinstance(last, Question) else None,
         seconds=seconds,
+        of_text=tuple(event.text for event in events if isinstance(event, Text)),
     )
 
 

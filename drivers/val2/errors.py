@@ -38,6 +38,10 @@ class StopRefused(ControllerError):  # noqa: N818
     """The controller does not take the word that is to stop the arm; that it came to rest by itself is no stop."""
 
 
+class Disturbed(LinkError):  # noqa: N818
+    """Something was heard that answers nothing of ours: somebody else types on this line."""
+
+
 class Elsewhere(LinkError):  # noqa: N818
     """The arm is at rest, but not where it was sent."""
 

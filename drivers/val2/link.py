@@ -11,7 +11,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.val2 import commands
@@ -20,6 +20,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
     ControllerError,
+    Disturbed,
     Elsewhere,
     Garbled,
     LinkError,
@@ -38,6 +39,7 @@ __all__ = [
     "Answer",
     "ControllerError",
     "Dialect",
+    "Disturbed",
     "Elsewhere",
     "Garbled",
     "Link",
@@ -45,6 +47,7 @@ __all__ = [
     "NoAnswer",
     "PortError",
     "Preempted",
+    "Start",
     "StopRefused",
     "Where",
 ]
@@ -56,6 +59,15 @@ TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """What is told and asked in the turn in which a motion begins. agrees: called with where the arm is, right before
+    the line that moves it; raises where that must not go."""
+
+    speed_pct: float
+    agrees: Callable[[Where], None]
 
 
 class Link:
@@ -83,6 +95,8 @@ class Link:
         self._aborting: asyncio.Task[Where | None] | None = None
         self.held: Callable[[], bool] = never
         """Asked before a line that moves is ended, at each try: whether it is held back; then it is taken back."""
+        self.disturbed: Callable[[], None] = nothing
+        """Called as something is heard that answers nothing of ours: whatever is believed of the cell is void."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self.stop_seen = self._times_seen = 0
@@ -101,7 +115,13 @@ class Link:
         """
         self._let_go()
         self._session = Session(
-            self.port, self.dialect, self.clock, self._ledger, self._open_port, self._unsee_the_stop
+            self.port,
+            self.dialect,
+            self.clock,
+            self._ledger,
+            self._open_port,
+            self._unsee_the_stop,
+            self._others_type,
         )
         self.stopped_on_opening = False
         try:
@@ -123,6 +143,11 @@ class Link:
 
     def _unsee_the_stop(self) -> None:
         self.stop_seen = 0
+
+    def _others_type(self) -> None:
+        """What they have begun nobody knows: a program, a motion, a word in place of the one that stops the arm."""
+        self._unsee_the_stop()
+        self.disturbed()
 
     @property
     def connected(self) -> bool:
@@ -178,13 +203,6 @@ class Link:
         """Monitor speed, percent of full."""
         await self.command(commands.speed(percent))
 
-    async def own_speed_only(self) -> None:
-        """No program's speed multiplies ours any more; a controller that refuses this, in whatever words, has none."""
-        session = self._open_session
-        async with session.turn(moves=True) as talk:
-            answer = await session.ask(talk, commands.PROGRAM_SPEED, (), self.dialect.answer_s)
-            session.accept(replace(answer, errors=()))
-
     async def calibrate(self, answer: str = "Y") -> Answer:
         """CAL, its question answered, and none that another asks: a controller whose power went just then. Raises
         ControllerError."""
@@ -196,16 +214,17 @@ class Link:
 
     # Moving
 
-    async def move(self, location: Location, timeout_s: float | None = None) -> None:
-        """Start a joint-interpolated move; rest() waits for its end. Raises ControllerError."""
-        line = commands.move(location, self.dialect.unit_mm)
-        await self._carry_out((line,), (), timeout_s or self._move_answer_s)
+    async def move(self, location: Location, timeout_s: float | None = None, start: Start | None = None) -> None:
+        """Start a joint-interpolated move; rest() waits for its end. start: None where speed and place of the arm do
+        not matter. Raises ControllerError, and what start's agrees raises: nothing has moved then."""
+        await self._begin((commands.move(location, self.dialect.unit_mm),), timeout_s, start)
 
-    async def move_straight(self, location: Location, timeout_s: float | None = None) -> None:
-        """Start a straight-line move; rest() waits for its end. Raises ControllerError."""
+    async def move_straight(
+        self, location: Location, timeout_s: float | None = None, start: Start | None = None
+    ) -> None:
+        """Start a straight-line move; otherwise as move."""
         variable = self.dialect.variable if self.dialect.straight_through_variable else None
-        lines = commands.straight_move(location, variable, self.dialect.unit_mm)
-        await self._carry_out(lines, (), timeout_s or self._move_answer_s)
+        await self._begin(commands.straight_move(location, variable, self.dialect.unit_mm), timeout_s, start)
 
     async def ready(self) -> Where:
         """Go to the ready pose; over when the arm is at rest."""
@@ -222,16 +241,24 @@ class Link:
         await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
 
     async def rest(self, location: Location, timeout_s: float | None = None) -> Where:
-        """Wait until the arm is at rest at location: the controller says so, and two readings agree with it.
+        """Wait until the arm is at rest at location: the controller says so, and two readings agree with it; or it says
+        so by the prompt to BREAK, and one reading is the very place, to what two may differ by.
 
         Raises Elsewhere when it came to rest somewhere else, NoAnswer when it is not at rest in time.
         """
         wait_s = timeout_s or self.dialect.motion_s
         deadline_s = self.clock() + wait_s
         await self._break(wait_s)
+        before: Where | None = None
+        if self.dialect.break_after_move:
+            before = await self.where()
+            off_mm, off_deg = apart(before.location, location)
+            if off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg:
+                return before
         elsewhere_since_s: float | None = None
         while True:
-            where = await self.still(max(0.1, deadline_s - self.clock()))
+            where = await self.still(max(0.1, deadline_s - self.clock()), before=before)
+            before = None
             off_mm, off_deg = apart(where.location, location)
             if off_mm <= self.dialect.arrived_mm and off_deg <= self.dialect.arrived_deg:
                 return where
@@ -240,12 +267,13 @@ class Link:
             if now_s - elsewhere_since_s >= self.dialect.stall_s or now_s >= deadline_s:
                 raise Elsewhere(f"at rest {off_mm:.2f} mm and {off_deg:.2f} degrees from where it was sent", where)
 
-    async def still(self, timeout_s: float, any_place: bool = False) -> Where:
+    async def still(self, timeout_s: float, any_place: bool = False, before: Where | None = None) -> Where:
         """Wait until two WHERE readings agree. Raises NoAnswer when they do not in time.
 
-        any_place: also where place and joints do not belong together (a TOOL or BASE other than ours)."""
+        any_place: also where place and joints do not belong together (a TOOL or BASE other than ours). before: the
+        reading of just now."""
         async with self._open_session.turn() as talk:
-            return await self._still(talk, timeout_s, any_place)
+            return await self._still(talk, timeout_s, any_place, before)
 
     async def abort(self) -> Where | None:
         """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest; None where
@@ -260,13 +288,11 @@ class Link:
         return await asyncio.shield(self._aborting)
 
     async def prove_stop(self) -> None:
-        """See that the controller takes the word that stops the arm. Raises StopRefused."""
-        session = self._open_session
-        async with session.turn() as talk:
-            by_itself = await self._see_it_taken(
-                session, lambda: session.ask(talk, self.dialect.abort_word, (), self.dialect.answer_s)
-            )
-            session.leave_unheard(by_itself)
+        """See that the stop works: by the very bytes and the very rule of `abort`, for that is what it is. Raises as
+        abort, and ControllerError where the controller asks instead."""
+        await self.abort()
+        if self.question is not None:
+            raise ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     # Inside
 
@@ -317,6 +343,40 @@ class Link:
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 
+    async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: Start | None) -> None:
+        """One motion, in one turn of the line. Where its line was spoiled as it was typed, all is told and asked again:
+        nothing that was said before is taken to stand."""
+        session = self._open_session
+        async with session.turn(moves=True) as talk:
+            answer = await session.ask(
+                talk,
+                lines[-1],
+                (),
+                timeout_s or self._move_answer_s,
+                held=self.held,
+                first=lambda: self._told_before(talk, lines[:-1], start),
+            )
+            session.accept(answer)
+
+    async def _told_before(self, talk: Conversation, lines: Sequence[str], start: Start | None) -> None:
+        """Speed, location, and last where the arm is: between that and the line which moves nothing else is typed.
+        Raises Garbled, where noise falls in each time; what start's agrees raises."""
+        session, answer_s = self._open_session, self.dialect.answer_s
+        for _ in range(self.dialect.typing_attempts * (len(lines) + 3)):
+            before = session.recoveries
+            if start is not None:
+                of_programs = await session.ask(talk, commands.PROGRAM_SPEED, (), answer_s)
+                session.accept(replace(of_programs, errors=()))  # refused, in whatever words: there is none
+                session.accept(await session.ask(talk, commands.speed(start.speed_pct), (), answer_s))
+            for line in lines:
+                session.accept(await session.ask(talk, line, (), answer_s))
+            where = None if start is None else await self._where(talk)
+            if session.recoveries == before:
+                if start is not None and where is not None:
+                    start.agrees(where)
+                return
+        raise Garbled("noise on the line: what is told before a move did not come through in one piece")
+
     async def _carry_out(
         self,
         lines: Sequence[str],
@@ -346,9 +406,11 @@ class Link:
             why = "WHERE's place and joints do not belong together: noise, or a TOOL or BASE other than ours"
         raise Garbled(why)
 
-    async def _still(self, talk: Conversation, timeout_s: float, any_place: bool) -> Where:
+    async def _still(
+        self, talk: Conversation, timeout_s: float, any_place: bool = False, before: Where | None = None
+    ) -> Where:
         deadline_s = self.clock() + timeout_s
-        before = await self._where(talk, any_place)
+        before = before or await self._where(talk, any_place)
         while True:
             await asyncio.sleep(self.dialect.poll_s)
             now = await self._where(talk, any_place)
@@ -449,6 +511,10 @@ class Link:
             self._times_seen += 1
             self.stop_seen = self._times_seen
         return by_itself
+
+
+def nothing() -> None:
+    """Nobody is to be told."""
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:

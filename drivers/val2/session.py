@@ -12,11 +12,23 @@ from contextlib import asynccontextmanager, suppress
 from drivers.val2 import commands
 from drivers.val2.conversation import Answer, Conversation, never
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, ControllerError, Garbled, HeldBack, LinkError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import (
+    Busy,
+    ControllerError,
+    Disturbed,
+    Garbled,
+    HeldBack,
+    LinkError,
+    NoAnswer,
+    PortError,
+    Preempted,
+)
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import Error, Event, Question, Reader
 
+SHORTEST_TYPED = 3
+"""Characters of what stands in an answer of ours and is taken for somebody else's: with fewer it may be noise."""
 CONFIRMS = "are you sure"
 """How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
@@ -32,9 +44,10 @@ class Session:
         ledger: Ledger,
         open_port: OpenPort,
         switched_on: Callable[[], None],
+        disturbed: Callable[[], None],
     ) -> None:
         """Claim the port. Raises PortError. Needs a running event loop. switched_on: called as the controller asks what
-        it asks at power-up, whoever has the line."""
+        it asks at power-up, whoever has the line; disturbed: as it is found that somebody else types on it."""
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """What the controller asks and nobody has answered yet."""
@@ -43,7 +56,9 @@ class Session:
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
-        self._ledger, self._switched_on = ledger, switched_on
+        self.recoveries = 0
+        """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
+        self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
         self._reader = Reader()
         self.talk = self._new_conversation()
         self._turn = asyncio.Lock()
@@ -69,6 +84,10 @@ class Session:
             raise Preempted("an abort is under way")
         async with self._turn:
             await self._may_go_on.wait()
+            if talk is not self.talk:
+                raise Preempted("aborted")
+            while self._reader.awaits_silence and not self.lost:  # a question of its own, heard but for the silence
+                await asyncio.sleep(self.dialect.prompt_silence_s)
             if talk is not self.talk:
                 raise Preempted("aborted")
             self._refuse_unheard(answers_question)
@@ -144,11 +163,20 @@ class Session:
         wait_s: float,
         meant: Callable[[str], bool] = bool,
         held: Callable[[], bool] = never,
+        first: Callable[[], Awaitable[None]] | None = None,
     ) -> Answer:
-        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing."""
+        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing. first: what is to
+        be done each time before it is typed."""
         for _ in range(self.dialect.typing_attempts):
+            if first is not None:
+                await first()
+            self._refuse_others(talk.unheard_of_others())
             try:
-                return await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, held))
+                answer = await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, held))
+                said_by_itself = answer.question is not None or answer.errors
+                if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
+                    self._refuse_others([line for line in answer.of_text if _is_no_noise(line)])
+                return answer
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
             once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
@@ -172,6 +200,7 @@ class Session:
 
     async def recover(self, talk: Conversation, problem: LinkError) -> list[str]:
         """Back to a prompt; the errors the controller reported on the way. Raises NoAnswer, ControllerError."""
+        self.recoveries += 1
         try:
             events = await self.find_prompt(talk)
         except NoAnswer as deaf:
@@ -203,8 +232,9 @@ class Session:
             self._ledger.sent(kept, self.clock())
 
     def _refuse_unheard(self, answers_question: bool) -> None:
-        """Errors and questions that came while nobody listened (an emergency stop, a power cycle) come first."""
-        events = self.talk.unheard()
+        """What came while nobody listened comes first: errors and questions (an emergency stop, a power cycle), and
+        what answers nothing of ours."""
+        others = self.talk.others_of(events := self.talk.unheard())
         questions = [event.text for event in events if isinstance(event, Question)]
         if questions:
             self.question = questions[-1]
@@ -213,6 +243,15 @@ class Session:
             raise ControllerError("; ".join(errors))
         if self.question is not None and not answers_question:
             raise self._unanswered()
+        if self.question is None:
+            self._refuse_others(others)
+
+    def _refuse_others(self, heard: Sequence[str]) -> None:
+        """Raise Disturbed where something of somebody else's was heard; behind what we typed to find the prompt it may
+        answer that."""
+        if heard and not self.line_may_hold_rest:
+            self._disturbed()
+            raise Disturbed(f"somebody else types on this line (heard {', '.join(map(repr, heard))})")
 
     def _unanswered(self) -> ControllerError:
         return ControllerError(f"the controller asks {self.question!r}: answer that first")
@@ -247,6 +286,11 @@ class Session:
         self.lost = True
         self._cancel_silence()
         self.talk.end(error)
+
+
+def _is_no_noise(text: str) -> bool:
+    """Whether a line amid an answer of ours is somebody else's: long enough, or a prompt that another ran into."""
+    return len(text) >= SHORTEST_TYPED or not text.strip(". ")
 
 
 def confirms(question: str) -> bool:

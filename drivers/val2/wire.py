@@ -1,8 +1,8 @@
 """VAL II's side of the conversation: bytes, cut anywhere, become events. No I/O, no clock, nothing is sent from here.
 
-A dot (or two: some systems print them so) is a prompt only at the start of a line *and* followed by silence, a question
-mark (or the choice behind it) a question only at the end of one and followed by silence. Silence is not in the bytes:
-whoever owns the clock calls `silence()` when it has lasted.
+A dot (or several: some systems print two, and some prompt behind prompt) is a prompt only at the start of a line *and*
+followed by silence, a question mark (or the choice behind it) a question only at the end of one and followed by
+silence. Silence is not in the bytes: whoever owns the clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
     LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
@@ -29,7 +29,9 @@ JOINT_HEADER = ["JT1", "JT2", "JT3", "JT4", "JT5", "JT6"]
 SHARED_HEADER = ["X/JT1", "Y/JT2", "Z/JT3", "O/JT4", "A/JT5", "T/JT6"]
 HAND = "HAND"
 QUESTION = re.compile(rb"\? *(\([^()]*\))? *$")
-PROMPT_DOTS = re.compile(rb" *\.\.? *")
+PROMPT_DOTS = re.compile(rb" *\.( *\.){0,9} *")
+"""Of a controller that prints no line end before its prompt, the prompts to all that a stop types stand in one line:
+five, of two dots each on some systems."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
 

@@ -18,7 +18,7 @@ import numpy as np
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, PtyServer
-from drivers.val2.link import Dialect, Link
+from drivers.val2.link import Dialect, Link, Start
 from drivers.val2.location import Location
 
 ROUNDS = 5
@@ -45,6 +45,10 @@ async def measure(server: PtyServer) -> None:
         median_s, serial_s = statistics.median(seconds), statistics.median(counts) / BYTES_PER_S
         count = f"{statistics.median(counts):.0f}"
         print(f"{name:<34}{median_s:>10.3f}{count:>7}{serial_s:>10.3f}{median_s - serial_s:>9.3f}")
+    for straight in (False, True):
+        gaps = [await rest_to_last_byte(link, records, PLACES[(k + 1) % 2], straight) for k in range(ROUNDS)]
+        name = f"rest to a {'straight' if straight else 'joint'} move's last byte"
+        print(f"{name:<34}{statistics.median(gaps):>10.3f}   worst {max(gaps):.3f}")
     halts, confirmed = [], []
     for k in range(ROUNDS):
         halt_s, rest_s = await abort_in_mid_move(link, server, k)
@@ -70,6 +74,17 @@ def wire_bytes(records: list[dict[str, Any]]) -> int:
     """Bytes that took the line's time: all that came, and what was sent while nothing came (line ends)."""
     heard = sum(len(record["bytes"]) for record in records if record["way"] == "in")
     return heard + sum(record["bytes"] == "\r" for record in records)
+
+
+async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Location, straight: bool) -> float:
+    """Seconds from an arm at rest until its next move was typed to the last byte."""
+    before, began_s = len(records), link.clock()
+    move = link.move_straight if straight else link.move
+    await move(place, start=Start(50.0, lambda where: None))
+    await link.rest(place)
+    sent = [record for record in records[before:] if record["way"] == "out"]
+    line = next(k for k, record in enumerate(sent) if record["bytes"].startswith("DO MOVE"))
+    return float(sent[line + 1]["t_s"]) - began_s
 
 
 async def abort_in_mid_move(link: Link, server: PtyServer, k: int) -> tuple[float, float]:

@@ -193,3 +193,12 @@ def test_a_calibration_of_one_camera_is_refused_where_there_are_two(path: Path) 
     calibration = replace(load_calibration(config.calibration), alone="left")
     with pytest.raises(ConfigError, match=r":2: cameras: .* is of one camera, the left"):
         sections.check_hand_eye(config, calibration)
+
+
+@pytest.mark.parametrize("gripper", ["tip_mm: 60", "opening_mm: 130", "finger_thick_mm: 20"])
+def test_a_gripper_longer_or_wider_than_the_hand_that_is_guarded_is_refused_at_the_start(
+    path: Path, gripper: str
+) -> None:
+    path.write_text(f"version: 1\npick: {{gripper: {{{gripper}}}}}\n")
+    with pytest.raises(ConfigError, match=r"pick\.gripper.*the hand that is guarded"):
+        sections.check(load_config(path))

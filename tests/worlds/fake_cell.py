@@ -144,11 +144,9 @@ class FakeRobot:
     async def rest(self) -> Reading:
         return await FakeRobot.where(self)
 
-    async def at_speed(self, speed_pct: float) -> None:
-        pass
-
-    async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
+    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s):
         self.world.before("move")
+        starts(Reading(self.world.at.copy(), self._joints(self.world.at)))
         self.world.wire.append(("move", world_from_tool.copy()))
         await asyncio.sleep(0)
         self.world.now_s += 0.3

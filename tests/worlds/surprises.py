@@ -82,6 +82,8 @@ def words() -> st.SearchStrategy[str]:
     return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
 
 
+BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "")
+"""What another terminal types: nothing that moves by itself."""
 DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
 """What the arm was sent to do, and how long ago."""
@@ -126,7 +128,7 @@ class Surprises(RuleBasedStateMachine):
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
         if ready:
             self.there.doors[0].say("enable")
-            self.there.wait(0.1)
+            self.there.wait(0.5)
 
     @rule(door=DOOR, text=words(), seconds=SECONDS, first=AT_WORK)
     @kept
@@ -248,6 +250,20 @@ class Surprises(RuleBasedStateMachine):
         else:
             faults = self.there.cell.controller.faults
             self.there.harm(lambda: faults.in_move.append((share, what)))
+
+    @rule(text=st.sampled_from(BESIDE), going=GOING)
+    @kept
+    def type_beside(self, text: str, going: Going) -> None:
+        """Another terminal is on the arm's line: what it types is echoed and answered to us."""
+        self.send_off(going)
+        server = self.there.cell.server
+        assert server is not None
+
+        def typed() -> None:
+            with server.controller() as controller:
+                controller.receive(f"{text}\r".encode(), controller.now_s)
+
+        self.there.harm(typed)
 
     @rule(what=st.sampled_from(["refusal", "mute", "split"]), going=GOING)
     @kept

@@ -25,6 +25,7 @@ from daemon.arm.body import (
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
 from drivers.simcell import judge
+from drivers.simcell.gripper import finger_rods
 from drivers.simcell.truth import load_truth
 from tests.worlds.swept import ARM as PUMA
 
@@ -194,7 +195,7 @@ def outside_mm(points, links):
 def test_what_the_judge_of_the_simulated_cell_watches_of_the_arm_is_within_its_capsules():
     """Palm, camera bar, fingers, wrist, forearm, upper arm, told apart from ours; the tips of the fingers stand as
     points here."""
-    rods = [rod for rod in TRUTH.safety.body if (rod.name, rod.radius_mm) != ("a finger", 2.0)]
+    rods = [*TRUTH.safety.body, *(rod for rod in finger_rods(TRUTH.gripper) if rod.radius_mm != 2.0)]
     watched = judge.Body(rods, PUMA, np.zeros(6))
     for joints in np.random.default_rng(0).uniform(*PUMA.limits_rad.T, (10, 6)):
         motion = SimpleNamespace(joints_at=lambda _, joints=joints: joints)

@@ -303,7 +303,7 @@ def test_the_property_notices_when_a_rule_is_taken_away(left_out, monkeypatch):
 
 
 async def _go_without_place(self, told):
-    await self.cell.robot.move(told.world_from_tool, straight=True, speed_pct=1.0, timeout_s=1.0)
+    await self.cell.robot.move(told.world_from_tool, starts=print, straight=True, speed_pct=1.0, timeout_s=1.0)
 
 
 @pytest.mark.parametrize("point", [(x, y, 10.0) for x in (-7.5, 7.5) for y in (-45.0, 45.0)])

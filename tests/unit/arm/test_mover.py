@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotThereError, OutOfReachError
+from daemon.arm.mover import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotThereError, OutOfReachError
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
@@ -196,9 +196,45 @@ def test_who_held_a_move_back_may_have_moved_the_arm_and_then_it_is_not_sent(tur
         await seen()
 
     mover = mover_in(world, gate)
-    with pytest.raises(NotThereError, match="while it was held somebody moved the arm"):
+    with pytest.raises(NotThereError, match="somebody else moved the arm"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not world.wire
+
+
+@pytest.mark.parametrize("joint", [None, 3])
+def test_an_arm_that_its_pendant_moved_between_two_moves_is_not_sent_on(joint):
+    """The way was looked along from where the first one ended; about a straight wrist the tool stays where it was."""
+    world, moved = World(np.random.default_rng(0)), []
+    mover = mover_in(world)
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+
+    def by_pendant(name: str) -> None:
+        if name == "move" and not moved:
+            moved.append(name)
+            if joint is None:
+                world.at = frames.perturb(world.at, np.array([0, 0.6, 0, 0, 0, 0]))
+            else:
+                there = mover.cell.robot._joints
+                turned = np.radians(0.3) * np.eye(6)[joint]
+                mover.cell.robot._joints = lambda pose: there(pose) + turned
+
+    world.before = by_pendant
+    del world.wire[:]
+    with pytest.raises(MovedByOthersError, match="somebody else moved the arm"):
+        asyncio.run(mover.go(command(HEAD_DOWN, True, 50.0)))
+    assert not world.wire
+    assert world.said("refusal")[-1]["rule"] == "moved_by_others"
+    assert [record["kind"] for record in world.records][-3:] == ["move", "refusal", "held_back"]
+    assert mover.at is None
+
+
+def test_an_arm_that_crept_as_it_settled_is_sent_on():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    world.at = frames.perturb(NEAR, np.array([0, 0.4, 0, 0, 0, 0]))
+    asyncio.run(mover.go(command(HEAD_DOWN, True, 50.0)))
+    assert [name for name, _ in world.wire] == ["move", "move"]
 
 
 def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm_is_asked():
@@ -345,7 +381,7 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
     mover = mover_in(world, held)
     asyncio.run(mover.rest())
     if off_mm:
-        with pytest.raises(NotThereError, match="while it was held somebody moved the arm"):
+        with pytest.raises(NotThereError, match="somebody else moved the arm"):
             asyncio.run(mover.hand(closed=False))
     else:
         asyncio.run(mover.hand(closed=False))

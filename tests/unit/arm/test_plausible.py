@@ -132,3 +132,13 @@ def test_limits_that_cannot_be_meant_are_told(limits, keys, told):
     assert found, told
     assert found[0].keys[: 2 + len(keys)] == ("pick", "limits", *keys)
     assert told in found[0].problem
+
+
+@pytest.mark.parametrize(("tip_mm", "outside_mm", "key"), [(60.0, 53.0, "tip_mm"), (10.0, 70.0, "opening_mm")])
+def test_fingers_that_reach_beyond_the_hand_that_is_guarded_are_told(tip_mm, outside_mm, key):
+    """Taken over without a word, longer fingers went 25 mm under the table: the guard kept those it had."""
+    (found,) = plausible.fingers(LIMITS, tip_mm, outside_mm)
+    assert found.keys == ("pick", "gripper", key)
+    longer = Capsule("finger", "tool", (0.0, 60.0, 0.0), (0.0, 60.0, 50.0), 10.0)
+    assert not list(plausible.fingers(replace(LIMITS, capsules=(*ARM, longer)), tip_mm, outside_mm))
+    assert not list(plausible.fingers(LIMITS, 10.0, 53.0))

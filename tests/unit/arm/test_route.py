@@ -153,10 +153,8 @@ class Jumping:
     async def rest(self):
         return self.at
 
-    async def at_speed(self, speed_pct):
-        pass
-
-    async def move(self, world_from_tool, *, straight, speed_pct, timeout_s):
+    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s):
+        starts(self.at)
         self.sent.append((straight, world_from_tool))
         self.at = Reading(world_from_tool, ROBOT.reachable(world_from_tool, self.at.joints_rad))
         return self.at

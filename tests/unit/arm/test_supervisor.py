@@ -449,7 +449,7 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
         supervisor.resume()
         if way == "step":
             supervisor.hold.confirm()
-        with pytest.raises(NotThereError, match="somebody moved the arm"):
+        with pytest.raises(NotThereError, match="somebody else moved the arm"):
             await task
 
     asyncio.run(story())
@@ -1338,3 +1338,24 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
     world.before = hook
     lived(supervisor.run("go", story()))
     assert asked == [held]
+
+
+@pytest.mark.parametrize("opened_anew", [False, True])
+def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the_line_that_it_was_on(opened_anew):
+    """Behind an adapter that was plugged in again there may be another arm."""
+    world, supervisor, _ = supervised()
+    answers = asyncio.Event()
+    supervisor.mover.cell.robot.abort = answers.wait
+
+    async def story() -> None:
+        alarm = await supervisor.stop("by hand")
+        assert "NOT CONFIRMED" in str(alarm)
+        if opened_anew:
+            supervisor.line_opened_anew()
+        answers.set()
+        await supervisor.rested()
+
+    lived(story())
+    (told,) = world.said("rest")
+    assert (told["text"] == "the arm was seen at rest at last") is not opened_anew
+    assert ("on a line that was opened anew" in told["text"]) is opened_anew

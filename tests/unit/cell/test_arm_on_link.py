@@ -126,15 +126,32 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line
         async with line.link() as link:
             arm = ArmOnLink(link, ArmGeometry(flange_from_tool=tool))
             here = (await arm.where()).world_from_tool
-            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
             await meanwhile(arm, line)
             await arm.where()
-            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
 
     asyncio.run(story())
     with line.server.controller() as controller:
         assert (controller.machine.speed_percent, controller.machine.program_percent) == (20.0, 100.0)
         np.testing.assert_allclose(controller.arm.tool, tool, atol=1e-6)
+
+
+def test_a_speed_that_others_set_between_two_moves_is_not_that_of_the_next(line: ArmLine) -> None:
+    """By the pendant, or from another terminal: nothing of it was typed on our line."""
+
+    async def story() -> None:
+        async with arm_on(line) as arm:
+            here = (await arm.where()).world_from_tool
+            for _ in range(2):
+                await arm.move(here, starts=lambda _: None, straight=True, speed_pct=10.0, timeout_s=20.0)
+                with line.server.controller() as controller:
+                    assert controller.machine.speed_percent == 10.0
+                    assert controller.machine.program_percent == 100.0
+                    controller.machine.speed_percent = 100.0
+                    controller.machine.program_speed(300.0, always=True)
+
+    asyncio.run(story())
 
 
 @pytest.mark.parametrize("said", ["*Illegal command*", "*Invalid argument*"])
@@ -149,7 +166,7 @@ def test_a_controller_whose_programs_have_no_speed_is_moved_all_the_same(
     async def story() -> None:
         async with arm_on(line) as arm:
             here = (await arm.where()).world_from_tool
-            await arm.move(here, straight=False, speed_pct=20.0, timeout_s=20.0)
+            await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
 
     asyncio.run(story())
     with line.server.controller() as controller:
@@ -249,7 +266,8 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
 
         def stopped(machine: Machine, _: str) -> None:
             machine.stop("ABORT")
-            goes_on.pop().cancel()
+            for timer in goes_on:
+                timer.cancel()
 
         monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", pausing)
         monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)

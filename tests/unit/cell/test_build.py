@@ -69,7 +69,7 @@ def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -
             if n in (1, 3):
                 assert built.eyes.step()
         with pytest.raises(cell.CellError, match="this cell is recorded: there is no arm to move"):
-            await built.robot.move(np.eye(4), straight=True, speed_pct=10, timeout_s=1)
+            await built.robot.move(np.eye(4), starts=print, straight=True, speed_pct=10, timeout_s=1)
         await built.close()
         return seen
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.mover import MoveRefusedError
+from daemon.arm.mover import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach
 from daemon.pick.transitions import Event, State
 from daemon.pick.world import SuspectError
@@ -169,4 +169,19 @@ def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_ar
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     world.doubts = context.settings.tries
     with pytest.raises(SuspectError, match=r"3 approaches in one pick.*suspect: hand-eye"):
+        step(context, world, State.ESTIMATING)
+
+
+@pytest.mark.parametrize("doubts", [0, 9])
+def test_an_arm_that_somebody_nudged_before_the_last_look_is_told_and_nobody_calibrates_for_it(doubts):
+    """Looks that disagree were blamed on hand-eye: what may explain it is asked first."""
+    fake = one_part()
+    fake.put("pyramid", 430, -200, 0.4)
+
+    def nudged():
+        fake.at = frames.perturb(fake.at, np.array([8.0, 0, 0, 0, 0, 0]))
+
+    context, world = twice_looked(fake, nudged)
+    world.doubts = doubts
+    with pytest.raises(MovedByOthersError, match=r"somebody else moved the arm, by 8\.0"):
         step(context, world, State.ESTIMATING)

@@ -31,7 +31,7 @@ NO_LONGER = "The arm is no longer enabled: pick.limits changed."
 def story() -> Iterator[Story]:
     story = Story()
     story.sockets[0].say("enable")
-    story.wait(0.1)
+    story.wait(0.5)
     yield story
     story.close()
 
@@ -218,7 +218,7 @@ def test_an_arm_whose_controller_was_switched_off_in_a_stop_is_not_called_stoppe
     prompt_at_end: bool,
 ) -> None:
     story = Story(prompt_at_end=prompt_at_end)
-    for text, seconds in (("enable", 0.1), ("go bin", 0.5)):
+    for text, seconds in (("enable", 0.5), ("go bin", 0.5)):
         story.sockets[0].say(text)
         story.wait(seconds)
     story.sockets[0].interrupt()
@@ -642,7 +642,32 @@ def test_an_arm_that_its_pendant_moved_while_a_way_down_was_held_goes_aslant_to_
     story.sockets[0].say("confirm")
     story.wait(3.0)
     assert (story.cell.world_from_tool() == before).all()
-    assert any("while it was held somebody moved the arm" in text for text in story.texts)
+    assert any("somebody else moved the arm" in text for text in story.texts)
+    assert story.violations() == ()
+
+
+@pytest.mark.parametrize("going", [False, True])
+def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_is_believed_any_more(
+    story: Story, going: bool
+) -> None:
+    """It was heard and thrown away; the next move, asked at 10, ran at the speed that they had typed."""
+    if going:
+        story.sockets[0].say("go survey")
+        story.wait(0.7)
+    with story.cell.server.controller() as controller:  # type: ignore[union-attr]
+        controller.receive(b"SPEED 100\r", controller.now_s)
+    story.wait(20.0)
+    assert story._service.context is not None
+    cycle = story._service.context.cycle
+    assert not cycle.supervisor.enabled
+    assert cycle.supervisor.mover.closed is None
+    assert cycle.hand_full is None
+    assert "somebody else types on this line (heard" in str(cycle.supervisor.fault)
+    before = story.cell.world_from_tool()
+    story.sockets[1].say("go home")
+    story.wait(5.0)
+    assert (story.cell.world_from_tool() == before).all()
+    assert any("somebody else types on this line" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -1017,7 +1042,7 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
 def test_an_auto_does_not_go_on_where_the_daemon_was_held_still_for_an_hour() -> None:
     """Control-Z, and an hour later somebody said `fg`: it looked again, and went on picking."""
     story = Story(parts=True)
-    for text, seconds in (("enable", 0.1), ("auto on", 2.0)):
+    for text, seconds in (("enable", 0.5), ("auto on", 2.0)):
         story.sockets[0].say(text)
         story.wait(seconds)
     story.hang(3600.0)

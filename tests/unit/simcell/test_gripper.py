@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
-from drivers.simcell.gripper import Grip, close_on
+from drivers.simcell.gripper import Grip, close_on, finger_rods, fingers
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import apply, inverse, rigid, turn
 from tests.worlds.hands import TABLE_MM, TRUTH, tool
@@ -89,3 +89,18 @@ def test_a_slope_is_held_only_inside_the_friction_cone() -> None:
         grip = close_on(shape, inverse(hand) @ standing, inverse(hand)[:3, 2], gripper)
         assert grip.held == held, grip.why
     assert "slope" in grip.why
+
+
+def test_the_bars_that_the_judge_watches_are_the_gripper_s_own_fingers() -> None:
+    """Longer ones would else go under the table and nobody say so."""
+    for gripper in (TRUTH.gripper, msgspec.structs.replace(TRUTH.gripper, tip_mm=60.0, opening_mm=70.0)):
+        rods = finger_rods(gripper)
+        for side in (1, -1):
+            mine = [rod for rod in rods if rod.from_mm[1] * side > 0]
+            boxed = fingers(gripper, gripper.opening_mm)[side < 0].vertices
+            low, high = boxed.min(axis=0), boxed.max(axis=0)
+            for axis in (0, 2):
+                reach = max(end[axis] + rod.radius_mm for rod in mine for end in (rod.from_mm, rod.to_mm))
+                assert reach == pytest.approx(high[axis], abs=0.6)
+            for rod in mine:
+                assert rod.from_mm[1] == pytest.approx((low[1] + high[1]) / 2)

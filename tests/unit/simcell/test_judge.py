@@ -13,6 +13,7 @@ from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, 
 from drivers.simcell.arm import Arm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
+from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, Drop, Leg, Stop
 from drivers.simcell.judge import APART_MM, TYPED_S, Body, Judge
 from drivers.simcell.rigid import rigid, turn
@@ -30,7 +31,7 @@ class Cell:
         arm = Arm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
-        body = Body(rules.body, geometry, np.zeros(6))
+        body = Body([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
         self.judge = Judge(self.controller.machine.history, body, rules, TRUTH.table)
         self.judge.may_move(0.0, True)
         self.types("DO NOFLIP", 0.1)
@@ -256,7 +257,7 @@ def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
 def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
     geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
     arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
-    body = Body(TRUTH.safety.body, arm.true_geometry, arm.joint_offsets_rad)
+    body = Body([*TRUTH.safety.body, *finger_rods(TRUTH.gripper)], arm.true_geometry, arm.joint_offsets_rad)
     assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
     assert np.linalg.norm(arm.pose_at(1.0)[:3, 3] - arm.reported_pose_at(1.0)[:3, 3]) > 1.0
 

@@ -6,6 +6,8 @@ import gc
 import os
 import re
 import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
@@ -776,7 +778,7 @@ def test_an_arm_that_only_lingers_elsewhere_is_waited_for_and_one_that_stays_is_
     async def scene(seconds: list[float]) -> Where:
         at, link = iter(seconds), Link("nowhere", quick(break_after_move=False), clock=lambda: now[0])
 
-        async def still(timeout_s: float, any_place: bool = False) -> Where:
+        async def still(timeout_s: float, before: Where | None) -> Where:
             now[0] = next(at)
             return Where(GOAL if now[0] == seconds[-1] else NEARBY, (0.0,) * 6)
 
@@ -822,10 +824,19 @@ def test_the_answer_to_a_move_is_waited_for_as_long_as_was_said_or_as_its_contro
     link = Link("nowhere", Dialect(prompt_after_move=prompt, answer_s=3.0, motion_s=50.0))
     waited_s = []
 
-    async def carry_out(lines: Any, replies: Any, timeout_s: float | None) -> None:
-        waited_s.append(timeout_s)
+    class Line:
+        @asynccontextmanager
+        async def turn(self, moves: bool) -> AsyncIterator[None]:
+            yield
 
-    link._carry_out = carry_out  # type: ignore[assignment,method-assign]
+        async def ask(self, talk: Any, line: str, replies: Any, wait_s: float, **_: Any) -> None:
+            if not line.startswith("DO SET"):
+                waited_s.append(wait_s)
+
+        def accept(self, answer: Any) -> None:
+            """Whatever it is."""
+
+    link._session = Line()  # type: ignore[assignment]
 
     async def moves() -> None:
         for move in (link.move, link.move_straight):

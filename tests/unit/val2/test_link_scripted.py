@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     ControllerError,
+    Disturbed,
     Elsewhere,
     Garbled,
     HeldBack,
@@ -20,7 +22,7 @@ from drivers.val2.errors import (
     Preempted,
     StopRefused,
 )
-from drivers.val2.link import Link, Where
+from drivers.val2.link import Link, Start, Where
 from drivers.val2.location import Location
 from tests.worlds.in_time import lived
 
@@ -70,6 +72,7 @@ class Scripted:
 
 GOAL = Location(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TRANS = "TRANS(500.00,0.00,0.00,0.000,0.000,0.000)"
+START = Start(40.0, lambda where: None)
 
 
 def linked(port: Scripted, **settings: Any) -> Link:
@@ -292,11 +295,23 @@ def test_after_an_answer_to_a_question_that_nobody_knows_a_program_may_run(asks:
         (lambda link: link.move_straight(GOAL), [f"DO MOVES {TRANS}"], {"straight_through_variable": False}),
         (lambda link: link.ready(), ["DO READY", "DO BREAK", "WHERE", "WHERE"], {}),
         (lambda link: link.ready(), ["DO READY", "WHERE", "WHERE"], {"break_after_move": False}),
-        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(GOAL), ["DO BREAK", "WHERE"], {}),
+        (lambda link: link.rest(replace(GOAL, x_mm=500.1)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(replace(GOAL, a_deg=0.05)), ["DO BREAK", "WHERE", "WHERE"], {}),
+        (lambda link: link.rest(GOAL), ["WHERE", "WHERE"], {"break_after_move": False}),
         (lambda link: link.open_hand(), ["DO OPENI"], {}),
         (lambda link: link.close_hand(), ["DO CLOSEI"], {}),
         (lambda link: link.tool(GOAL), [f"TOOL {TRANS}"], {}),
-        (lambda link: link.own_speed_only(), ["DO SPEED 100 ALWAYS"], {}),
+        (
+            lambda link: link.move_straight(GOAL, start=START),
+            ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}", "WHERE", "DO MOVES GOAL"],
+            {},
+        ),
+        (
+            lambda link: link.move(GOAL, start=START),
+            ["DO SPEED 100 ALWAYS", "SPEED 40", "WHERE", f"DO MOVE {TRANS}"],
+            {},
+        ),
         (lambda link: link.calibrate(), ["CALIB", "Y"], {"calibrate_word": "CALIB"}),
         (lambda link: link.calibrate("N"), ["CAL", "N"], {}),
     ],
@@ -350,13 +365,13 @@ def test_a_controller_without_a_speed_of_programs_may_refuse_it_in_whatever_word
         def says(line: str, nth: int, said: str = said) -> str:
             return said if "ALWAYS" in line else usual(line, nth)
 
-        assert str(told(lambda link: link.own_speed_only(), says)[0]).startswith(came)
+        assert str(told(lambda link: link.move(GOAL, start=START), says)[0]).startswith(came)
 
     async def in_a_stop(link: Link) -> None:
         stopping = asyncio.ensure_future(link.abort())
         await asyncio.sleep(0.01)
         with pytest.raises(Preempted, match="an abort is under way"):
-            await link.own_speed_only()
+            await link.move(GOAL, start=START)
         await stopping
 
     assert told(in_a_stop)[0] is None
@@ -634,7 +649,9 @@ def test_a_controller_that_asks_what_it_asks_at_power_up_has_not_taken_the_word_
             await link.where()
         return link.stop_seen, link.question, port.lines
 
-    assert lived(story()) == (0, "Load VAL II from floppy (Y/N)?", ["DO BREAK", "ABORT"])
+    stop_seen, question, lines = lived(story())
+    assert (stop_seen, question) == (0, "Load VAL II from floppy (Y/N)?")
+    assert set(lines) == {"DO BREAK", "!!", "ABORT", ""}
 
 
 @pytest.mark.parametrize("amid", ["ABORT", "WHERE"])
@@ -752,3 +769,156 @@ def test_a_program_that_prints_on_and_on_as_the_line_is_opened_is_stopped() -> N
     assert stopped
     assert "ABORT" in lines
     assert seconds < 3.0
+
+
+def test_of_a_move_whose_place_is_not_where_it_was_to_start_no_line_that_moves_is_typed() -> None:
+    def elsewhere(where: Where) -> None:
+        raise Elsewhere(f"at x {where.location.x_mm:g}")
+
+    for move in (Link.move, Link.move_straight):
+        came, lines, _ = told(lambda link, move=move: move(link, GOAL, start=Start(40.0, elsewhere)), usual)
+        assert str(came) == "at x 500"
+        assert lines[-1] == "WHERE"
+
+
+@pytest.mark.parametrize("spoilt_line", [0, 1, 2, 3, 4])
+def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_speed_on_once_more(
+    spoilt_line: int,
+) -> None:
+    """Whoever spoiled it may have changed the speed, the location, or where the arm is."""
+    told_once = ["DO SPEED 100 ALWAYS", "SPEED 40", f"DO SET GOAL={TRANS}", "WHERE"]
+    whole = [*told_once, "DO MOVES GOAL"]
+
+    async def story() -> list[str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        write, spoilt = port.write, []
+
+        def spoils_one(data: bytes) -> None:
+            if data == whole[spoilt_line].encode() and not spoilt:
+                spoilt.append(data)
+                data = data[:-1] + b"?"
+            write(data)
+
+        port.write = spoils_one  # type: ignore[method-assign]
+        del port.lines[:]
+        await link.move_straight(GOAL, start=START)
+        return port.lines
+
+    assert lived(story()) == [*told_once, *whole]
+
+
+class Shared(Scripted):
+    """A port on which somebody else types as well: it is echoed and answered to us."""
+
+    def others(self, heard: str) -> None:
+        """They type."""
+        self.hear(heard.encode())
+
+
+OTHERS = {
+    "a command": "SPEED 100\r\n.",
+    "where nothing is echoed": "\r\n.",
+    "half a command": "SPEED 10",
+    "another's answer": "\r\nprogram completed\r\n.",
+    "another's WHERE": table(400.0)[2:],
+}
+
+
+@pytest.mark.parametrize("heard", OTHERS.values(), ids=OTHERS)
+def test_what_answers_nothing_of_ours_sends_no_move_and_voids_what_is_believed(heard: str) -> None:
+    """Between two commands, or while the one before the move is being answered."""
+
+    async def story(within: bool) -> tuple[Exception | None, list[str], int, int]:
+        port = Shared(usual)
+        link = linked(port)
+        await link.open()
+        await link.prove_stop()
+        voided: list[str] = []
+        link.disturbed = lambda: voided.append("void")
+        del port.lines[:]
+        if within:
+            says = port.says
+            port.says = lambda line, nth: (heard if line == "SPEED 40" else "") + says(line, nth)
+        else:
+            port.others(heard)
+        await asyncio.sleep(0.1)
+        came: Exception | None = None
+        try:
+            await link.move_straight(GOAL, start=START)
+        except Exception as error:
+            came = error
+        return came, port.lines, len(voided), link.stop_seen
+
+    for within in (False, True):
+        if within and heard in ("\r\n.", "SPEED 10"):
+            continue  # the first is as long as it takes to be heard an answer of ours, the second no line
+        came, lines, voided, stop_seen = lived(story(within))
+        assert isinstance(came, Disturbed | Garbled)
+        assert within or "somebody else types on this line" in str(came)
+        assert "DO MOVES GOAL" not in lines
+        assert within or (voided, stop_seen) == (1, 0)
+
+
+@pytest.mark.parametrize("line", ["SPEED 40", f"DO SET GOAL={TRANS}"])
+def test_a_second_prompt_to_a_line_before_a_move_keeps_the_move_back(line: str) -> None:
+    """Where nothing is echoed the prompt is all that is heard of what somebody else typed."""
+
+    async def story() -> list[str]:
+        port = Scripted(usual, echo=False)
+        link = linked(port, echo=False, prompt_silence_s=0.005)
+        await link.open()
+        await link.prove_stop()
+        del port.lines[:]
+
+        def types_as_well(typed: str, nth: int) -> str:
+            if typed == line:
+                port.loop.call_later(0.01, port.hear, PROMPT.encode())
+            return usual(typed, nth)
+
+        port.says = types_as_well
+        with pytest.raises((Disturbed, Garbled)):
+            await link.move_straight(GOAL, start=START)
+        return port.lines
+
+    assert "DO MOVES GOAL" not in lived(story())
+
+
+@pytest.mark.parametrize("prompt", [".", "..", ". ", "\r\n."])
+@pytest.mark.parametrize("echo", [True, False])
+def test_the_stop_is_confirmed_however_prompts_are_printed_and_is_tried_as_it_is_used(echo: bool, prompt: str) -> None:
+    """Without a line end before them, the prompts to all that a stop types stand in one line."""
+
+    async def story() -> tuple[list[str], list[str]]:
+        def says(line: str, _: int) -> str:
+            said = "*Illegal command*\r\n" if line == "!!" else ""
+            return (table().removesuffix(PROMPT) + "\r\n" if line == "WHERE" else "\r\n" * echo + said) + prompt
+
+        port = Scripted(says, at_first=prompt, echo=echo)
+        link = linked(port, echo=echo)
+        await link.open()
+        del port.lines[:]
+        await link.prove_stop()
+        tried = list(port.lines)
+        assert link.stop_seen
+        del port.lines[:]
+        assert await link.abort() is not None
+        return tried, port.lines
+
+    tried, used = lived(story())
+    assert tried == used == ["!!", "ABORT", "", "ABORT", "ABORT", "WHERE", "WHERE"]
+
+
+def test_what_somebody_else_types_between_two_readings_of_an_arm_at_rest_is_told() -> None:
+    """The line is ours for both, and nobody of ours types in the pause between them."""
+
+    async def story() -> None:
+        port = Shared(usual)
+        link = linked(port, poll_s=0.5)
+        await link.open()
+        port.loop.call_later(0.3, port.others, OTHERS["a command"])
+        await link.still(5.0)
+
+    with pytest.raises(Disturbed, match="SPEED 100"):
+        lived(story())

@@ -26,7 +26,7 @@ class Wire:
         """What is said to the next thing that is typed, and how long after it."""
         self.records: list[dict[str, Any]] = []
         self.session = Session(
-            "wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened, lambda: None
+            "wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened, lambda: None, lambda: None
         )
 
     def _opened(self, path: str, dialect: Dialect, on_bytes: Any, on_lost: Any) -> Any:

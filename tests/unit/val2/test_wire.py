@@ -118,8 +118,10 @@ def test_a_dot_in_a_stalled_number_is_no_prompt() -> None:
     assert kinds(events) == ["Text"]
 
 
-def test_three_dots_are_no_prompt() -> None:
-    assert kinds(after(b"...")) == []
+def test_the_prompts_to_all_lines_of_a_stop_are_a_prompt_where_they_stand_in_one_line_and_more_are_not() -> None:
+    for dots in (b"....", b". . . . . ", b".........."):
+        assert kinds(after(dots)) == ["Prompt"]
+    assert kinds(after(b"...........")) == []
 
 
 def test_a_second_dot_behind_a_prompt_is_no_prompt() -> None:
