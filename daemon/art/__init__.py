@@ -7,6 +7,8 @@ from daemon.art.fuzzy_art import FuzzyART
 from daemon.art.fuzzy_artmap import FuzzyARTMAP
 from daemon.art.gaussian import GaussianRule
 from daemon.art.gaussian_art import GaussianART, GaussianARTMAP
+from daemon.art.relation_artmap import Recall as RelationRecall
+from daemon.art.relation_artmap import RelationalView, RelationARTMAP
 from daemon.art.rotation import (
     Match,
     Recall,
@@ -36,6 +38,9 @@ __all__ = [
     "NotTrainedError",
     "ParameterError",
     "Recall",
+    "RelationARTMAP",
+    "RelationRecall",
+    "RelationalView",
     "RotationLayer",
     "Verdict",
     "Voting",

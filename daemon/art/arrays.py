@@ -5,3 +5,5 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]

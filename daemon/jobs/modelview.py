@@ -16,7 +16,10 @@ from daemon.console.phrases import plural
 from daemon.store.model import ModelFile
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import Model
-from daemon.vision.recognition import hypotheses
+from daemon.vision.recognition import fitted, recalled
+
+SAME_TYPES = 0.8
+"""A vigilance at which a view is recalled whatever its lengths and angles."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,13 @@ def describe(file: ModelFile) -> Told:
     """Parts with their shape, nodes with the views behind them, parameters."""
     model = file.model
     parts = [_part(model, label, file.codes.get(label, "")) for label in model.labels]
-    nodes = [_node(model, j) for j in range(len(model.node_labels))]
+    nodes = [_node(model, j) for j in range(len(model.artmap.node_labels))]
     p = model.parameters
     data = {
         "trained": file.trained,
         "sha256": file.sha256,
-        "parameters": {"rho": p.rho, "alpha": p.alpha, "beta": p.beta, "complement": p.complement,
-                       "vigilance": p.vigilance, "tolerance_mm": p.tolerance_mm, "matrix_size": model.matrix_size},
+        "parameters": {"rho": p.rho, "alpha": p.alpha, "beta": p.beta, "vigilance": p.vigilance,
+                       "tolerance_mm": p.tolerance_mm, "matrix_size": model.artmap.slots},
         "parts": parts,
         "nodes": nodes,
     }  # fmt: skip
@@ -45,8 +48,8 @@ def describe(file: ModelFile) -> Told:
         f"trained {file.trained or 'at an unknown time'}, {plural(len(parts), 'part')}, "
         f"{plural(len(model.views), 'view')}"
     ]
-    lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, matrix {model.matrix_size}x{model.matrix_size}, "
-              f"{'complement-coded' if p.complement else 'raw'}"]  # fmt: skip
+    lines += [f"rho {p.rho:g}, alpha {p.alpha:g}, beta {p.beta:g}, vigilance {p.vigilance:g}, "
+              f"matrix {model.artmap.slots}x{model.artmap.slots}"]  # fmt: skip
     lines += ["", *_columns(
         ("part", "code", "views", "facets", "corners", "size mm", "not joined"),
         [(r["label"], r["code"], r["views"], r["facets"], r["corners"], f"{r['size_mm']:.1f}",
@@ -107,35 +110,36 @@ def compare(one: ModelFile, two: ModelFile) -> Told:
 
 def confusable(model: Model) -> list[dict[str, str]]:
     """Views of one part that another part's pattern fits as well; what tells them apart is said in `how`."""
-    found = []
+    found = list[dict[str, str]]()
     for view in model.views:
-        for label, metric in model.metric.items():
-            if label == view.label:
-                continue
-            how = _likeness(model, view.solid, label, metric.solid)
-            if how:
-                found.append({"seen": view.label, "taken_for": label, "how": how})
+        seen, told = model.solid_of(view), set[str]()
+        for count in (len(seen.facets), 2):
+            for some in combinations(range(len(seen.facets)), count):
+                part = seen.only(some)
+                for label, how in _taken_for(model, part).items() if part.seams else ():
+                    if label != view.label and label not in told:
+                        told.add(label)
+                        found.append({"seen": view.label, "taken_for": label, "how": how})
     unique = {(f["seen"], f["taken_for"], f["how"]): f for f in found}
     return list(unique.values())
 
 
-def _likeness(model: Model, seen: Polyhedron, label: str, taught: Polyhedron) -> str:
-    """How parts of this view look like another part: shared facet pairs, and by how much lengths and angles differ."""
-    for count in (len(seen.facets), 2):
-        for some in combinations(range(len(seen.facets)), count):
-            part = seen.only(some)
-            if count > 1 and not part.seams:
-                continue
-            fits = hypotheses(part, {label: model.metric[label]}, model.parameters.tolerance_mm)
-            same = [h for h in fits if h.explained == count and _same_types(part, taught, h.facets)]
-            if same:
-                best = same[0]
-                settled = "lengths and angles do not settle it" if best.tail > 1e-4 else (
-                    f"settled by lengths and angles ({best.rms_mm:.1f} mm rms apart)"
-                )  # fmt: skip
-                shapes = ", ".join(part.types)
-                return f"{shapes} alone have the same pattern; {settled}"
-    return ""
+def _taken_for(model: Model, part: Polyhedron) -> dict[str, str]:
+    """Every part whose memory has such types so related, and whether lengths and angles tell it from these facets."""
+    ways = [
+        (one.label, one.way)
+        for one in recalled(part, [(name,) for name in part.types], model, SAME_TYPES)
+        if one.way.explained == len(part.facets) and _same_types(part, model.metric[one.label].solid, one.way.facets)
+    ]
+    told = dict[str, str]()
+    for label in dict.fromkeys(label for label, _ in ways):
+        own = [way for way in ways if way[0] == label]
+        best = fitted(part, model.metric, own, model.parameters.tolerance_mm)[0]
+        settled = "lengths and angles do not settle it" if best.tail > 1e-4 else (
+            f"settled by lengths and angles ({best.rms_mm:.1f} mm rms apart)"
+        )  # fmt: skip
+        told[label] = f"{', '.join(part.types)} alone have the same pattern; {settled}"
+    return told
 
 
 def _same_types(seen: Polyhedron, taught: Polyhedron, facets: tuple[int, ...]) -> bool:
@@ -164,8 +168,8 @@ def _node(model: Model, node: int) -> dict[str, Any]:
     behind = [v for v in model.views if v.node == node]
     return {
         "node": node + 1,
-        "label": model.node_labels[node],
-        "facets": list(behind[0].solid.types) if behind else [],
+        "label": model.artmap.node_labels[node],
+        "facets": list(model.solid_of(behind[0]).types) if behind else [],
         "views": [v.source or "?" for v in behind],
     }
 

@@ -136,10 +136,9 @@ def _train(args: argparse.Namespace) -> int:
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
     from daemon.store.outside import read_file
-    from daemon.teaching.aspects import learn_solid
     from daemon.teaching.mesh import LARGEST_BYTES, UNITS_MM
     from daemon.teaching.solid_from_mesh import solid_drawn
-    from daemon.vision.model import empty_model
+    from daemon.vision.model import empty_model, learn_solid
 
     if not args.views and not args.mesh:
         raise OfflineError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
@@ -153,10 +152,14 @@ def _train(args: argparse.Namespace) -> int:
     for word in args.mesh:
         label, file = _drawing(word)
         solid = solid_drawn(str(file), read_file(file, LARGEST_BYTES), args.unit, model.library)
-        model = learn_solid(model, solid, calibration.rig, label, source=str(file))
+        model = learn_solid(model, solid, label, source=str(file))
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
-    known = plural(len(model.labels), "part"), plural(len(model.views), "view"), plural(len(model.node_labels), "node")
+    known = (
+        plural(len(model.labels), "part"),
+        plural(len(model.views), "view"),
+        plural(len(model.artmap.node_labels), "node"),
+    )
     print(f"{args.out}: {known[0]} from {known[1]}, {known[2]}")
     return DONE
 

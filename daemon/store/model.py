@@ -16,21 +16,34 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from daemon.art import ArtError, FuzzyARTMAP
+from daemon.arrays import Array
+from daemon.art import ArtError, RelationARTMAP
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.store.outside import FileError, read_file
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, FacetType, MetricModel, Model, Parameters, TaughtView
+from daemon.vision.model import (
+    FEATURES,
+    LARGEST_NUMBER,
+    FacetLibrary,
+    FacetType,
+    MetricModel,
+    Model,
+    Parameters,
+    TaughtView,
+    relearnt,
+)
 
 FORMAT = "facetd-model"
-VERSION = 1
+VERSION = 2
 LARGEST_MM = 1e5
 """From a part's middle; its corners are known to a fraction of a millimetre."""
-LARGEST_FILE = 8_000_000
-LARGEST_UNFOLDED = 64_000_000
-"""Bytes of all arrays together. Ten parts of ten views each are 0.4 MB."""
+LARGEST_FILE = 32_000_000
+LARGEST_UNFOLDED = 256_000_000
+"""Bytes of all arrays together. Ten parts of ten views each are 0.4 MB, a thousand drawn ones 20 MB."""
+LARGEST_MEMORY = 1_000_000_000
+"""Bytes of all nodes' matrices, which a file tells by their filled elements alone; a thousand drawn parts are 50 MB."""
 
 
 class ModelError(FileError):
@@ -43,6 +56,15 @@ class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _ViewHeader(msgspec.Struct, forbid_unknown_fields=True):
+    label: str
+    sides: list[int]
+    node: int
+    slots: list[int]
+    source: str
+    solid: _SolidHeader | None
+
+
+class _FirstViewHeader(msgspec.Struct, forbid_unknown_fields=True):
     label: str
     solid: _SolidHeader
     node: int
@@ -73,12 +95,28 @@ class _Header(msgspec.Struct, forbid_unknown_fields=True):
     format: str
     version: int
     trained: str
-    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)] | bool]
+    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)]]
     matrix_size: Annotated[int, Meta(ge=0, le=1000)]
     parts: list[str]
     codes: dict[str, str]
     library: _LibraryHeader
     views: list[_ViewHeader]
+    metric: list[_MetricHeader]
+    sha256: str
+
+
+class _FirstHeader(msgspec.Struct, forbid_unknown_fields=True):
+    """Of a file of version 1: its nodes knew types alone, and its views are learnt again."""
+
+    format: str
+    version: int
+    trained: str
+    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)] | bool]
+    matrix_size: Annotated[int, Meta(ge=0, le=1000)]
+    parts: list[str]
+    codes: dict[str, str]
+    library: _LibraryHeader
+    views: list[_FirstViewHeader]
     metric: list[_MetricHeader]
     sha256: str
 
@@ -127,7 +165,7 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
         "version": VERSION,
         "trained": trained,
         "parameters": asdict(model.parameters),
-        "matrix_size": model.matrix_size,
+        "matrix_size": model.artmap.slots,
         "parts": list(model.labels),
         "codes": codes if codes is not None else _counted_codes(model.labels),
         "library": {**_library_header(model.library), "sha256": library_digest(model.library)},
@@ -157,14 +195,17 @@ def from_bytes(content: bytes) -> ModelFile:
         raise ModelError("not a facetd model: its header is not JSON") from None
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
         raise ModelError("not a facetd model: its header does not say so")
-    if plain.get("version") != VERSION:
+    if plain.get("version") not in (1, VERSION):
         raise ModelError(
-            f"version {plain.get('version')!r:.40}, this facetd reads version {VERSION}: train anew or update"
+            f"version {plain.get('version')!r:.40}, this facetd reads versions 1 and {VERSION}: train anew or update"
         )
     told = plain.pop("sha256", None)
     if told != _checksum(plain, arrays):
         raise ModelError("altered or damaged: its checksum does not fit its content")
     try:
+        if plain["version"] == 1:
+            first = msgspec.convert({**plain, "sha256": told}, _FirstHeader)
+            return ModelFile(_first_model(first, arrays), first.trained, first.codes, str(told))
         header = msgspec.convert({**plain, "sha256": told}, _Header)
         return ModelFile(_model(header, arrays), header.trained, header.codes, str(told))
     except (msgspec.ValidationError, ArtError, ArithmeticError, LookupError, TypeError, ValueError) as error:
@@ -172,18 +213,19 @@ def from_bytes(content: bytes) -> ModelFile:
 
 
 def _arrays(model: Model) -> Arrays:
-    found: Arrays = dict(model.artmap.state()) if model.artmap is not None else {}
-    for i, view in enumerate(model.views):
-        found |= _solid_arrays(f"view{i}", view.solid)
-        found[f"view{i}_numbers"] = view.numbers
-        found[f"view{i}_touching"] = view.touching
-    for i, metric in enumerate(model.metric.values()):
-        found |= _solid_arrays(f"metric{i}", metric.solid)
-    return found
-
-
-def _solid_arrays(name: str, solid: Polyhedron) -> Arrays:
-    return {f"{name}_corners_mm": solid.corners_mm, f"{name}_covariance_mm2": solid.covariance_mm2}
+    """The memory's nodes, of each only the elements that something was taught of; and the corners of all solids, one
+    after the other: of the views, then of the parts."""
+    node, a, b = np.nonzero(model.artmap.upper[:, 0] > 0)
+    solids = [v.solid for v in model.views if v.solid is not None] + [m.solid for m in model.metric.values()]
+    return {
+        "relations": np.stack([node, a, b], 1).astype(np.int32),
+        "lower": model.artmap.lower[node, :, a, b],
+        "upper": model.artmap.upper[node, :, a, b],
+        "counts": model.artmap.counts,
+        "corners": np.array([len(solid.corners_mm) for solid in solids], np.int32),
+        "corners_mm": np.concatenate([np.zeros((0, 3)), *(solid.corners_mm for solid in solids)]),
+        "covariance_mm2": np.concatenate([np.zeros((0, 3, 3)), *(solid.covariance_mm2 for solid in solids)]),
+    }
 
 
 def _solid_header(solid: Polyhedron) -> dict[str, Any]:
@@ -191,7 +233,14 @@ def _solid_header(solid: Polyhedron) -> dict[str, Any]:
 
 
 def _view_header(view: TaughtView) -> dict[str, Any]:
-    return {"label": view.label, "solid": _solid_header(view.solid), "node": view.node, "source": view.source}
+    return {
+        "label": view.label,
+        "sides": list(view.sides),
+        "node": view.node,
+        "slots": list(view.slots),
+        "source": view.source,
+        "solid": None if view.solid is None else _solid_header(view.solid),
+    }
 
 
 def _library_header(library: FacetLibrary) -> dict[str, Any]:
@@ -200,55 +249,107 @@ def _library_header(library: FacetLibrary) -> dict[str, Any]:
     return {**plain, "types": [dict(zip(names, t, strict=True)) for t in plain["types"]]}
 
 
-def _model(header: _Header, arrays: Arrays) -> Model:
-    if any(len(t.angles_rad) < 3 or len(t.angles_rad) != len(t.ratios) for t in header.library.types):
+def _library(header: _LibraryHeader) -> FacetLibrary:
+    if any(len(t.angles_rad) < 3 or len(t.angles_rad) != len(t.ratios) for t in header.types):
         raise ValueError("a facet type of other ratios than angles, or fewer than three")
-    types = tuple(FacetType(t.name, t.number, tuple(t.angles_rad), tuple(t.ratios)) for t in header.library.types)
-    library = FacetLibrary(types, header.library.angle_tolerance_rad, header.library.ratio_tolerance)
-    parameters = Parameters(**header.parameters)  # type: ignore[arg-type]
+    types = tuple(FacetType(t.name, t.number, tuple(t.angles_rad), tuple(t.ratios)) for t in header.types)
+    return FacetLibrary(types, header.angle_tolerance_rad, header.ratio_tolerance)
+
+
+def _model(header: _Header, arrays: Arrays) -> Model:
+    parameters = Parameters(**header.parameters)
+    headers = [v.solid for v in header.views if v.solid is not None] + [m.solid for m in header.metric]
+    ends = np.cumsum(arrays["corners"]).tolist()
+    if (
+        len(ends) != len(headers)
+        or any(n < 0 for n in arrays["corners"].tolist())
+        or (ends and ends[-1] != len(arrays["corners_mm"]))
+    ):
+        raise ValueError("its corners are not those of its views and parts")
+    every = np.split(np.asarray(arrays["corners_mm"], float), ends)[:-1]
+    spreads = np.split(np.asarray(arrays["covariance_mm2"], float), ends)[:-1]
+    solids = iter([_solid("solid", *one) for one in zip(headers, every, spreads, strict=True)])
     views = tuple(
-        TaughtView(
-            v.label,
-            _solid(f"view{i}", v.solid, arrays),
-            np.asarray(arrays[f"view{i}_numbers"], float),
-            np.asarray(arrays[f"view{i}_touching"], bool),
-            v.node,
-            v.source,
-        )
+        TaughtView(v.label, tuple(v.sides), v.node, tuple(v.slots), v.source, next(solids) if v.solid else None)
+        for v in header.views
+    )
+    metric = {m.label: MetricModel(next(solids), tuple(m.joined)) for m in header.metric}
+    artmap = _memory(header, parameters, arrays)
+    _check_parts(header, views, metric, artmap)
+    return Model(_library(header.library), parameters, views, artmap, metric)
+
+
+def _memory(header: _Header, parameters: Parameters, arrays: Arrays) -> RelationARTMAP:
+    relations, counts = np.asarray(arrays["relations"], np.intp), np.asarray(arrays["counts"], np.int64)
+    features = FEATURES
+    size = len(counts), 1 + features, header.matrix_size, header.matrix_size
+    if relations.shape != (len(relations), 3) or not all(
+        arrays[name].shape == (len(relations), 1 + features) for name in ("lower", "upper")
+    ):
+        raise ValueError(f"nodes: expected {1 + features} values of each relation, found {arrays['lower'].shape}")
+    if len(relations) and not ((relations >= 0).all() and (relations < [size[0], size[2], size[3]]).all()):
+        raise ValueError("nodes: a relation of a node or slot that is not there")
+    _bounded(len(counts), header.matrix_size)
+    lower, upper = np.zeros((2, *size))
+    for end, name in ((lower, "lower"), (upper, "upper")):
+        end[relations[:, 0], :, relations[:, 1], relations[:, 2]] = arrays[name]
+    labels = tuple(header.parts) if len(counts) else ()
+    return RelationARTMAP(lower, upper, counts, labels, parameters.rho, parameters.alpha, parameters.beta)
+
+
+def _bounded(nodes: int, slots: int) -> None:
+    """Raises ValueError where the matrices of so many nodes would not fit into memory."""
+    if 2 * 8 * nodes * (1 + FEATURES) * slots**2 > LARGEST_MEMORY:
+        raise ValueError(f"nodes: {nodes} of {slots} slots come to more than a memory may")
+
+
+def _first_model(header: _FirstHeader, arrays: Arrays) -> Model:
+    """Of a file of version 1: its views learnt again, its shapes as they were."""
+    told = {name: float(value) for name, value in header.parameters.items() if name != "complement"}
+    parameters = Parameters(**{**told, "vigilance": Parameters().vigilance})  # which decided nothing then
+
+    def solid(name: str, known: _SolidHeader) -> Polyhedron:
+        corners, covariance = arrays[f"{name}_corners_mm"], arrays[f"{name}_covariance_mm2"]
+        return _solid(name, known, np.asarray(corners, float), np.asarray(covariance, float))
+
+    views = tuple(
+        TaughtView(v.label, (-1,) * len(v.solid.facets), v.node, (), v.source, solid(f"view{i}", v.solid))
         for i, v in enumerate(header.views)
     )
-    artmap = None
-    if views:
-        p = parameters
-        artmap = FuzzyARTMAP(p.rho, p.alpha, p.beta, complement=p.complement)
-        artmap.restore({name: arrays[name] for name in ("weights", "map_counts")}, header.parts)
-        wanted = header.matrix_size**2 * (2 if p.complement else 1)
-        if arrays["weights"].shape[1] != wanted:
-            raise ValueError(f"weights: expected {wanted} a node, found {arrays['weights'].shape[1]}")
-    metric = {
-        m.label: MetricModel(_solid(f"metric{i}", m.solid, arrays), tuple(m.joined))
-        for i, m in enumerate(header.metric)
-    }
-    _check_parts(header, views, 0 if artmap is None else len(arrays["weights"]))
-    return Model(library, parameters, views, artmap, header.matrix_size, metric)
-
-
-def _check_parts(header: _Header, views: tuple[TaughtView, ...], nodes: int) -> None:
-    """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
+    metric = {m.label: MetricModel(solid(f"metric{i}", m.solid), tuple(m.joined)) for i, m in enumerate(header.metric)}
     known = {metric.label for metric in header.metric}
     if {view.label for view in views} != known or len(header.metric) != len(known) or known != set(header.parts):
         raise ValueError("its views are of other parts than those that it knows")
+    _bounded(len(views), max((len(view.sides) for view in views), default=0))
+    return relearnt(Model(_library(header.library), parameters, views, metric=metric))
+
+
+def _check_parts(
+    header: _Header, views: tuple[TaughtView, ...], metric: dict[str, MetricModel], artmap: RelationARTMAP
+) -> None:
+    """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
+    if (
+        {view.label for view in views} != set(metric)
+        or len(header.metric) != len(metric)
+        or set(metric) != set(header.parts)
+    ):
+        raise ValueError("its views are of other parts than those that it knows")
     for view in views:
-        facets = len(view.solid.facets)
-        if view.numbers.shape != (facets,) or view.touching.shape != (facets, facets) or not 0 <= view.node < nodes:
+        facets = len(view.sides if view.solid is None else view.solid.facets)
+        most, least = len(metric[view.label].solid.facets), 0 if view.solid is None else -1
+        if (
+            len(view.sides) != facets
+            or not len(view.slots) == len(set(view.slots)) == facets
+            or not all(least <= side < most for side in view.sides)
+            or not all(0 <= slot < artmap.slots for slot in view.slots)
+            or not 0 <= view.node < len(artmap.lower)
+        ):
             raise ValueError(f"{view.label}: a view's pattern is not one of its facets")
-    if any(not 0 <= k < len(views) for metric in header.metric for k in metric.joined):
+    if any(not 0 <= k < len(views) for m in metric.values() for k in m.joined):
         raise ValueError("a part is made of a view that is not there")
 
 
-def _solid(name: str, header: _SolidHeader, arrays: Arrays) -> Polyhedron:
-    corners = np.asarray(arrays[f"{name}_corners_mm"], float)
-    covariance = np.asarray(arrays[f"{name}_covariance_mm2"], float)
+def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -> Polyhedron:
     if corners.shape != (len(corners), 3) or covariance.shape != (len(corners), 3, 3):
         raise ValueError(f"{name}: corners {corners.shape}, covariance {covariance.shape}")
     facets = tuple(tuple(f) for f in header.facets)

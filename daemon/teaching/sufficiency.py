@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.geometry import FACING, Polyhedron, StereoRig, corner_covariance, visible_from
-from daemon.vision.model import Model
+from daemon.vision.model import Model, spread
 from daemon.vision.recognition import recognise_group
 from daemon.vision.values import UNKNOWN, Facet, Group
 
@@ -147,14 +147,6 @@ def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig:
     spread_mm2 = corner_covariance(rig, DISTANCE_MM)
     facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
     return Group(facets, tuple(solid.facets[k] for k in shown))
-
-
-def spread(count: int) -> Array:
-    """(count, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
-    radius = np.sqrt(1 - z * z)
-    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
 
 
 def _turned_to(towards: Array) -> Array:

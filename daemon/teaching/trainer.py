@@ -20,16 +20,25 @@ from daemon.pick.moved_pair import Places, places_of, with_arm
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
-from daemon.teaching.aspects import aspects, learn_solid
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
-from daemon.teaching.sufficiency import Sufficiency, judge
+from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import Table, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
-from daemon.vision.model import FacetLibrary, Model, TeachError, empty_model, learn_view, merge_views
+from daemon.vision.model import (
+    FacetLibrary,
+    Model,
+    TeachError,
+    aspects,
+    empty_model,
+    learn_solid,
+    learn_solids,
+    learn_view,
+    merge_views,
+)
 from daemon.vision.recognition import Standing, recognise, recognise_group, standing
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
@@ -174,14 +183,14 @@ class Trainer:
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
         """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
         solid = solid_drawn(name, content, unit, self.library)
-        learn_solid(empty_model(self.library), solid, self.rig, label)
+        learn_solid(empty_model(self.library), solid, label)
         kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
         note = {"mesh": name, "unit": unit, "facets": [list(solid.types)], **note}
         return self.model_store.add_mesh(label, kind, content, note)
 
     def store_round(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
         """Keep what was learnt of a part by walking round it, with an STL of it. Raises ModelStoreError, TeachError."""
-        learn_solid(empty_model(self.library), learnt, self.rig, label)
+        learn_solid(empty_model(self.library), learnt, label)
         note = {"mesh": "mesh.stl", "facets": [list(learnt.types)], ROUND: solid_json(learnt), **note}
         return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
 
@@ -222,6 +231,7 @@ class Trainer:
         walked round, all of one part joined: it may have lain on another side each time.
         """
         model, left_out, walked = empty_model(self.library), [], dict[str, tuple[Polyhedron, ...]]()
+        solids = list[tuple[str, Polyhedron, str]]()
         for view in sorted(self.model_store.views(), key=lambda view: (view.mesh is not None, _is_drawn(view))):
             try:
                 if view.damage:
@@ -229,9 +239,9 @@ class Trainer:
                 if ROUND in view.note:
                     walked[view.label] = (*walked.get(view.label, ()), self._solid(view))
                     whole = merge_views(walked[view.label], self.library).solid
-                    model = learn_solid(model, whole, self.rig, view.label, view.name)
+                    solids.append((view.label, whole, view.name))
                 elif view.mesh is not None:
-                    model = learn_solid(model, self._solid(view), self.rig, view.label, view.name)
+                    solids.append((view.label, self._solid(view), view.name))
                 else:
                     group, _ = self.only_part(
                         *view.images(), table_of(view.note.get("table")), places_of(view.note.get("moved"))
@@ -239,7 +249,7 @@ class Trainer:
                     model = learn_view(model, group, view.label, source=view.name)
             except (TeachError, VisionError, FileError, MeshError) as error:
                 left_out.append(f"{view.name}: {error}")
-        return model, left_out
+        return learn_solids(model, solids), left_out
 
     def drawings(self) -> dict[str, Polyhedron]:
         """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
@@ -317,7 +327,12 @@ class Trainer:
 
     def _drawing_verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
         """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
-        answers = [recognise_group(group, tried.model).recognition for group in aspects(self._solid(view), self.rig)]
+        solid = self._solid(view)
+        learnt = {taught.sides for taught in tried.model.views if taught.source == view.name}
+        groups = [
+            imagined_group(solid, one.facets, one.towards, self.rig) for one in aspects(solid) if one.facets in learnt
+        ]
+        answers = [recognise_group(group, tried.model).recognition for group in groups]
         named = [one for one in answers if one.label == view.label]
         others = [one for one in answers if one.label not in (view.label, UNKNOWN)]
         worst = (others or sorted(named, key=lambda one: one.confidence) or answers)[0]

@@ -6,7 +6,8 @@ Pure; the clock is an argument. What the steps do is said where they live.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,7 +20,15 @@ from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, 
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import all_explained, beside, named_by_segments, rested, sharpened, told_apart
+from daemon.vision.registration import (
+    all_explained,
+    beside,
+    named_by_segments,
+    rested,
+    sharpened,
+    told_apart,
+    with_all_they_show,
+)
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -59,7 +68,11 @@ def look(
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
     seconds = {"facets": now() - began - naming, "recognise": naming}
-    guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Part]()
+    refines = full.corner_detector == "line_fit" and full.stereo_formula == "exact"
+    start = now()
+    found = verified = _verified(found, (), (), known, eyes) if refines else found
+    seconds["refine"] = now() - start
+    guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Recognised]()
     if known.labels and not all_explained(found, view, known, eyes):
         start = now()
         found, view = beside(found, view, (), known, eyes)
@@ -74,13 +87,15 @@ def look(
             )
             found, view = beside(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
-            by_edges = [r.part for r in straight.named]
+            by_edges = straight.named
         seconds["edges"] = now() - start
+    start = now()
     parts = tuple(r.part for r in found)
-    if full.corner_detector == "line_fit" and full.stereo_formula == "exact":
-        start = now()
-        parts = rested(sharpened(parts, known, eyes, by_edges), known, ground, by_edges)
-        seconds["sharpen"] = now() - start
+    if refines:
+        refined = _verified(found, verified, by_edges, known, eyes)
+        laid = [new.part for one, new in zip(found, refined, strict=True) if one in by_edges]
+        parts = rested([one.part for one in refined], known, ground, laid)
+    seconds["refine"] += now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:
         parts = with_causes(parts, guesses, pictures)
@@ -95,6 +110,22 @@ def _make_ready(model: Model) -> None:
     """Once a model, in use or a candidate: 0.6 s of 64 parts on a desktop's core, which no look's budget can pay."""
     recognition.made_ready(model.metric)
     registration.made_ready(model)
+
+
+def _verified(
+    found: tuple[Recognised, ...],
+    before: Sequence[Recognised],
+    by_edges: Sequence[Recognised],
+    known: Model,
+    eyes: Eyes,
+) -> tuple[Recognised, ...]:
+    """What has a name, where its edges have it, as what edges named is already; without its name where too much of what
+    it should show is missing. What was verified before stays as it is."""
+    new = [one for one in found if one not in before]
+    parts = sharpened([one.part for one in new], known, eyes, [one.part for one in by_edges])
+    refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
+    told = dict(zip(new, with_all_they_show(refined, known, eyes), strict=True))
+    return tuple(told.get(one, one) for one in found)
 
 
 class _ByFacets(NamedTuple):

@@ -36,7 +36,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     tame_malloc()
     print("the scenes kept here, taught from drawings")
-    table(rendered.HERE, four_drawn(rendered.rig(rendered.HERE, "B")))
+    table(rendered.HERE, four_drawn())
     if rendered.ALL.is_dir():
         print(f"\n{rendered.ALL}, taught from views")
         table(rendered.ALL, trained(rendered.rig(rendered.ALL, "B")))

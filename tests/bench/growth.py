@@ -71,7 +71,7 @@ def _models(rig: StereoRig, counts: list[int]) -> list[tuple[int, Model]]:
     for count in counts:
         more = parts[max(len(model.labels) - 4, 0) : count - 4]
         began = time.process_time()
-        model = taught(more, rig, model)
+        model = taught(more, model)
         new_s = time.process_time() - began
         spent_s += new_s
         made = _made(model, rig, spent_s)

@@ -65,7 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
     models, model, spent_s = dict[int, Model](), None, 0.0
     for count in sorted(told.taught):
         began = time.process_time()
-        model = taught(parts[len(model.labels) if model else 0 : count], rig, model)
+        model = taught(parts[len(model.labels) if model else 0 : count], model)
         spent_s += time.process_time() - began
         models[count] = model
         print(f"{count} parts taught from drawings in {spent_s:.1f} s", flush=True)

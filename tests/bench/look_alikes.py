@@ -144,7 +144,7 @@ def _looked(pair: Alike, lies: int, mode: str, photo: Photograph) -> tuple[Scene
 def _model(pair: Alike, lies: int, mode: str) -> Model:
     """What is taught in a mode."""
     known = {"both": pair.parts, "alone": (pair.parts[lies],), "stranger": (pair.parts[1 - lies],)}[mode]
-    return taught(known, true_rig(cell()))
+    return taught(known)
 
 
 def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, tells: bool, ms: float) -> Answer:

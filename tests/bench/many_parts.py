@@ -21,10 +21,10 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.sufficiency import visible_facets
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model
 from daemon.vision.values import Scene as Seen
 from drivers.camera.pair import StereoPair
@@ -74,7 +74,7 @@ def main(pictures: int = PICTURES, *only: int) -> None:
           f"{'ms 50 %':>9}{'95 %':>7}{'worst':>7}{'strangers 50 %':>16}{'95 %':>7}{'worst':>7}")  # fmt: skip
     answers = dict[int, list[Answer]]()
     for count in only or COUNTS:
-        model = taught(known[:count], rig)
+        model = taught(known[:count])
         others = [part for part in strangers if part.family in {p.family for p in known[:count]}]
         mine, theirs = _cycled(known[:count], pictures), _cycled(others, pictures)
         shown = [part for both in zip(mine, theirs, strict=True) for part in both]
@@ -167,7 +167,7 @@ def _rendered(parts: tuple[DrawnPart, ...]) -> None:
     """The rendered scenes with four parts and with sixty more: what is named, and how long it takes."""
     rig = rendered.rig(rendered.ALL, "B")
     few = trained(rig)
-    many = taught(parts[:60], rig, few)
+    many = taught(parts[:60], few)
     print(f"\n{'rendered scenes':<18}{'taught':>7}{'right':>7}{'silent':>7}{'wrong':>7}{'invented':>9}"
           f"{'ms 50 %':>9}{'95 %':>7}{'worst':>7}")  # fmt: skip
     folders = [f for f in test_folders(rendered.ALL) if "-B-" in f.name]
@@ -200,7 +200,7 @@ def _strangers_drawn() -> None:
             if label in few.labels or len(body["facets"]) > MOST_DRAWN:
                 continue
             if label not in models:
-                models[label] = learn_solid(few, solid(f"{label}.obj", _drawing(body)), rig, label)
+                models[label] = learn_solid(few, solid(f"{label}.obj", _drawing(body)), label)
             tally = tallies.setdefault(kind, Tally())
             judge(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
     print(f"\n{'strangers, drawn':<18}{'right':>7}{'silent':>7}{'wrong':>7}{'corners mm 50 %':>17}{'95 %':>7}")

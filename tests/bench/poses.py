@@ -26,11 +26,11 @@ from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
 from daemon.store.library import load_facets
 from daemon.store.pictures import read_grey
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import Camera, StereoRig, moved_rig
 from daemon.vision.look import look
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.values import Part
 from tests.bench.printed_cube import Image
@@ -133,7 +133,7 @@ def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[Measured | None, f
         size = (left.image.shape[1], left.image.shape[0])
         eyes = frames.inverse(left.camera_from_cube), frames.inverse(right.camera_from_cube)
         rig, cube_from_cyclopean = moved_rig(replace(left.camera, cyclopean_from_camera=np.eye(4)), size, eyes)
-        model = learn_solid(empty_model(load_facets()), drawn, rig, LABEL)
+        model = learn_solid(empty_model(load_facets()), drawn, LABEL)
         parts, ms = _named(left.image, right.image, rig, model)
         true = _of_cube(frames.inverse(cube_from_cyclopean), model.metric[LABEL].solid, parts[0]) if parts else None
         doubt = np.diag([TRUE_MM**2] * 3 + [np.radians(TRUE_DEG) ** 2] * 3)

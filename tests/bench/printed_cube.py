@@ -21,11 +21,11 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.store.pictures import read_grey
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.geometry.rig import Camera, moved_rig
 from daemon.vision.look import look
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from tests.bench.data.packages import debian_package
 from tests.bench.recognise import trained
@@ -151,7 +151,7 @@ def _looked(
     rig, part_from_cyclopean = moved_rig(
         CAMERA, size, (frames.inverse(camera_from_part[0]), frames.inverse(camera_from_part[1]))
     )
-    model = learn_solid(taught, solid, rig, LABEL)
+    model = learn_solid(taught, solid, LABEL)
     scene = look(*images, rig, model, clock=time.process_time)
     named = [p for p in scene.parts if p.named]
     own = [p for p in named if p.recognition.label == LABEL]

@@ -18,9 +18,8 @@ from daemon.commands import every_command
 from daemon.console.interpreter import OF_THE_SHELL
 from daemon.store.library import load_facets
 from daemon.store.model import save
-from daemon.teaching.aspects import learn_solid
-from daemon.vision.model import empty_model
-from tests.worlds import drawn, rendered
+from daemon.vision.model import empty_model, learn_solid
+from tests.worlds import drawn
 from tests.worlds.made_run import MadeRun
 
 
@@ -96,11 +95,9 @@ def test_the_table_of_runs_fits_a_terminal_and_names_models_by_their_number(
 
 
 def test_what_a_model_knows_is_no_wider_than_the_terminal(tmp_path: Path) -> None:
-    model, rig = empty_model(load_facets()), rendered.rig(rendered.HERE, "B")
+    model = empty_model(load_facets())
     for name in ("plank_as_it_was_first_drawn", "plank_as_it_was_drawn_again"):
-        model = learn_solid(
-            model, drawn.solid("plank.stl", drawn.binary_stl(*drawn.box(25, 70, 90))), rig, "plank", name
-        )
+        model = learn_solid(model, drawn.solid("plank.stl", drawn.binary_stl(*drawn.box(25, 70, 90))), "plank", name)
     save(model, tmp_path / "model.npz")
     ours, theirs = os.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 60, 0, 0))

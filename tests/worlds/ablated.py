@@ -7,13 +7,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from daemon.art import FuzzyARTMAP
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.model.model import Model, empty_model
+from daemon.vision.model.model import Model, empty_model, learn_solids
 from daemon.vision.values import Part
 from tests.worlds.drawn import obj, solid
 from tests.worlds.solids import KNOWN
@@ -21,19 +16,15 @@ from tests.worlds.solids import KNOWN
 
 def without_recall(model: Model) -> Model:
     """The model without one of its nodes; drawings, views and labels as they were."""
-    return replace(model, artmap=None)
+    memory = model.artmap
+    bare = replace(memory, lower=memory.lower[:0], upper=memory.upper[:0], counts=memory.counts[:0])
+    return replace(model, artmap=bare)
 
 
 def misled(model: Model) -> Model:
     """The model whose nodes each stand for the label after their own (`instead`); all else as it was."""
-    if model.artmap is None:
-        return model
-    p, state, labels = model.parameters, model.artmap.state(), model.artmap.classes
-    order = [labels.index(wrong) for wrong in instead(model).values()]
-    counts = np.zeros_like(state["map_counts"])
-    counts[:, order] = state["map_counts"][:, [labels.index(right) for right in instead(model)]]
-    fresh = FuzzyARTMAP(p.rho, p.alpha, p.beta, complement=p.complement)
-    return replace(model, artmap=fresh.restore({**state, "map_counts": counts}, labels))
+    wrong = tuple(instead(model)[label] for label in model.artmap.labels)
+    return replace(model, artmap=replace(model.artmap, labels=wrong))
 
 
 def instead(model: Model) -> dict[str, str]:
@@ -46,9 +37,7 @@ def by_facets(part: Part) -> bool:
     return part.named and "facets fit" in part.recognition.reason
 
 
-def four_drawn(rig: StereoRig) -> Model:
+def four_drawn() -> Model:
     """The four parts of the rendered scenes, taught from their drawings."""
-    model = empty_model(load_facets())
-    for label, body in KNOWN.items():
-        model = learn_solid(model, solid(f"{label}.obj", obj(body.corners_mm, list(body.facets))), rig, label)
-    return model
+    bodies = ((label, obj(body.corners_mm, list(body.facets))) for label, body in KNOWN.items())
+    return learn_solids(empty_model(load_facets()), [(label, solid(f"{label}.obj", it), label) for label, it in bodies])

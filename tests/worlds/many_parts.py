@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
-from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.model.model import Model, empty_model
+from daemon.vision.model.model import Model, empty_model, learn_solids
 from drivers.simcell.parts import Shape, shape
 from tests.worlds.drawn import obj, prism, solid
 
@@ -149,9 +147,7 @@ def _alike(one: tuple[int, ...], other: tuple[int, ...]) -> bool:
     return max(abs(a - b) for a, b in zip(one, other, strict=True)) < APART_MM
 
 
-def taught(parts: tuple[DrawnPart, ...], rig: StereoRig, start: Model | None = None) -> Model:
+def taught(parts: tuple[DrawnPart, ...], start: Model | None = None) -> Model:
     """A model that has learnt their drawings, on top of what it knew."""
-    model = start or empty_model(load_facets())
-    for part in parts:
-        model = learn_solid(model, solid(f"{part.label}.obj", part.drawing), rig, part.label)
-    return model
+    drawn = [(part.label, solid(f"{part.label}.obj", part.drawing), part.label) for part in parts]
+    return learn_solids(start or empty_model(load_facets()), drawn)

@@ -20,7 +20,7 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
-from daemon.vision.geometry.visibility import FACING, visible_from
+from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [
     "FACING",
@@ -52,6 +52,7 @@ __all__ = [
     "exact",
     "fit_plane",
     "fit_poses",
+    "hidden",
     "inside",
     "is_simple",
     "measure",

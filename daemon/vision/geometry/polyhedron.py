@@ -12,6 +12,7 @@ from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import sides_of
 
+FLAT_MM = 0.5  # so far before a facet's plane lie corners that are measured, not exact
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
@@ -113,6 +114,12 @@ class Polyhedron:
     def normals(self) -> Array:
         """(F, 3) outward unit normals of the facets."""
         return np.asarray(self.areas_mm2 / np.maximum(np.linalg.norm(self.areas_mm2, axis=1, keepdims=True), 1e-12))
+
+    @cached_property
+    def convex(self) -> bool:
+        """Whether no corner lies before the plane of a facet: nothing of the solid then hides another part of it."""
+        levels = (self.normals * self.centres_mm).sum(1)
+        return bool((self.corners_mm @ self.normals.T - levels < FLAT_MM).all())
 
     @cached_property
     def centres_mm(self) -> Array:

@@ -69,6 +69,12 @@ class Baseline:
     cyclopean_from_baseline: Array
     middle_mm: Array
 
+    @property
+    def eyes_mm(self) -> tuple[Array, Array]:
+        """The optical centres (3,) mm, cyclopean, of the left and the right camera."""
+        half = self.cyclopean_from_baseline[:, 0] * self.length_mm / 2
+        return self.middle_mm - half, self.middle_mm + half
+
     def points(self, left: Array, right: Array) -> Array:
         """Meet rays exactly: ideal coordinates (N, 2) of both eyes -> (N, 3) mm, cyclopean.
 

@@ -36,6 +36,26 @@ def visible_from(
     return np.asarray(seen)
 
 
+def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
+    """(N,) which points (N, 3) of a solid an eye (3,), in the solid's frame, does not see, as a facet lies before
+    them."""
+    covered = np.zeros(len(points), bool)
+    rays = points - eye
+    far = np.linalg.norm(rays, axis=1)
+    for facet, ring in enumerate(solid.rings):
+        normal, corner = solid.normals[facet], solid.corners_mm[ring[0]]
+        height = float((eye - corner) @ normal)
+        slope = -(rays @ normal)
+        before = (height > 0) & (slope * far > 0) & (slope > height)  # the facet's plane is met before the point
+        reach = height / np.where(before, slope, 1.0)
+        before &= (1 - reach) * far > BEFORE_MM
+        if before.any():
+            level = np.delete(np.arange(3), np.abs(normal).argmax())
+            met = (eye + reach[before, None] * rays[before])[:, level]
+            covered[before] |= inside(met, solid.corners_mm[ring][None, :, level])[0]
+    return covered
+
+
 def _tried(corners: Array) -> Array:
     """(2N, 3) where a facet is tried for being covered: its corners and the middles of its sides, drawn in a little."""
     middles = (corners + np.roll(corners, -1, axis=0)) / 2

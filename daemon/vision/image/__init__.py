@@ -4,7 +4,15 @@ both_eyes.py only keeps the two together: what a look prepares once, and everyth
 """
 
 from daemon.vision.image.both_eyes import Eyes, open_eyes
-from daemon.vision.image.edge_lines import Sides, edge_sigmas, find_sides, fit_sides, probe_sides, stretch_slopes
+from daemon.vision.image.edge_lines import (
+    Sides,
+    edge_sigmas,
+    find_sides,
+    fit_sides,
+    probe_sides,
+    stretch_levels,
+    stretch_slopes,
+)
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
 from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.image.outlines import Outline, outlined
@@ -52,5 +60,6 @@ __all__ = [
     "ranks",
     "runs",
     "segment_corners",
+    "stretch_levels",
     "stretch_slopes",
 ]

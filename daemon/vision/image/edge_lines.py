@@ -43,6 +43,8 @@ _WHOLE = 0.75
 """Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
 _TILTS = np.linspace(-1, 1, 7)
 """At which a line is tried, shares of the steepest."""
+_BAND_PX = np.arange(3.0, 7.0)
+"""How far to either hand the level beside an edge is taken."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
@@ -171,6 +173,17 @@ def stretch_slopes(smooth: Fine, start: Array, end: Array, reach_px: int) -> Ima
     rows = np.clip(length / _ROW_PX / BLOCKS, 1.0, IN_BLOCK)
     slopes: Image32 = values[:, :, 1:] - values[:, :, :-1]
     return slopes * (np.sqrt(rows) / _SLOPE_NOISE).astype(np.float32)[:, None, None]
+
+
+def stretch_levels(smooth: Fine, start: Array, end: Array) -> Array:
+    """Mean levels beside stretches of straight sides (S, 2), (S, 2) px: (S, BLOCKS, 2), inwards, then outwards as the
+    normal to start - end goes. smooth: as for stretch_slopes."""
+    if not len(start):
+        return np.zeros((0, BLOCKS, 2))
+    offsets = np.concatenate([-_BAND_PX[::-1], _BAND_PX])
+    values = stretch_profiles([(smooth, len(start))], end, start, _TRIM_PX, offsets, np.zeros(len(start)))[:, ::-1]
+    half = len(_BAND_PX)
+    return np.stack([values[..., :half].mean(2), values[..., half:].mean(2)], 2).astype(float)
 
 
 def edge_sigmas(images: Images, start: Array, end: Array) -> Array:

@@ -1,5 +1,6 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
+from daemon.vision.model.aspects import Aspect, aspects, spread
 from daemon.vision.model.correspond import Correspondence, correspondences, spread_from, symmetries
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
@@ -10,25 +11,27 @@ from daemon.vision.model.facet_types import (
     type_facet,
     type_number,
 )
-from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, fit_shared, merge_views
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, best_laid, fit_shared, merge_views
 from daemon.vision.model.model import (
     Model,
     Parameters,
     TaughtView,
     TeachError,
     empty_model,
-    learn_pattern,
+    learn_solid,
+    learn_solids,
     learn_view,
+    relearnt,
 )
-from daemon.vision.model.patterns import Answer, by_label, recall, typed
 from daemon.vision.model.regularise import regularise
-from daemon.vision.model.relation_matrix import MATRIX_SIZE
+from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 
 __all__ = [
+    "FEATURES",
     "LARGEST_NUMBER",
     "MATRIX_SIZE",
     "TOLERANCE_MM",
-    "Answer",
+    "Aspect",
     "Correspondence",
     "FacetLibrary",
     "FacetType",
@@ -38,19 +41,23 @@ __all__ = [
     "TaughtView",
     "TeachError",
     "Value",
-    "by_label",
+    "aspects",
+    "best_laid",
     "conditions",
     "correspondences",
     "empty_model",
     "fit_shared",
-    "learn_pattern",
+    "learn_solid",
+    "learn_solids",
     "learn_view",
     "merge_views",
-    "recall",
     "regularise",
+    "relational_view",
+    "relearnt",
+    "spread",
     "spread_from",
     "symmetries",
     "type_facet",
     "type_number",
-    "typed",
+    "types_of",
 ]

@@ -54,6 +54,18 @@ def merge_views(
     return MetricModel(_in_part_frame(regularise(whole, library)), tuple(sorted(joined)))
 
 
+def best_laid(view: Polyhedron, whole: Polyhedron, tolerance_mm: float) -> tuple[int, ...] | None:
+    """The facet of `whole` behind each facet of a view of it, laid edge to edge where it fits best; None where not all
+    of them fit together. A facet beyond an edge behind which `whole` knows another is followed from that."""
+    ways = [way for way in correspondences(view, whole) if way.explained == len(view.facets)]
+    if not ways:
+        return None
+    fits = [_fit(whole, view, way, tolerance_mm) for way in ways]
+    best = min(range(len(ways)), key=lambda k: float(fits[k].chi2[0]))
+    limit = chi_square_limit(int(fits[best].dof[0]), FALSE_ALARM) * SIGMA_SCALE**2
+    return ways[best].facets if fits[best].chi2[0] < limit else None
+
+
 def _join(whole: Polyhedron, view: Polyhedron, tolerance_mm: float) -> Polyhedron | None:
     """`whole` with the view's facets in it, or None where they do not fit together in one definite way."""
     ways = [c for c in correspondences(view, whole, may_add=True) if (c.corners >= 0).sum() >= 3]

@@ -1,26 +1,26 @@
-"""What was taught: facet library, views, Fuzzy ARTMAP nodes, one metric model a part. Learning and forgetting.
+"""What was taught: facet library, views, the memory (Fuzzy ARTMAP nodes), one metric model a part; learning it.
 
 Values in, values out: every change gives a new Model; the same views in the same order give the same one. Files are
-daemon/store/model.py's business, recognising is recognise.py's.
+daemon/store/model.py's business, recognising is daemon/vision/recognition's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from daemon.arrays import Array, Flags
-from daemon.art import FuzzyARTMAP
-from daemon.art.rotation import RotationLayer
+from daemon.arrays import Index
+from daemon.art import RelationalView, RelationARTMAP
 from daemon.errors import FacetdError
 from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
+from daemon.vision.model.aspects import aspects
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, merge_views
-from daemon.vision.model.patterns import recall, typed
-from daemon.vision.model.relation_matrix import MATRIX_SIZE, relation_matrix
+from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, best_laid, merge_views
+from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 from daemon.vision.values import Group
 
 
@@ -30,44 +30,43 @@ class TeachError(FacetdError, ValueError):
 
 @dataclass(frozen=True)
 class Parameters:
-    """rho, alpha, beta, complement: those of Fuzzy ARTMAP while learning (rho 1: each distinct pattern is a node).
-
-    vigilance: the least modified match (5.2) at which a node may answer. tolerance_mm: how far a real part may deviate
-    from the taught one, as a standard deviation per axis, on top of all predicted measuring errors.
+    """rho: baseline vigilance of learning; 1: views that differ by more than they may be measured wrongly are nodes of
+    their own. alpha: choice parameter, beta: learning rate, 1 being fast learning. vigilance: the least match at which
+    a node is recalled (tests/bench/vigilance.py: from 1 to .98 as much is named rightly, and the lower it is the more
+    is measured, most of that below .995; alpha and beta change nothing there). tolerance_mm: how far a real part may
+    deviate from the taught one, a standard deviation per axis, on top of all predicted measuring errors.
     """
 
     rho: float = 1.0
     alpha: float = 0.01
     beta: float = 1.0
-    complement: bool = True
-    vigilance: float = 1.0
+    vigilance: float = 0.995
     tolerance_mm: float = TOLERANCE_MM
 
 
 @dataclass(frozen=True, eq=False)
 class TaughtView:
-    """One taught view: label; solid in the cyclopean frame of its look, mm; numbers (n,) type numbers; touching (n, n);
-
-    node: the ARTMAP node that stands for its pattern; source: where it came from, for people.
+    """One taught view. sides (n,): the part's facet, in its metric model, that each facet of the view is, or -1 where
+    the view could not be joined; node: the one that stands for it, slots (n,): of each facet there; source: where it
+    came from, for people; solid: as it was measured, cyclopean frame of its look, mm; None where the part was drawn.
     """
 
     label: str
-    solid: Polyhedron
-    numbers: Array
-    touching: Flags
+    sides: tuple[int, ...]
     node: int
+    slots: tuple[int, ...]
     source: str = ""
+    solid: Polyhedron | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """views in the order taught; artmap: None while empty, never changed in place; metric: {label: merged model}."""
+    """views in the order taught; artmap: the memory, never changed in place; metric: {label: merged model}."""
 
     library: FacetLibrary
     parameters: Parameters = Parameters()
     views: tuple[TaughtView, ...] = ()
-    artmap: FuzzyARTMAP | None = None
-    matrix_size: int = MATRIX_SIZE
+    artmap: RelationARTMAP = field(default_factory=lambda: _no_memory(Parameters()))
     metric: dict[str, MetricModel] = field(default_factory=dict)
 
     @cached_property
@@ -75,96 +74,138 @@ class Model:
         """Every taught label, in the order first taught."""
         return tuple(dict.fromkeys(v.label for v in self.views))
 
-    @property
-    def node_labels(self) -> tuple[str, ...]:
-        """The label of each node."""
-        return () if self.artmap is None else tuple(str(n) for n in self.artmap.node_labels)
-
     @cached_property
-    def rotation(self) -> RotationLayer | None:
-        """The pattern rotation layer over the nodes; None while nothing was taught."""
-        if self.artmap is None:
-            return None
-        m, complement = self.matrix_size, self.parameters.complement
-        shape = (-1, 2, m, m) if complement else (-1, m, m)
-        return RotationLayer(self.artmap.weights.reshape(shape), self.parameters.alpha, complement)
+    def facet_in_slot(self) -> Index:
+        """(J, m) the part's facet in each slot of each node, as the first view behind it that could be joined has it;
+        -1: none."""
+        facets = np.full((len(self.artmap.lower), self.artmap.slots), -1, np.intp)
+        for view in reversed(self.views):
+            if -1 not in view.sides:
+                facets[view.node, list(view.slots)] = view.sides
+        return facets
+
+    def solid_of(self, view: TaughtView) -> Polyhedron:
+        """What a view showed: as measured, or as drawn."""
+        return self.metric[view.label].solid.only(view.sides) if view.solid is None else view.solid
 
 
-def empty_model(library: FacetLibrary) -> Model:
+def empty_model(library: FacetLibrary, parameters: Parameters | None = None) -> Model:
     """A model that has been taught nothing."""
-    return Model(library)
+    settings = parameters or Parameters()
+    return Model(library, settings, artmap=_no_memory(settings))
 
 
 def learn_view(model: Model, group: Group, label: str, source: str = "") -> Model:
     """The model with one more view of a part, its pattern and its shape. What it knew stays as it was.
 
-    group: the facets of the one part in view, typed or not. Raises TeachError for a view of fewer than two facets
-    (it could not be told from other parts), for facets that do not share an edge, and for the label `unknown`.
+    group: the facets of the one part in view, typed or not. A part that was drawn keeps the drawing's shape. Raises
+    TeachError for a view of fewer than two facets (it could not be told from other parts), for facets that do not share
+    an edge, and for the label `unknown`.
     """
-    taught = learn_pattern(model, group, label, source)
-    solids = tuple(v.solid for v in taught.views if v.label == label)
-    merged = merge_views(solids, model.library, model.parameters.tolerance_mm)
-    return replace(taught, metric={**model.metric, label: merged})
-
-
-def learn_pattern(model: Model, group: Group, label: str, source: str = "") -> Model:
-    """As learn_view, without the shape: for a part whose shape is known from elsewhere. Raises TeachError."""
+    solid = group.polyhedron
     if not label or label == "unknown":
         raise TeachError(f"a part cannot be called {label!r}: choose another name")
-    facets = tuple(typed(f, model.library) for f in group.facets)
-    solid = replace(group, facets=facets).polyhedron
-    if len(facets) < 2:
-        raise TeachError(f"{label}: {len(facets)} facet in view; show at least two that share an edge")
+    if len(solid.facets) < 2:
+        raise TeachError(f"{label}: {len(solid.facets)} facet in view; show at least two that share an edge")
     if len(connected(solid.touching)) > 1:
-        raise TeachError(f"{label}: the {len(facets)} facets in view do not hang together; show the part alone")
-    numbers = np.array([f.type_number for f in facets])
-    view = TaughtView(label, solid, numbers, solid.touching, -1, source)
-    if len(facets) > model.matrix_size:
-        return _with_patterns(replace(model, matrix_size=len(facets)), (*model.views, view))
-    return _with_pattern(model, view)
+        raise TeachError(f"{label}: the {len(solid.facets)} facets in view do not hang together; show the part alone")
+    solid = replace(solid, types=tuple(names[0] for names in types_of(group.facets, model.library)))
+    artmap, ended = model.artmap.learned([_relations(model, solid)], [label])
+    view = TaughtView(label, (-1,) * len(solid.facets), ended[0][0], _tuple(ended[0][1]), source, solid)
+    views = (*model.views, view)
+    own = tuple(v for v in views if v.label == label)
+    if any(v.solid is None for v in own):
+        merged = model.metric[label]
+    else:
+        measured = tuple(v.solid for v in own if v.solid is not None)
+        merged = merge_views(measured, model.library, model.parameters.tolerance_mm)
+    return _joined(replace(model, views=views, artmap=artmap), label, merged)
+
+
+def learn_solid(model: Model, solid: Polyhedron, label: str, source: str = "") -> Model:
+    """The model with every characteristic view of a drawn solid; its shape is the drawing's, to the last corner.
+
+    Raises TeachError for the label `unknown`, and where no two of its facets are ever in view together.
+    """
+    return learn_solids(model, [(label, solid, source)])
+
+
+def learn_solids(model: Model, drawn: Sequence[tuple[str, Polyhedron, str]]) -> Model:
+    """As learn_solid, of many (label, solid, source), which costs less than one after the other."""
+    views, relations, known = list[TaughtView](), list[RelationalView](), model
+    for label, solid, source in drawn:
+        if not label or label == "unknown":
+            raise TeachError(f"a part cannot be called {label!r}: choose another name")
+        shape = merge_views((solid,), model.library)
+        shown = [one.facets for one in aspects(shape.solid)]
+        if not shown:
+            raise TeachError(
+                f"{label}: no two of its {len(solid.facets)} facets that share an edge are in view together"
+            )
+        if label in known.metric:  # views of a shape that is given up keep their own
+            views = [replace(v, solid=known.solid_of(v)) if v.label == label else v for v in views]
+            before = (replace(v, solid=known.solid_of(v)) if v.label == label else v for v in known.views)
+            known = replace(known, views=tuple(before))
+        known = replace(known, metric={**known.metric, label: shape})
+        views += [TaughtView(label, sides, -1, (), source) for sides in shown]
+        whole = _relations(model, shape.solid)
+        relations += [whole.only(sides) for sides in shown]
+    artmap, ended = model.artmap.learned(relations, [view.label for view in views])
+    placed = {
+        (view.label, view.source, node): replace(view, node=node, slots=_tuple(slots))
+        for view, (node, slots) in reversed(list(zip(views, ended, strict=True)))
+    }  # a view that is like another of the drawing, turned, says nothing new
+    known = replace(known, views=(*known.views, *reversed(placed.values())), artmap=artmap)
+    for label in dict.fromkeys(label for label, *_ in drawn):
+        known = _joined(known, label, known.metric[label])
+    return known
 
 
 def forget(model: Model, label: str) -> Model:
     """The model without a part; the others are as if it had never been taught. Raises TeachError for one not known."""
     if label not in model.labels:
         raise TeachError(f"no part called {label!r} was taught; known: {', '.join(model.labels) or 'none'}")
-    without = replace(model, metric={name: metric for name, metric in model.metric.items() if name != label})
-    return _with_patterns(without, tuple(v for v in model.views if v.label != label))
+    rest = tuple(v for v in model.views if v.label != label)
+    return relearnt(replace(model, views=rest, metric={k: m for k, m in model.metric.items() if k != label}))
 
 
-def _with_patterns(model: Model, views: tuple[TaughtView, ...]) -> Model:
-    """Every pattern learnt anew."""
-    bare = replace(model, views=(), artmap=None)
-    for view in views:
-        bare = _with_pattern(bare, view)
-    return bare
+def relearnt(model: Model) -> Model:
+    """The model with the patterns of its views learnt anew, one after the other; their shapes stay."""
+    relations = [_relations(model, model.solid_of(view)) for view in model.views]
+    artmap, ended = _no_memory(model.parameters).learned(relations, [view.label for view in model.views])
+    views = tuple(
+        replace(v, node=node, slots=_tuple(slots)) for v, (node, slots) in zip(model.views, ended, strict=True)
+    )
+    known = replace(model, views=views, artmap=artmap)
+    for label, merged in known.metric.items():
+        known = _joined(known, label, merged)
+    return known
 
 
-def _with_pattern(model: Model, view: TaughtView) -> Model:
-    matrix = relation_matrix(view.numbers, view.touching, model.matrix_size)
-    order = _known_numbering(model, view)
-    matrix = matrix[np.ix_(order, order)]
-    artmap = _copied(model)
-    node = int(artmap.learn(matrix.reshape(1, -1), [view.label])[0])
-    return replace(model, views=(*model.views, replace(view, node=node)), artmap=artmap)
+def _relations(model: Model, solid: Polyhedron) -> RelationalView:
+    """What the memory is taught of a typed solid: its features as far as they are unsure; none where it is drawn."""
+    return relational_view(solid, [(name,) for name in solid.types], model.library, 0.0)
 
 
-def _known_numbering(model: Model, view: TaughtView) -> list[int]:
-    """The numbering under which the pattern is one already known, if there is one, else the order it came in."""
-    size, count = model.matrix_size, len(view.numbers)
-    if model.rotation is not None:
-        answers = recall(model.rotation, view.numbers, view.touching)
-        for node in answers.ranking():
-            whole = answers.match[node] == answers.match_ratio[node] == 1.0
-            if whole and model.node_labels[node] == view.label:
-                slots = [int(s) for s in answers.numbering[node]]
-                free = iter(s for s in range(count, size))
-                back = {slot: facet for facet, slot in enumerate(slots)}
-                return [back[s] if s in back else next(free) for s in range(size)]
-    return list(range(size))
+def _joined(model: Model, label: str, merged: MetricModel) -> Model:
+    """The model with a part's shape, each view of the part laid onto it."""
+    views, own, joined = list(model.views), 0, list[int]()
+    for k, view in enumerate(views):
+        if view.label != label:
+            continue
+        if view.solid is not None:
+            laid = best_laid(view.solid, merged.solid, model.parameters.tolerance_mm)
+            views[k] = view = replace(view, sides=laid or (-1,) * len(view.sides))
+        if -1 not in view.sides:
+            joined.append(own)
+        own += 1
+    metric = {**model.metric, label: replace(merged, joined=tuple(joined))}
+    return replace(model, views=tuple(views), metric=metric)
 
 
-def _copied(model: Model) -> FuzzyARTMAP:
-    p = model.parameters
-    fresh = FuzzyARTMAP(p.rho, p.alpha, p.beta, complement=p.complement)
-    return fresh if model.artmap is None else fresh.restore(model.artmap.state(), model.artmap.classes)
+def _tuple(slots: Index) -> tuple[int, ...]:
+    return tuple(int(slot) for slot in slots)
+
+
+def _no_memory(parameters: Parameters) -> RelationARTMAP:
+    return RelationARTMAP.empty(FEATURES, MATRIX_SIZE, parameters.rho, parameters.alpha, parameters.beta)

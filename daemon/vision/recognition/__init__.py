@@ -1,6 +1,7 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
-from daemon.vision.recognition.hypotheses import hypotheses, made_ready
+from daemon.vision.recognition.fits import fitted, made_ready
+from daemon.vision.recognition.recall import recalled
 from daemon.vision.recognition.recognise import (
     Recognised,
     Standing,
@@ -12,19 +13,22 @@ from daemon.vision.recognition.recognise import (
     standing,
     suspected,
     typed_as,
+    without_name,
 )
 
 __all__ = [
     "Recognised",
     "Standing",
-    "hypotheses",
+    "fitted",
     "joined",
     "left_open",
     "made_ready",
+    "recalled",
     "recognise",
     "recognise_group",
     "recognised",
     "standing",
     "suspected",
     "typed_as",
+    "without_name",
 ]

@@ -18,8 +18,8 @@ import numpy as np
 from daemon import frames
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import MetricModel, Model, symmetries
+from daemon.vision.recognition.fits import Hypothesis
 from daemon.vision.recognition.free_sizes import FreeSizes, bonds
-from daemon.vision.recognition.hypotheses import Hypothesis
 
 STRANGER = 0.5  # how often something never taught lies in view
 REGULAR = 0.5  # how often it is as regular as the facets' types say; else its right angles are all that is regular

@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.recognition.hypotheses import Hypothesis
+from daemon.vision.recognition.fits import Hypothesis
 
 
 def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: Hypothesis, tolerance_mm: float) -> Array:

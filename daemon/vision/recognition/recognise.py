@@ -1,7 +1,7 @@
 """Groups of facets -> named parts with poses. Right, or silent with the reason.
 
-Pattern first (which taught parts have these facets so joined), then metric: lengths and dihedral angles by rigid fit.
-In: groups and a Model. Out: each group with its Part. Seeing facets, learning and files are elsewhere.
+The memory proposes (which taught views have facets so related), then a rigid fit measures what it proposed, and nothing
+else. In: groups and a Model. Out: each group with its Part. Seeing facets, learning and files are elsewhere.
 """
 
 from __future__ import annotations
@@ -9,32 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from daemon.arrays import Array, Flags
 from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
-from daemon.vision.model import (
-    LARGEST_NUMBER,
-    Answer,
-    FacetLibrary,
-    Model,
-    by_label,
-    recall,
-    regularise,
-    type_number,
-    typed,
-)
+from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise, type_number, types_of
 from daemon.vision.recognition.confidence import probability, weighed
-from daemon.vision.recognition.hypotheses import (
+from daemon.vision.recognition.fits import (
     Hypothesis,
     equivalents,
     facet_poses,
-    hypotheses,
+    fitted,
+    lone_ways,
     without_one_corner,
 )
 from daemon.vision.recognition.likely_corners import most_likely_corners
+from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
@@ -140,39 +133,42 @@ def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
 def left_open(one: Recognised, others: Sequence[str], model: Model) -> Recognised:
     """A named group without its name, where other parts explain it as well."""
     labels = (one.label, *others)
-    why = f"fits {' and '.join(labels)}"
-    verdict = _silent(labels, 1 - 1 / len(labels), why, labels)
-    return replace(one, part=_unknown_part(_typed(one.group, model), model, verdict))
+    return _without(one, _silent(labels, 1 - 1 / len(labels), f"fits {' and '.join(labels)}", labels), model)
+
+
+def without_name(one: Recognised, why: str, confidence: float, model: Model) -> Recognised:
+    """A named group without its name, in which one may no longer have more than a confidence."""
+    return _without(one, _silent((one.label,), 1 - confidence, why, (one.label,)), model)
+
+
+def _without(one: Recognised, verdict: Recognition, model: Model) -> Recognised:
+    return replace(one, part=_unknown_part(_typed(one.group, model).group, model, verdict))
 
 
 def standing(group: Group, model: Model) -> tuple[Standing, ...]:
     """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
     is that of something not taught."""
     seen = _typed(group, model)
-    fits = [h for h in _fits(seen, model) if _stands(h, seen)]
-    chances = weighed(seen.polyhedron, fits, model) if fits else []
+    fits = [h for h in _proposed(seen, model)[1] if _stands(h, seen.group)]
+    chances = weighed(seen.group.polyhedron, fits, model) if fits else []
     found = [Standing(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
 def recognise_group(group: Group, model: Model) -> Part:
     """Name and locate one group of facets."""
-    seen = _typed(group, model)
-    answers = _answers(seen.facets, seen.touching, model)
-    fits = _fits(seen, model)
+    typed = _typed(group, model)
+    seen = typed.group
+    proposed, fits = _proposed(typed, model)
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
     chances = probability(seen.polyhedron, standing, model) if standing else {}
-    verdict = _verdict(seen, best, answers, chances)
+    verdict = _verdict(seen, best, proposed, chances)
     if verdict.label == UNKNOWN:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
     facets = typed_as(seen.facets, (taught.types[g] for g in winner.facets), model.library)
-    if any(f.type != g.type for f, g in zip(facets, seen.facets, strict=True)):
-        for one in _answers(facets, seen.touching, model):
-            if one.label == verdict.label:  # with the types as they were settled
-                verdict = replace(verdict, match_ratio=one.match_ratio, activation=one.activation)
     fitted = most_likely_corners(seen.polyhedron, taught, winner, model.parameters.tolerance_mm)
     return Part(
         verdict,
@@ -185,9 +181,18 @@ def recognise_group(group: Group, model: Model) -> Part:
     )
 
 
-def _typed(group: Group, model: Model) -> Group:
+class _Typed(NamedTuple):
+    """A group with its facets typed, and every type that each may have."""
+
+    group: Group
+    types: tuple[tuple[str, ...], ...]
+
+
+def _typed(group: Group, model: Model) -> _Typed:
     """The group with its facets typed, their corners as sure as their epipolar lines allow."""
-    return replace(group, facets=tuple(typed(_doubted(f), model.library) for f in group.facets))
+    facets = tuple(map(_doubted, group.facets))
+    types = types_of(facets, model.library)
+    return _Typed(replace(group, facets=typed_as(facets, (names[0] for names in types), model.library)), types)
 
 
 def _doubted(facet: Facet) -> Facet:
@@ -196,23 +201,21 @@ def _doubted(facet: Facet) -> Facet:
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _answers(facets: Sequence[Facet], touching: Flags, model: Model) -> tuple[Answer, ...]:
-    """What the ARTMAP nodes say, best label first; nothing for a lone facet, which has no relations."""
-    if model.rotation is None or not touching.any():
-        return ()
-    numbers = np.array([f.type_number for f in facets])
-    return by_label(recall(model.rotation, numbers, touching), model.node_labels)
-
-
-def _fits(seen: Group, model: Model) -> tuple[Hypothesis, ...]:
-    """Metric hypotheses of all labels; where none stands, also those that leave one corner out."""
-    tolerance = model.parameters.tolerance_mm
-    found = hypotheses(seen.polyhedron, model.metric, tolerance)
-    whole = tuple(h for h in found if h.explained == len(seen.facets))
-    if len(seen.facets) < 2 or any(_stands(h, seen) for h in whole):
-        return found
-    again = without_one_corner(seen.polyhedron, model.metric, whole, tolerance)
-    return (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen)), *found)
+def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[Hypothesis, ...]]:
+    """What the memory recalls, and those of its ways that could be, each in its best pose; where none stands that
+    agrees within the errors, of what the vigilance lets by; where none does then, also those without one corner."""
+    solid, tolerance = seen.group.polyhedron, model.parameters.tolerance_mm
+    if len(seen.group.facets) == 1:
+        return (), fitted(solid, model.metric, lone_ways(solid, model.metric), tolerance)
+    proposed, found = tuple[Recalled, ...](), tuple[Hypothesis, ...]()
+    for vigilance in (1.0, model.parameters.vigilance):
+        proposed = recalled(solid, seen.types, model, vigilance)
+        found = fitted(solid, model.metric, [(one.label, one.way) for one in proposed], tolerance)
+        if any(_stands(h, seen.group) for h in found):
+            return proposed, found
+    whole = tuple(h for h in found if h.explained == len(seen.group.facets))
+    again = without_one_corner(solid, model.metric, whole, tolerance)
+    return proposed, (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen.group)), *found)
 
 
 def _stands(hypothesis: Hypothesis, seen: Group) -> bool:
@@ -229,12 +232,13 @@ def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
 
 
 def _verdict(
-    seen: Group, best: tuple[Hypothesis, ...], answers: tuple[Answer, ...], chances: Mapping[str, float]
+    seen: Group, best: tuple[Hypothesis, ...], proposed: Sequence[Recalled], chances: Mapping[str, float]
 ) -> Recognition:
     """Name, or say why not. chances: the probability of each label that fits."""
     standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -chances[h.label]))
-    ranking = list(dict.fromkeys([h.label for h in standing] + [a.label for a in answers] + [h.label for h in best]))
-    activation = {a.label: a for a in answers}
+    ranking = list(
+        dict.fromkeys([h.label for h in standing] + [one.label for one in proposed] + [h.label for h in best])
+    )
     if not standing:
         return _silent(ranking, 1.0 if not best else 1.0 - max(h.tail for h in best), _why_not(seen, best))
     labels = tuple(h.label for h in standing)
@@ -246,19 +250,15 @@ def _verdict(
     if chance < LEAST_PROBABILITY:
         why = f"fits {' and '.join(labels)} at {chance:.0%} for the first"
         return _silent(ranking, 1 - chance, why, labels)
-    answer = activation.get(first.label)
-    runner_up = next((name for name in ranking if name != first.label), None)
-    why = f"{len(seen.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
-    return Recognition(
-        first.label,
-        chance,
-        answer.match_ratio if answer else 0.0,
-        answer.activation if answer else 0.0,
-        runner_up,
-        False,
-        why,
-        labels,
+    answer = next(
+        one for one in proposed if one.label == first.label and np.array_equal(one.way.corners, first.corners)
     )
+    runner_up = next((name for name in ranking if name != first.label), None)
+    why = (
+        f"view {answer.node + 1} of the memory recalled at ratio {answer.ratio:.2f}; {len(seen.facets)} facets fit to "
+        f"{first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
+    )
+    return Recognition(first.label, chance, answer.ratio, answer.activation, runner_up, False, why, labels)
 
 
 def _silent(ranking: Sequence[str], confidence: float, why: str, candidates: tuple[str, ...] = ()) -> Recognition:

@@ -5,6 +5,7 @@ from daemon.vision.registration.by_segments import named_by_segments
 from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.registration.edge_pose import borne_out, fit_each, fit_edges, shown
 from daemon.vision.registration.guessing import made_ready
+from daemon.vision.registration.missing import with_all_they_show
 from daemon.vision.registration.on_table import rested
 from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.registration.twins import told_apart
@@ -23,4 +24,5 @@ __all__ = [
     "sharpened",
     "shown",
     "told_apart",
+    "with_all_they_show",
 ]

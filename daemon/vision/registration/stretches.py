@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry import hidden
 from daemon.vision.image import Eyes, ranks, stretch_slopes
 from daemon.vision.registration.expected_edges import ExpectedEdges, Placements, expected
 from daemon.vision.registration.pose_step import moved
@@ -28,8 +30,8 @@ ROUNDS_PX = (4.0, 3.0, 2.0, 1.2, 0.8), (1.5, 1.0, 0.8)
 """How near what is expected slopes count, round by round; between those the images are read anew."""
 PULLED = 2.5
 """So many of those away, a slope pulls no more."""
-ON_PLACE_PX, BESIDE_PX = 1.25, 3.0
-"""Within this an edge shows where it should; beyond this, what shows is chance."""
+ON_PLACE_PX, NEAR_PX, BESIDE_PX = 1.25, 2.25, 3.0
+"""Within this an edge shows where it should; within this a worn one; beyond this, what shows is chance."""
 SPACING_PX, INNER = 3.75, 0.5
 """An edge so long weighs one, a longer one as the root of its length: what lies along all of it is one chance. An edge
 between two faces that are seen weighs so much of that: often they are alike."""
@@ -48,26 +50,35 @@ _OFF = np.abs(np.arange(1 - REACH_PX, REACH_PX))
 @dataclass(frozen=True, eq=False)
 class Stretches:
     """What the stretches of E expected edges show: sigmas (E, S, C) of the slope at C offsets across; surprise (E, S),
-    minus the log of the chance that a slope as strong as the one on the edge's place were there; 0 where none is."""
+    minus the log of the chance that a slope as strong as the one on the edge's place were there, 0 where none is; there
+    (E, S): where one is near, as on a worn edge; visible (E, S): which stretches the part itself does not hide."""
 
     edges: ExpectedEdges
     sigmas: NDArray[np.float32]
     surprise: Array
+    there: Flags
+    visible: Flags
 
     @property
     def shows(self) -> Flags:
         """(E,) which edges show, more than by chance."""
-        return np.asarray(self.surprise.mean(1) > SHOWS)
+        return np.asarray(self._mean_surprise > SHOWS)
 
     @property
     def weight(self) -> Array:
         """(E,) how much what each edge shows counts."""
-        return np.sqrt(self.edges.lengths_px / SPACING_PX) * np.where(self.edges.outline, 1.0, INNER)
+        px = self.edges.lengths_px * self.visible.mean(1)
+        return np.asarray(np.sqrt(px / SPACING_PX) * np.where(self.edges.outline, 1.0, INNER))
 
     @property
     def nats(self) -> Array:
         """(E,) evidence of each edge against chance."""
-        return np.asarray(self.weight * (np.minimum(self.surprise.mean(1), MOST_SURPRISE) - 1))
+        return np.asarray(self.weight * (np.minimum(self._mean_surprise, MOST_SURPRISE) - 1))
+
+    @property
+    def _mean_surprise(self) -> Array:
+        """(E,) over the visible stretches."""
+        return np.asarray((self.surprise * self.visible).sum(1) / np.maximum(self.visible.sum(1), 1))
 
     def information(self, sigma_px: float) -> Array:
         """(6, 6) of the pose, in edges of which either end is off by sigma_px, as far as they show."""
@@ -80,7 +91,7 @@ class Stretches:
         """Those of one placement."""
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
-        return Stretches(edges, self.sigmas[own], self.surprise[own])
+        return Stretches(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
 
 
 class Borne(NamedTuple):
@@ -100,18 +111,35 @@ class Borne(NamedTuple):
 def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
     found = []
-    for edges, sigmas in _slopes(laid, eyes, poses, tolerance_mm):
+    for (edges, sigmas), eye_mm in zip(_slopes(laid, eyes, poses, tolerance_mm), eyes.geometry.eyes_mm, strict=True):
         size = np.abs(sigmas)
         inner = size[..., 1:-1]
         peak = (inner >= LEAST_SIGMAS) & (inner >= size[..., :-2]) & (inner > size[..., 2:])
         peaks = np.where(peak, inner, np.float32(0))
         own = peaks[..., _OFF <= ON_PLACE_PX].max(2)
+        near = peaks[..., _OFF <= NEAR_PX].max(2)
         beside = peaks[..., _OFF > BESIDE_PX]
         many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
         places = beside.shape[1] * beside.shape[2]
         chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
-        found.append(Stretches(edges, sigmas, -np.log(chance)))
+        visible = _visible(laid, edges, poses, eye_mm, sigmas.shape[1])
+        found.append(Stretches(edges, sigmas, -np.log(chance), near > 0, visible))
     return found
+
+
+def _visible(laid: Placements, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
+    """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
+    seen = np.ones((len(edges.start), count), bool)
+    shares = (np.arange(count) + 0.5) / count
+    for k, solid in enumerate(laid.shapes):
+        own = np.flatnonzero(edges.owner == k)
+        if solid.convex or not len(own):
+            continue
+        a, b = (laid.corners_mm[edges.ends[own, end]] for end in (0, 1))
+        points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
+        eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
+        seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
+    return seen
 
 
 def _slopes(

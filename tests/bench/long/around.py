@@ -21,12 +21,11 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.commands.learning import teach
 from daemon.console.interpreter import CommandError
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.solid_from_mesh import DRAWN_MM
 from daemon.teaching.trainer import Recogniser
 from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import FacetLibrary, Model, empty_model, type_facet
+from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.worlds.fake_context import FakeDoor
 from tests.worlds.walked_round import DRAWN, drawn_cell, lay
@@ -145,20 +144,13 @@ def main(looks: int = SCENES, count: int = TOURS, places: int = PLACES) -> None:
     seconds = np.median([s for rows in told.values() for *_, s in rows])
     print(f"{strange} sides learnt that the parts do not have; {seconds:.1f} s of the arm a tour of {places} places")
     drawn = empty_model(walked.library)
-    with tempfile.TemporaryDirectory() as other:
-        rig = run(_rig(Path(other)))
     for label, part in DRAWN.items():
-        drawn = learn_solid(drawn, drawn_solid(part, walked.library), rig, label)
+        drawn = learn_solid(drawn, drawn_solid(part, walked.library), label)
     for name, counts in run(scenes({"drawn": drawn, "walked round": walked}, looks)).items():
         total = sum(counts[v] for v in ("right", "wrong", "unnamed"))
         worse = ", ".join(f"{k} {v}" for k, v in sorted(counts.items()) if " " in k and not k.startswith("right"))
         print(f"taught {name}: {counts['right']} of {total} named right, {counts['wrong']} wrong, "
               f"{counts['unnamed']} unnamed ({worse})")  # fmt: skip
-
-
-async def _rig(folder: Path) -> Any:
-    async with drawn_cell(13, folder) as here:
-        return here.context.trainer.rig
 
 
 if __name__ == "__main__":

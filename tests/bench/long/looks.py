@@ -27,8 +27,8 @@ from daemon.pick.seen import Seen, seen_parts
 from daemon.pick.settings import View
 from daemon.pick.things import known
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
 from daemon.vision.geometry import exact, visible_from
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.parts import TAUGHT, Shape, part_shape, shape
 from drivers.simcell.truth import load_truth
@@ -36,7 +36,6 @@ from tests.worlds.drawn import obj, prism, solid
 from tests.worlds.heaps import heap
 from tests.worlds.in_time import lived
 from tests.worlds.photographed import ETC
-from tests.worlds.simulated_cell import true_calibration
 from tests.worlds.simulated_hours import Hours, cell_in_time
 
 TWINS, HEAPS, FOUND = 200, 60, 0
@@ -76,7 +75,7 @@ def usual() -> Model:
 
 
 def _learnt(model: Model, label: str, corners: Array, rings: Any) -> Model:
-    return learn_solid(model, solid(f"{label}.obj", obj(corners, rings)), true_calibration().rig, label)
+    return learn_solid(model, solid(f"{label}.obj", obj(corners, rings)), label)
 
 
 def right_and_wrong(here: Hours, found: Sequence[Seen]) -> tuple[int, int]:

@@ -17,9 +17,9 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
 from daemon.pick.things import ONE_MM, _untaught, known, outlines_of, telling
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.trainer import Recogniser
 from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
 from daemon.vision.values import Part
 from tests.worlds import drawn
@@ -35,7 +35,7 @@ CUT = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-15, 20), (-30, 5)], 30
 def recogniser() -> Recogniser:
     model = empty_model(load_facets())
     for label, (corners, rings) in (("block", BLOCK), ("cut", CUT), ("bracket", BRACKET)):
-        model = learn_solid(model, drawn.solid(f"{label}.obj", drawn.obj(corners, rings)), rig(), label)
+        model = learn_solid(model, drawn.solid(f"{label}.obj", drawn.obj(corners, rings)), label)
     return Recogniser(model, rig())
 
 
@@ -174,7 +174,7 @@ def corner_only() -> Recogniser:
     rings = tuple(tuple(used.index(k) for k in whole.facets[facet]) for facet in three)
     types = tuple(whole.types[facet] for facet in three)
     solid = Polyhedron(whole.corners_mm[used], rings, whole.covariance_mm2[used], types)
-    return Recogniser(learn_solid(empty_model(load_facets()), solid, rig(), "block"), rig())
+    return Recogniser(learn_solid(empty_model(load_facets()), solid, "block"), rig())
 
 
 def test_a_side_that_was_never_taught_is_its_parts_and_no_other_thing() -> None:

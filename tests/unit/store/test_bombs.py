@@ -18,14 +18,15 @@ from daemon.config import load_config
 from daemon.review.page import read_digest, write_page
 from daemon.review.replay import Using, replayed_looks
 from daemon.store.library import load_facets
-from daemon.store.model import LARGEST_UNFOLDED, ModelError, load
+from daemon.store.model import LARGEST_UNFOLDED, ModelError, from_bytes, load, to_bytes
 from daemon.store.npz import ArchiveError, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import MOST_PIXELS, PictureError, claimed_pixels, read_grey
 from daemon.store.places import HOUSE
 from daemon.store.runs import RunError, kept_file
 from daemon.store.yamlfile import ConfigError, read
-from tests.worlds.hostile import READERS, claiming
+from daemon.vision.model import empty_model
+from tests.worlds.hostile import READERS, claiming, fitting
 from tests.worlds.made_run import MadeRun
 
 MOST_MEMORY = 100_000_000
@@ -80,8 +81,18 @@ def test_a_model_that_unfolds_to_a_thousand_times_its_size_is_refused_before_it_
             file.write(bytes(1_000_000))
     (tmp_path / "m.npz").write_bytes(out.getvalue())
     assert len(out.getvalue()) < 1_000_000
-    with pytest.raises(ModelError, match=r"m\.npz: not a facetd model: unfolds to more than 64 MB"):
+    with pytest.raises(ModelError, match=r"m\.npz: not a facetd model: unfolds to more than 256 MB"):
         load(tmp_path / "m.npz")
+
+
+def test_a_model_whose_nodes_come_to_more_than_a_memory_may_is_refused_before_they_are_made() -> None:
+    """A file has only what is filled of each node's matrices."""
+    arrays = unpack(to_bytes(empty_model(load_facets())), LARGEST_UNFOLDED)
+    header = json.loads(arrays.pop("header").tobytes()) | {"matrix_size": 1000}
+    del header["sha256"]
+    arrays["counts"] = np.ones((1000, 0), np.int64)
+    with pytest.raises(ModelError, match="nodes: 1000 of 1000 slots come to more than a memory may"):
+        from_bytes(fitting(header, arrays))
 
 
 def test_an_archive_that_lies_about_its_sizes_is_refused() -> None:

@@ -27,8 +27,11 @@ from daemon.store.model import (
 )
 from daemon.store.npz import unpack
 from daemon.store.outside import FileError
+from daemon.store.places import HOUSE
+from daemon.vision.model import Parameters
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
+from tests.worlds.drawn import block
 from tests.worlds.hostile import fitting
 from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
@@ -118,7 +121,7 @@ def test_a_file_cut_short_is_refused(length: int) -> None:
     [
         (b"", "cut short"),
         (b"hello", "not a facetd model"),
-        (with_header(version=2), "version 2"),
+        (with_header(version=3), "version 3, this facetd reads versions 1 and 2: train anew or update"),
         (with_header(format="other"), "not a facetd model"),
         (with_header(parts=["cube"]), "altered"),
         (with_header(sha256="0"), "altered"),
@@ -183,6 +186,73 @@ def test_show_diff_and_check_say_what_a_model_knows(tmp_path: Path) -> None:
     assert check(a).data["sound"]
 
 
+FIRST = HOUSE / "tests" / "data" / "models" / "version_1.npz"
+"""As the release before this version wrote it: parts shown, and a brick of 40, 55, 70 mm that was drawn."""
+
+
+def test_a_model_of_the_version_before_is_learnt_again_from_its_views_and_names_what_it_named() -> None:
+    file = load_file(FIRST)
+    model = file.model
+    assert (file.trained, file.codes["brick"]) == ("2026-11-21T10:00:00Z", "100")
+    assert model.labels == ("cube", "pyramid", "pentagonal_prism", "brick")
+    assert set(model.artmap.node_labels) == set(model.labels)
+    assert model.parameters.vigilance == Parameters().vigilance, "which decided nothing then"
+    brick = block(40, 55, 70)
+    bodies = {"cube": CUBE, "pyramid": PYRAMID, "pentagonal_prism": PENTAGONAL,
+              "brick": Body(brick.corners_mm - brick.corners_mm.mean(0), brick.facets)}  # fmt: skip
+    places = [(x, y, z) for x in (-0.6, 0.5) for y in (-0.5, 0.7) for z in (-0.8, 0.6)]
+    for label, body in bodies.items():
+        for k, place in enumerate(places):
+            seen = view_of(body, pose(np.array(place), 1.0), np.random.default_rng(k))
+            told = recognise_group(seen, model).recognition
+            assert told.label == (label if len(seen.facets) > 1 else "unknown"), (label, place, told.reason)
+    again = from_bytes(to_bytes(model, trained=file.trained, codes=file.codes))
+    assert to_bytes(again.model) == to_bytes(model)
+    assert describe(again).data["parts"] == describe(file).data["parts"]
+
+
+def _first_parts() -> tuple[dict[str, Any], dict[str, Any]]:
+    arrays = unpack(FIRST.read_bytes(), LARGEST_UNFOLDED)
+    header = json.loads(arrays.pop("header").tobytes())
+    del header["sha256"]
+    return header, arrays
+
+
+def _other_first_part(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["metric"][2]["label"] = "cone"
+
+
+def _first_corners(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["view1_corners_mm"] = arrays["view1_corners_mm"] * np.nan
+
+
+def _first_without(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    del arrays["view0_corners_mm"]
+
+
+def _first_point(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["view0_corners_mm"] = 0 * arrays["view0_corners_mm"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (_other_first_part, "of other parts than those that it knows"),
+        (_first_corners, "view1: corners, or what is not known of them, beyond"),
+        (_first_without, "view0_corners_mm"),
+        (_first_point, "Singular matrix"),
+    ],
+)
+def test_of_the_version_before_as_well_what_its_checksum_fits_must_hold_together(
+    spoil: Callable[[dict[str, Any], dict[str, Any]], None], word: str
+) -> None:
+    header, arrays = _first_parts()
+    assert from_bytes(fitting(header, arrays)).model.labels == load(FIRST).labels
+    spoil(header, arrays)
+    with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
+        from_bytes(fitting(header, arrays))
+
+
 def _parts() -> tuple[dict[str, Any], dict[str, Any]]:
     arrays = unpack(CONTENT, LARGEST_UNFOLDED)
     header = json.loads(arrays.pop("header").tobytes())
@@ -194,24 +264,56 @@ def _without_metric(header: dict[str, Any], _: dict[str, Any]) -> None:
     header["metric"] = header["metric"][:2]
 
 
+def _other_part(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["metric"][2]["label"] = "cone"
+
+
 def _flat_facet(header: dict[str, Any], _: dict[str, Any]) -> None:
     header["views"][0]["solid"]["facets"][0] = [0, 1, 1]
 
 
 def _no_corners(_: dict[str, Any], arrays: dict[str, Any]) -> None:
-    arrays["view0_corners_mm"] = arrays["view0_corners_mm"] * np.nan
+    arrays["corners_mm"] = arrays["corners_mm"] * np.nan
 
 
 def _below_nothing(_: dict[str, Any], arrays: dict[str, Any]) -> None:
-    arrays["view0_covariance_mm2"] = -arrays["view0_covariance_mm2"]
+    arrays["covariance_mm2"] = -arrays["covariance_mm2"]
 
 
-def _touching(_: dict[str, Any], arrays: dict[str, Any]) -> None:
-    arrays["view0_touching"] = arrays["view0_touching"][:-1]
+def _fewer_slots(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["slots"].pop()
+
+
+def _a_slot_twice(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["slots"].append(header["views"][0]["slots"][0])
+
+
+def _no_such_slot(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["slots"][0] = header["matrix_size"]
+
+
+def _no_such_side(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["sides"][0] = 99
 
 
 def _node(header: dict[str, Any], _: dict[str, Any]) -> None:
     header["views"][0]["node"] = 3
+
+
+def _no_such_node(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["relations"][0, 0] = 3
+
+
+def _fewer_features(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["lower"] = arrays["lower"][:, 1:]
+
+
+def _ends_swapped(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["lower"], arrays["upper"] = arrays["upper"], arrays["lower"]
+
+
+def _never_resonated(_: dict[str, Any], arrays: dict[str, Any]) -> None:
+    arrays["counts"][1] = 0
 
 
 def _joined(header: dict[str, Any], _: dict[str, Any]) -> None:
@@ -234,12 +336,20 @@ def _ratios(header: dict[str, Any], _: dict[str, Any]) -> None:
     ("spoil", "word"),
     [
         (_ratios, "a facet type of other ratios than angles"),
-        (_without_metric, "of other parts than those that it knows"),
-        (_flat_facet, "view0: fewer than two facets, or one without three corners"),
-        (_no_corners, "view0: corners, or what is not known of them, beyond"),
-        (_below_nothing, "view0: a covariance below nothing"),
-        (_touching, "cube: a view's pattern is not one of its facets"),
+        (_without_metric, "its corners are not those of its views and parts"),
+        (_other_part, "of other parts than those that it knows"),
+        (_flat_facet, "solid: fewer than two facets, or one without three corners"),
+        (_no_corners, "solid: corners, or what is not known of them, beyond"),
+        (_below_nothing, "solid: a covariance below nothing"),
+        (_fewer_slots, "cube: a view's pattern is not one of its facets"),
+        (_a_slot_twice, "cube: a view's pattern is not one of its facets"),
+        (_no_such_slot, "cube: a view's pattern is not one of its facets"),
+        (_no_such_side, "cube: a view's pattern is not one of its facets"),
         (_node, "cube: a view's pattern is not one of its facets"),
+        (_no_such_node, "nodes: a relation of a node or slot that is not there"),
+        (_fewer_features, "nodes: expected 7 values of each relation"),
+        (_ends_swapped, "nodes: a lower end above its upper end"),
+        (_never_resonated, "nodes: 3, counts"),
         (_joined, "a view that is not there"),
         (_large, "Expected `float` <= 1000"),
         (_no_tolerance, "Expected `float` > 1e-06"),

@@ -1,5 +1,6 @@
 """What an older release wrote is read by this one; and after a rollback the older one finds its files, and reads what
-this one has added meanwhile.
+this one has added meanwhile, but for the models that this one trained: those it refuses in a line, and goes back to its
+own.
 
 The older release is taken from the history of this copy, and runs in a process of its own.
 """
@@ -29,6 +30,7 @@ import json, sys
 from pathlib import Path
 import numpy as np
 from daemon.store.library import load_facets
+from daemon.store.model import ModelError
 from daemon.store.model_store import ModelStore
 from daemon.store.runlog import RunLog
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -42,7 +44,16 @@ try:
     places = NamedPlaces(folder)
 except ImportError:
     places = None
-if what != "read":
+
+def labels(version):
+    try:
+        return list(store.load(version).labels)
+    except ModelError as error:
+        return str(error)
+
+if what == "model before":
+    store.rollback()
+elif what != "read":
     eye = np.full((8, 8), 7, np.uint8)
     store.add_view("cube", eye, eye, {"who": what, "table": {"up": [0, 0, 1], "level_mm": 3}, "facets": [["square"]]})
     store.put_candidate(empty_model(load_facets()))
@@ -61,11 +72,12 @@ if what != "read":
     log.settle()  # and the power goes
     if places is not None:
         places.keep(what, np.eye(4), what)
+numbers = sorted(int(path.stem) for path in (folder / "models").glob("*.npz"))
 left = left_behind(folder / FILE, True)
 read = [read_run(run) for run in list_runs(runs)]
 print(json.dumps({
     "views": [[v.name, v.note.get("who"), v.images()[0].tolist()] for v in store.views()],
-    "models": [store.current, list(store.history), len(store.load(store.current).labels)],
+    "models": [store.current, list(store.history), [labels(n) for n in numbers]],
     "runs": [[[r["kind"], r["seq"]] for r in run.records] for run in read],
     "skipped": [list(run.skipped) + check_wire(run.folder) for run in read],
     "left": [left.run, left.cycle, left.hand_closed, left.label, left.auto.count],
@@ -112,14 +124,16 @@ def test_files_go_from_an_older_release_to_this_one_and_back(commit: str, tmp_pa
     assert by_new["skipped"] == [[]]
     added = did(HOUSE, "new", state)
     back = did(old, "read", state)
-    assert {**back, "places": None} == {**added, "places": None}
+    ours = f"{state / 'models' / '0002.npz'}: version 2, this facetd reads version 1: train anew or update"
+    assert added["models"] == [2, [1], [[], []]]
+    assert {**back, "places": None} == {**added, "places": None, "models": [2, [1], [[], ours]]}
     assert [view[:2] for view in back["views"]] == [["cube/1", "old"], ["cube/2", "new"]]
-    assert back["models"] == [2, [1], 0]
     assert back["runs"][0] == by_old["runs"][0]
     assert back["left"][0] == "20260102T000000Z"
     if back["places"] is not None:
         assert back["places"] == ["new", "old"]
-    assert did(old, "older again", state)["models"][0] == 3
+    assert did(old, "model before", state)["models"] == [1, [], [[], ours]]
+    assert did(old, "older again", state)["models"] == [3, [1], [[], ours, []]]
 
 
 @pytest.mark.parametrize("commit", OLDER)

@@ -11,9 +11,10 @@ import pytest
 from daemon.commands.learning import teach
 from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError
 from daemon.store.library import load_facets, load_parts
-from daemon.teaching.aspects import aspects
 from daemon.teaching.mesh import MeshError, read_mesh
+from daemon.teaching.sufficiency import imagined_group
 from daemon.teaching.trainer import Trainer
+from daemon.vision.model import aspects
 from daemon.vision.recognition.recognise import recognise_group
 from tests.worlds import drawn, rendered
 from tests.worlds.drawn import block, solid
@@ -53,7 +54,9 @@ def _holds(scene: Path, label: str) -> bool:
 
 
 def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> None:
-    view = aspects(block(50, 50, 50), RIG)[0]
+    cube = block(50, 50, 50)
+    richest = aspects(cube)[0]
+    view = imagined_group(cube, richest.facets, richest.towards, RIG)
     trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
     model, left_out = trainer.learnt()
     assert left_out == []

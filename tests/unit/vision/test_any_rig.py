@@ -10,11 +10,11 @@ import pytest
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import VisionError, open_eyes
 from daemon.vision.look import look
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.registration import directed, stretches
 from tests.worlds.drawn import box, obj
@@ -29,7 +29,7 @@ PAIR = print_pair(CUBE, pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0), 3)
 @pytest.fixture(scope="module")
 def model() -> Model:
     drawing = solid_drawn("box.obj", obj(*box(60.0, 45.0, 30.0)), "mm", load_facets())
-    return learn_solid(empty_model(load_facets()), drawing, straight_rig(), "box")
+    return learn_solid(empty_model(load_facets()), drawing, "box")
 
 
 def moved_anywhere(rng: np.random.Generator) -> StereoRig:

@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.merge import MetricModel, merge_views
-from daemon.vision.model.patterns import typed
+from daemon.vision.model.relations import types_of
 from tests.worlds.solids import KNOWN, Body, pose, prism, view_of
 
 LIBRARY = load_facets()
@@ -28,7 +28,7 @@ def views(body: Body, directions: list[tuple[float, ...]], seed: int, noise: flo
     found = []
     for direction in directions:
         group = view_of(body, pose(np.array(direction), float(rng.uniform(-3, 3))), rng, noise)
-        found.append(replace(group, facets=tuple(typed(f, LIBRARY) for f in group.facets)).polyhedron)
+        found.append(replace(group.polyhedron, types=tuple(names[0] for names in types_of(group.facets, LIBRARY))))
     return found
 
 

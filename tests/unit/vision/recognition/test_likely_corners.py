@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.recognition.hypotheses import Hypothesis
+from daemon.vision.recognition.fits import Hypothesis
 from daemon.vision.recognition.likely_corners import most_likely_corners
 from tests.worlds.solids import CUBE, pose
 

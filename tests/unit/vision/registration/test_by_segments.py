@@ -169,7 +169,8 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
 def less(seen: Stretches) -> Stretches:
     """Without the edge for which most speaks."""
     kept = np.delete(np.arange(len(seen.surprise)), seen.nats.argmax())
-    return Stretches(seen.edges.only(kept, slice(0, None)), seen.sigmas[kept], seen.surprise[kept])
+    edges = seen.edges.only(kept, slice(0, None))
+    return Stretches(edges, seen.sigmas[kept], seen.surprise[kept], seen.there[kept], seen.visible[kept])
 
 
 def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.look import look
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.registration import by_segments
 from daemon.vision.registration.cut_off import ahead_of_sizes, cut_off
@@ -33,7 +33,7 @@ CORNER_FIRST, END_ON = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0), pose(np.ar
 
 @cache
 def model() -> Model:
-    return learn_solid(empty_model(load_facets()), BOX, straight_rig(), "box")
+    return learn_solid(empty_model(load_facets()), BOX, "box")
 
 
 def shown(where, cut_px: int):

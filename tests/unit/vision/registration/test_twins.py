@@ -10,10 +10,10 @@ import pytest
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.teaching.aspects import learn_solid
 from daemon.vision.facets.weld import weld
 from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.registration.beside import beside
@@ -33,7 +33,7 @@ def model() -> Model:
     taught = empty_model(load_facets())
     for label, body in (("block", BLOCK), ("cut", CUT), ("pyramid", PYRAMID)):
         drawing = solid(f"{label}.obj", obj(body.corners_mm, list(body.facets)))
-        taught = learn_solid(taught, drawing, straight_rig(), label)
+        taught = learn_solid(taught, drawing, label)
     return taught
 
 

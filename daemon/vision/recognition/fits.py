@@ -1,6 +1,7 @@
-"""Every way in which a seen solid may be a taught part, each fitted and weighed by its chi-square.
+"""Ways in which a seen solid may be a taught part, each fitted and weighed by its chi-square.
 
-In: what is seen, the taught metric models. Out: hypotheses, best first. Which one is believed is said in recognise.py.
+In: what is seen, ways that recall proposes, the taught metric models. Out: hypotheses, best first. Which one is
+believed is said in recognise.py.
 """
 
 from __future__ import annotations
@@ -13,16 +14,14 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
-from daemon.vision.model import Correspondence, MetricModel, spread_from, symmetries
+from daemon.vision.model import Correspondence, MetricModel, symmetries
 
 Way = tuple[str, Correspondence]
 Place = tuple[str, tuple[int, int]]  # a part's facet, and by how many corners it is turned
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
-ROUGH_MM = 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
-CLOSE_MM, FITS = 1.0, 1e-2  # how near fits are looked for first, and the tail that ends the search
+CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
 SURE = 3.0  # how many predicted errors a distance may be off
 SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
-NEAREST = 8  # where nothing fits, how many places of each facet are tried, to say what came nearest
 SECOND_CHANCES = 8  # how many hypotheses are tried again without one corner
 ASTRAY_MM = 12.0  # how far a corner may lie off that is left out: farther, and it is another shape
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
@@ -58,19 +57,29 @@ class Hypothesis:
         return chi_square_tail(self.chi2 / SIGMA_SCALE**2, self.dof)
 
 
-def hypotheses(seen: Polyhedron, metric: Mapping[str, MetricModel], tolerance_mm: float) -> tuple[Hypothesis, ...]:
-    """Every label in every numbering that lengths allow, one of those that a turn of the part takes onto each other,
-    most facets explained first, then the smallest chi-square.
-
-    Where nothing fits, what came nearest. May be empty.
-    """
-    if not metric:
+def fitted(
+    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way], tolerance_mm: float
+) -> tuple[Hypothesis, ...]:
+    """The ways that an unweighted fit does not rule out, each in its best pose: most facets explained first, then the
+    smallest chi-square. Where all are ruled out, the nearest."""
+    if not ways:
         return ()
-    for reach_mm in (CLOSE_MM, ROUGH_MM):
-        found = _fitted(seen, metric, _whole_ways(seen, metric, reach_mm), tolerance_mm)
-        if found and found[0].tail > FITS:
-            return found
-    return found or _fitted(seen, metric, _nearest_ways(seen, metric), tolerance_mm)
+    matched = _matched(seen, metric, ways)
+    rms = rough_fit(matched[0], matched[1], matched[2], matched[4])[2]
+    unsure = SURE * float(np.sqrt(seen.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
+    near = np.flatnonzero(rms <= max(ROUGH_MM, unsure))
+    kept = [ways[k] for k in (near.tolist() or [int(rms.argmin())])]
+    fits = fit_poses(*_matched(seen, metric, kept), tolerance_mm)
+    found = [_hypothesis(way, fits, i) for i, way in enumerate(kept)]
+    return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
+
+
+def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
+    """Every taught facet, in every turn, that a lone seen one may be by the distances between its corners: those near,
+    or where there is none those that are not far."""
+    places, off, _ = _places(seen, 0, metric)
+    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := np.flatnonzero(off < SPREAD * reach))), ())
+    return [(label, _alone(seen, metric[label].solid, *place)) for label, place in (places[k] for k in near)]
 
 
 def made_ready(metric: Mapping[str, MetricModel]) -> None:
@@ -93,58 +102,6 @@ def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: flo
     poses = np.tile(np.eye(4), (len(near), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotation, shift
     return [(places[near[k]][0], poses[k]) for k in np.argsort(rms, kind="stable").tolist() if rms[k] < rms_mm]
-
-
-def _fitted(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: list[Way], tolerance_mm: float
-) -> tuple[Hypothesis, ...]:
-    if not ways:
-        return ()
-    fits = fit_poses(*_matched(seen, metric, ways), tolerance_mm)
-    found = [_hypothesis(way, fits, i) for i, way in enumerate(ways)]
-    return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
-
-
-def _whole_ways(seen: Polyhedron, metric: Mapping[str, MetricModel], reach_mm: float) -> list[Way]:
-    """The ways that explain every facet and that an unweighted fit does not rule out."""
-    near = list[list[Place]]()
-    for k in range(len(seen.facets)):
-        places, off, _ = _places(seen, k, metric)
-        near.append([places[i] for i in np.nonzero(off < SPREAD * reach_mm)[0]])
-    start = min(range(len(near)), key=lambda k: len(near[k]))
-    ways = [way for way in _spread(seen, metric, start, near[start]) if way[1].explained == len(seen.facets)]
-    if not ways:
-        return []
-    seen_mm, covariance, corners, _, used = _matched(seen, metric, ways)
-    rms = rough_fit(seen_mm, covariance, corners, used)[2]
-    unsure = SURE * float(np.sqrt(covariance.reshape(-1, 9)[:, ::4].sum(1).mean()))
-    return [w for w, r in zip(ways, rms, strict=True) if r <= max(reach_mm, unsure)]
-
-
-def _nearest_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
-    """Those that explain most, of the few ways for each facet that lie nearest by its own lengths."""
-    ways = list[Way]()
-    for k in range(len(seen.facets)):
-        places, off, _ = _places(seen, k, metric)
-        near = np.argsort(off, kind="stable")[:NEAREST]
-        ways += _spread(seen, metric, k, [places[i] for i in near])
-    most = max((laid.explained for _, laid in ways), default=0)
-    return [way for way in ways if way[1].explained == most]
-
-
-def _spread(seen: Polyhedron, metric: Mapping[str, MetricModel], start: int, places: Sequence[Place]) -> list[Way]:
-    """The ways that lay one seen facet onto (label, (taught facet, turn))."""
-    if len(seen.facets) == 1:
-        return [(label, _alone(seen, metric[label].solid, *place)) for label, place in places]
-    by_label: dict[str, list[tuple[int, tuple[int, int]]]] = {}
-    for label, place in places:
-        by_label.setdefault(label, []).append((start, place))
-    return [
-        (label, way)
-        for label, first in by_label.items()
-        for way in spread_from(seen, metric[label].solid, first)
-        if (way.corners >= 0).sum() >= 3
-    ]
 
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
@@ -254,7 +211,7 @@ def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...], taught: Polyhe
 
 
 def _matched(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: list[Way]
+    seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way]
 ) -> tuple[Array, Array, Array, Array, Flags]:
     """What fit_poses wants: seen corners, their covariance, their counterparts in each way, their covariance, which."""
     corners = np.stack([metric[label].solid.corners_mm[way.corners] for label, way in ways])

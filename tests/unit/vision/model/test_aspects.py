@@ -6,8 +6,9 @@ import numpy as np
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
-from daemon.teaching.aspects import aspects, learn_solid
 from daemon.teaching.sufficiency import imagined_view, judge
+from daemon.vision.model import aspects, learn_solid
+from daemon.vision.model.aspects import OBLIQUE
 from daemon.vision.model.model import empty_model, learn_view
 from tests.worlds import drawn, rendered
 from tests.worlds.drawn import block, solid
@@ -16,23 +17,31 @@ RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()
 
 
-def test_the_characteristic_views_of_a_cube_are_three_squares_and_two() -> None:
-    assert [len(view.facets) for view in aspects(block(50, 50, 50), RIG)] == [3, 2]
-    assert [len(view.facets) for view in aspects(block(40, 50, 60), RIG)] == [3, 2]
+def test_the_characteristic_views_of_a_box_are_those_of_its_corners() -> None:
+    """Each shows three facets, which are related alike at all corners: the memory makes one node of them."""
+    for sides in ((50, 50, 50), (40, 50, 60)):
+        box = block(*sides)
+        views = aspects(box)
+        assert len(views) == len({view.facets for view in views}) == 8
+        for view in views:
+            assert len(set.intersection(*(set(box.facets[k]) for k in view.facets))) == 1
+            assert (box.normals[list(view.facets)] @ view.towards > OBLIQUE).all()
+        assert len(learn_solid(empty_model(LIBRARY), box, "box").artmap.node_labels) == 1
 
 
 def test_what_stands_before_a_facet_hides_it() -> None:
     block = solid("l.obj", drawn.obj(*drawn.prism(drawn.L_BLOCK, 40)[:1], [(0, 5, 4, 3), (0, 3, 2, 1), (6, 7, 8, 9),
                   (6, 9, 10, 11), *drawn.prism(drawn.L_BLOCK, 40)[1][2:]]))  # fmt: skip
-    views = aspects(block, RIG)
+    views = aspects(block)
     assert max(len(view.facets) for view in views) == 5, "both arms' sides and the step are seen from the corner"
-    seen = {tuple(sorted(f.type for f in view.facets)) for view in views}
+    seen = {tuple(sorted(block.types[k] for k in view.facets)) for view in views}
     assert ("polygon6", "rectangle", "rectangle") in seen, "from behind the step is hidden"
+    assert not any(set(one.facets) < set(other.facets) for one in views for other in views)
 
 
 def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file() -> None:
-    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), RIG, "brick", "brick/1")
-    model = learn_solid(model, block(50, 50, 50), RIG, "cube", "cube/1")
+    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), "brick", "brick/1")
+    model = learn_solid(model, block(50, 50, 50), "cube", "cube/1")
     model = from_bytes(to_bytes(model)).model
     for label, sides in (("brick", {40, 50, 60}), ("cube", {50})):
         metric = model.metric[label].solid
@@ -45,13 +54,13 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
 
 
 def test_a_drawn_shape_stays_the_drawings_when_a_view_of_many_facets_makes_the_matrix_larger() -> None:
-    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), RIG, "brick", "brick/1")
+    model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), "brick", "brick/1")
     angles = np.arange(16) * np.pi / 8
     drum = solid("drum.obj", drawn.obj(*drawn.prism([(30 * np.cos(a), 30 * np.sin(a)) for a in angles], 40)))
     view = imagined_view(drum, np.array([0.6, 0.0, 0.8]), RIG)
     assert view is not None
-    assert len(view.facets) > model.matrix_size
+    assert len(view.facets) > model.artmap.slots
     larger = learn_view(model, view, "drum")
-    assert larger.matrix_size == len(view.facets)
+    assert larger.artmap.slots == len(view.facets)
     assert larger.metric["brick"] is model.metric["brick"]
     assert [v.label for v in larger.views] == [*(v.label for v in model.views), "drum"]

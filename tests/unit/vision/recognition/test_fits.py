@@ -1,4 +1,4 @@
-"""Hypotheses: the true label in its true pose is among them and fits as well as predicted; a spoilt corner is found."""
+"""Recalled ways, fitted: the true part in its true pose is one, and fits as predicted; a spoilt corner is found."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
+from daemon.vision.model import Parameters
 from daemon.vision.model.correspond import spread_from, symmetries
 from daemon.vision.model.merge import MetricModel
-from daemon.vision.recognition.hypotheses import (
-    Hypothesis,
-    equivalents,
-    facet_poses,
-    hypotheses,
-    without_one_corner,
-)
+from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, without_one_corner
+from daemon.vision.recognition.recall import recalled
 from tests.worlds.drawn import block
+from tests.worlds.remembered import hypotheses, remembered
 from tests.worlds.solids import KNOWN, Body, measured, pose, seen_facets
 
-TAUGHT = {label: MetricModel(exact(body.corners_mm, body.facets), (0,)) for label, body in KNOWN.items()}
 TAU_MM = 0.2
+SETTINGS = Parameters(tolerance_mm=TAU_MM)
+SOLIDS = {label: exact(body.corners_mm, body.facets) for label, body in KNOWN.items()}
+TAUGHT = remembered(SOLIDS, SETTINGS)
 VIEWS = [(1.0, 0.4, 0.8), (0.6, -0.5, 0.7), (-0.3, 0.8, 0.6)]
 seeds = st.integers(0, 2**31)
 
@@ -43,11 +42,10 @@ def seen_of(body: Body, where: np.ndarray, rng: np.random.Generator | None) -> P
 def test_the_true_part_in_its_true_pose_is_among_them_and_fits_as_predicted(label, direction, roll, seed) -> None:
     where = pose(np.array(direction), roll)
     seen = seen_of(KNOWN[label], where, np.random.default_rng(seed))
-    same = [h for h in hypotheses(seen, TAUGHT, TAU_MM) if h.label == label and h.explained == len(seen.facets)]
-    there, turns = frames.apply(where, KNOWN[label].corners_mm), symmetries(TAUGHT[label].solid)[1]
-    off = [
-        min(np.abs(frames.apply(h.pose @ turn, KNOWN[label].corners_mm) - there).max() for turn in turns) for h in same
-    ]
+    same = [h for h in hypotheses(seen, TAUGHT) if h.label == label and h.explained == len(seen.facets)]
+    taught, there = TAUGHT.metric[label].solid, frames.apply(where, KNOWN[label].corners_mm)
+    turns = symmetries(taught)[1]
+    off = [min(np.abs(frames.apply(h.pose @ turn, taught.corners_mm) - there).max() for turn in turns) for h in same]
     true = same[int(np.argmin(off))]
     assert min(off) < 6.0
     assert true.tail > 1e-4
@@ -56,26 +54,27 @@ def test_the_true_part_in_its_true_pose_is_among_them_and_fits_as_predicted(labe
 
 def test_they_come_smallest_chi_square_first_and_in_part_only_where_none_explains_every_facet() -> None:
     seen = seen_of(KNOWN["cube"], pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
-    plate = MetricModel(exact(KNOWN["cube"].corners_mm[:4], [(3, 2, 1, 0)]), (0,))
-    whole = hypotheses(seen, TAUGHT | {"plate": plate}, TAU_MM)
+    angle = exact(KNOWN["cube"].corners_mm[:6], [(3, 2, 1, 0), (0, 1, 5, 4)])
+    whole = hypotheses(seen, remembered({**SOLIDS, "angle": angle}, SETTINGS))
     assert {(h.label, h.explained) for h in whole} == {("cube", 3)}
     assert [h.chi2 for h in whole] == sorted(h.chi2 for h in whole)
-    part = hypotheses(seen, {"plate": plate}, TAU_MM)
-    assert {h.explained for h in part} == {1}
+    part = hypotheses(seen, remembered({"angle": angle}, SETTINGS))
+    assert {h.explained for h in part} == {2}
+    assert [h.chi2 for h in part] == sorted(h.chi2 for h in part)
 
 
 def test_of_many_parts_only_those_are_laid_whose_lengths_could_be_the_seen_ones(monkeypatch) -> None:
     sizes = [(30 + 3 * k, 40 + 2 * k, 90 - 2 * k) for k in range(20)]
-    many = {f"brick {k}": MetricModel(block(*size), (0,)) for k, size in enumerate(sizes)}
-    body = Body(many["brick 7"].solid.corners_mm, many["brick 7"].solid.facets)
+    many = {f"brick {k}": block(*size) for k, size in enumerate(sizes)}
+    body = Body(many["brick 7"].corners_mm, many["brick 7"].facets)
     laid = []
     monkeypatch.setattr(
-        sys.modules[Hypothesis.__module__],
+        sys.modules[recalled.__module__],
         "spread_from",
         lambda seen, taught, places: laid.extend(places) or spread_from(seen, taught, places),
     )
     seen = seen_of(body, pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
-    assert hypotheses(seen, many, TAU_MM)[0].label == "brick 7"
+    assert hypotheses(seen, remembered(many, SETTINGS), 1.0)[0].label == "brick 7"
     assert len(laid) < 20 * 24 / 10
 
 
@@ -103,9 +102,9 @@ def test_the_mirror_image_of_a_part_does_not_fit_it(label: str, seed: int) -> No
     """Upright, all parts here are their own mirror images; made skew, these are not (a skew cube still is)."""
     skew = np.array([[1, 0.25, 0.1], [0, 1, 0.3], [0, 0, 1]])
     body = Body(KNOWN[label].corners_mm @ skew.T, KNOWN[label].facets)
-    taught = {label: MetricModel(exact(body.corners_mm, body.facets), (0,))}
+    taught = remembered({label: exact(body.corners_mm, body.facets)}, SETTINGS)
     seen = seen_of(body.mirrored(), pose(np.array(VIEWS[0]), 0.7), np.random.default_rng(seed))
-    assert all(h.tail < 1e-6 for h in hypotheses(seen, taught, TAU_MM) if h.explained == len(seen.facets) > 2)
+    assert all(h.tail < 1e-6 for h in hypotheses(seen, taught, 0.8) if h.explained == len(seen.facets) > 2)
 
 
 def test_one_corner_spoilt_by_a_wrong_edge_is_found_and_left_out() -> None:
@@ -113,19 +112,21 @@ def test_one_corner_spoilt_by_a_wrong_edge_is_found_and_left_out() -> None:
     corners = seen.corners_mm.copy()
     corners[2] += [6.0, -4.0, 3.0]
     spoilt = Polyhedron(corners, seen.facets, seen.covariance_mm2)
-    near = hypotheses(spoilt, TAUGHT, TAU_MM)
+    near = hypotheses(spoilt, TAUGHT)
     assert near[0].tail < 1e-6
-    mended = without_one_corner(spoilt, TAUGHT, near, TAU_MM)[0]
+    mended = without_one_corner(spoilt, TAUGHT.metric, near, TAU_MM)[0]
     assert (mended.label, mended.astray) == ("cube", 2)
     assert mended.tail > 0.5
     corners[2] += 30.0
     far = Polyhedron(corners, seen.facets, seen.covariance_mm2)
-    assert all(h.astray != 2 for h in without_one_corner(far, TAUGHT, hypotheses(far, TAUGHT, TAU_MM), TAU_MM))
+    there = hypotheses(far, TAUGHT, 0.8)
+    assert any(h.explained == 3 for h in there)
+    assert all(h.astray != 2 for h in without_one_corner(far, TAUGHT.metric, there, TAU_MM))
 
 
 def test_what_has_no_counterpart_at_all_has_no_hypothesis() -> None:
     hexagon = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.arange(6) * np.pi / 3]) * 30 + [0, 0, 350]
-    assert hypotheses(exact(hexagon, [range(6)]), TAUGHT, TAU_MM) == ()
+    assert hypotheses(exact(hexagon, [range(6)]), TAUGHT) == ()
 
 
 def test_poses_that_fit_as_well_are_a_symmetric_part_s_and_the_best_stands_first() -> None:
@@ -153,7 +154,7 @@ def test_poses_that_fit_as_well_are_a_symmetric_part_s_and_the_best_stands_first
 
 def test_a_part_is_laid_once_in_all_its_symmetric_ways() -> None:
     seen = seen_of(KNOWN["cube"], pose(np.array(VIEWS[0]), 0.4), np.random.default_rng(1))
-    measured_cube = measured(KNOWN["cube"].corners_mm, np.random.default_rng(2)).corners_mm
-    uneven = {"cube": MetricModel(exact(measured_cube, KNOWN["cube"].facets), (0,))}
-    assert len(hypotheses(seen, {"cube": TAUGHT["cube"]}, TAU_MM)) == 1
-    assert len(hypotheses(seen, uneven, TAU_MM)) > 1
+    as_measured = measured(KNOWN["cube"].corners_mm, np.random.default_rng(2))
+    uneven = Polyhedron(as_measured.corners_mm, KNOWN["cube"].facets, as_measured.covariance_mm2)
+    assert len(hypotheses(seen, remembered({"cube": SOLIDS["cube"]}, SETTINGS))) == 1
+    assert len(hypotheses(seen, remembered({"cube": uneven}, SETTINGS))) > 1
