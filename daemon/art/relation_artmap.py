@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.art.arrays import Array, Flags, Index, Single
-from daemon.art.errors import InputError, ParameterError
-from daemon.art.search import within
+from daemon.art.errors import InputError, ParameterError, within
 
 MOST_STATES = 4096
 """Partial numberings that are followed together; more than that, and those that match best are."""

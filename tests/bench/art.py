@@ -14,7 +14,7 @@ from itertools import permutations
 
 import numpy as np
 
-from daemon.art import FuzzyARTMAP, GaussianARTMAP, GaussianRule, RotationLayer, Voting
+from daemon.art.others import FuzzyARTMAP, GaussianARTMAP, GaussianRule, RotationLayer, Voting
 from tests.bench.data.letters import letters
 
 ALPHA = 1e-3

@@ -221,7 +221,7 @@ def _what_it_does(name: str, shares: list[Share]) -> None:
     for one in shares:
         own.setdefault("scenes" if one.set == "scenes" else one.family, []).append(one)
     for family, some in (*own.items(), ("all", shares)):
-        right, strangers = ([one for one in some if one.right is which] for which in (True, False))
+        right, strangers = [one for one in some if one.right], [one for one in some if not one.right]
         left = sum(not _lost(one) for one in strangers)
         print(f"{family:<12}{len(right):>7}{sum(map(_lost, right)):>6}{len(strangers):>11}{left:>6}")
 

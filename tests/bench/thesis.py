@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from daemon.art import ART1, FuzzyARTMAP, RotationLayer, best_numbering, choose
+from daemon.art.others import ART1, FuzzyARTMAP, RotationLayer, best_numbering, choose
 from daemon.store import places
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.look import look

@@ -40,7 +40,7 @@ class Parameters:
     rho: float = 1.0
     alpha: float = 0.01
     beta: float = 1.0
-    vigilance: float = 0.995
+    vigilance: float = 0.999
     tolerance_mm: float = TOLERANCE_MM
 
 
@@ -83,6 +83,11 @@ class Model:
             if -1 not in view.sides:
                 facets[view.node, list(view.slots)] = view.sides
         return facets
+
+    def view_behind(self, node: int) -> str:
+        """The first view that a node learnt, by its source or else its number among the views."""
+        number, view = next((k, view) for k, view in enumerate(self.views, 1) if view.node == node)
+        return view.source or f"view {number}"
 
     def solid_of(self, view: TaughtView) -> Polyhedron:
         """What a view showed: as measured, or as drawn."""

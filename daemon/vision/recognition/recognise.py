@@ -163,7 +163,7 @@ def recognise_group(group: Group, model: Model) -> Part:
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
     chances = probability(seen.polyhedron, standing, model) if standing else {}
-    verdict = _verdict(seen, best, proposed, chances)
+    verdict = _verdict(seen, best, proposed, chances, model)
     if verdict.label == UNKNOWN:
         return _unknown_part(seen, model, verdict)
     winner = next(h for h in best if h.label == verdict.label)
@@ -232,7 +232,7 @@ def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
 
 
 def _verdict(
-    seen: Group, best: tuple[Hypothesis, ...], proposed: Sequence[Recalled], chances: Mapping[str, float]
+    seen: Group, best: tuple[Hypothesis, ...], proposed: Sequence[Recalled], chances: Mapping[str, float], model: Model
 ) -> Recognition:
     """Name, or say why not. chances: the probability of each label that fits."""
     standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -chances[h.label]))
@@ -255,8 +255,8 @@ def _verdict(
     )
     runner_up = next((name for name in ranking if name != first.label), None)
     why = (
-        f"view {answer.node + 1} of the memory recalled at ratio {answer.ratio:.2f}; {len(seen.facets)} facets fit to "
-        f"{first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
+        f"recalled {model.view_behind(answer.node)} (node {answer.node + 1}) at ratio {answer.ratio:.2f}; "
+        f"{len(seen.facets)} facets fit to {first.rms_mm:.2f} mm rms, chi-square {first.chi2:.1f} of {first.dof}"
     )
     return Recognition(first.label, chance, answer.ratio, answer.activation, runner_up, False, why, labels)
 

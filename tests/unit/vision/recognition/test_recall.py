@@ -180,7 +180,7 @@ def test_the_view_that_is_told_is_the_one_that_was_measured_and_proved() -> None
         if told.label != "nut":
             continue
         named += 1
-        node = int(told.reason.split()[1]) - 1
+        node = int(told.reason.partition("(node ")[2].partition(")")[0]) - 1
         ways = [one for level in (1.0, 0.995) for one in asked(group, model, level) if one.node == node]
         assert best is not None
         assert best.facets in [one.way.facets for one in ways]
