@@ -18,7 +18,7 @@ from daemon.quantities import Coordinate, Name
 from daemon.store import places
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.yamlfile import ConfigError, Document, read
-from daemon.vision.settings import VisionSettings
+from daemon.vision.settings import MemorySettings, VisionSettings
 
 Kind = Literal["real", "recorded", "simulated"]
 Row4 = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
@@ -162,6 +162,7 @@ class _File:
     folders: Folders = field(default_factory=Folders)
     pick: Settings = field(default_factory=Settings)
     vision: VisionSettings = field(default_factory=VisionSettings)
+    memory: MemorySettings = field(default_factory=MemorySettings)
     console: Console = field(default_factory=Console)
     log: Log = field(default_factory=Log)
     health: Health = field(default_factory=Health)

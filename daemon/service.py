@@ -156,6 +156,7 @@ class Service:
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
+            context.trainer.memory = config.values.memory
             context.cycle.use(context.trainer.in_use)
             context.troubles.tell("calibration", None)
             answered = who
@@ -381,7 +382,10 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     config = replace(config, notes=(*config.notes, *sections.of_another_size(config, calibration)))
     library, parts = load_facets(config.file(files.facets)), load_parts(config.file(files.parts))
     first = None if files.model is None else load_model(config.file(files.model))
-    trainer = Trainer(ModelStore(config.state), calibration.rig, library, parts, config.values.vision, first)
+    values = config.values
+    trainer = Trainer(
+        ModelStore(config.state), calibration.rig, library, parts, values.vision, first, memory=values.memory
+    )
     return config, calibration, trainer
 
 

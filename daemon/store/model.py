@@ -30,10 +30,10 @@ from daemon.vision.model import (
     FacetType,
     MetricModel,
     Model,
-    Parameters,
     TaughtView,
     relearnt,
 )
+from daemon.vision.settings import MemorySettings
 
 FORMAT = "facetd-model"
 VERSION = 2
@@ -257,7 +257,7 @@ def _library(header: _LibraryHeader) -> FacetLibrary:
 
 
 def _model(header: _Header, arrays: Arrays) -> Model:
-    parameters = Parameters(**header.parameters)
+    parameters = MemorySettings(**header.parameters)
     headers = [v.solid for v in header.views if v.solid is not None] + [m.solid for m in header.metric]
     ends = np.cumsum(arrays["corners"]).tolist()
     if (
@@ -279,7 +279,7 @@ def _model(header: _Header, arrays: Arrays) -> Model:
     return Model(_library(header.library), parameters, views, artmap, metric)
 
 
-def _memory(header: _Header, parameters: Parameters, arrays: Arrays) -> RelationARTMAP:
+def _memory(header: _Header, parameters: MemorySettings, arrays: Arrays) -> RelationARTMAP:
     relations, counts = np.asarray(arrays["relations"], np.intp), np.asarray(arrays["counts"], np.int64)
     features = FEATURES
     size = len(counts), 1 + features, header.matrix_size, header.matrix_size
@@ -306,7 +306,7 @@ def _bounded(nodes: int, slots: int) -> None:
 def _first_model(header: _FirstHeader, arrays: Arrays) -> Model:
     """Of a file of version 1: its views learnt again, its shapes as they were."""
     told = {name: float(value) for name, value in header.parameters.items() if name != "complement"}
-    parameters = Parameters(**{**told, "vigilance": Parameters().vigilance})  # which decided nothing then
+    parameters = MemorySettings(**{**told, "vigilance": MemorySettings().vigilance})  # which decided nothing then
 
     def solid(name: str, known: _SolidHeader) -> Polyhedron:
         corners, covariance = arrays[f"{name}_corners_mm"], arrays[f"{name}_covariance_mm2"]

@@ -41,7 +41,7 @@ from daemon.vision.model import (
 )
 from daemon.vision.recognition import Standing, recognise, recognise_group, standing
 from daemon.vision.report import scene_json
-from daemon.vision.settings import VisionSettings
+from daemon.vision.settings import MemorySettings, VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
 
 Image = NDArray[np.uint8]
@@ -125,10 +125,14 @@ class Trainer:
         parts: Mapping[str, PartEntry],
         settings: VisionSettings | None = None,
         start: Model | None = None,
+        *,
+        memory: MemorySettings | None = None,
     ) -> None:
-        """start: the model to use while none was accepted here. Raises ModelError, ModelStoreError."""
+        """start: the model to use while none was accepted here; memory: how the next one learns. Raises ModelError,
+        ModelStoreError."""
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
         self._judged: dict[int, tuple[Sufficiency, ...]] = {}
+        self.memory = memory or MemorySettings()
         self._start = start or empty_model(library)
         self.model = self._start if model_store.current is None else model_store.load(model_store.current)
 
@@ -230,7 +234,7 @@ class Trainer:
         Drawings come last: the shape they give a part is not changed by what was measured. Before them comes what was
         walked round, all of one part joined: it may have lain on another side each time.
         """
-        model, left_out, walked = empty_model(self.library), [], dict[str, tuple[Polyhedron, ...]]()
+        model, left_out, walked = empty_model(self.library, self.memory), [], dict[str, tuple[Polyhedron, ...]]()
         solids = list[tuple[str, Polyhedron, str]]()
         for view in sorted(self.model_store.views(), key=lambda view: (view.mesh is not None, _is_drawn(view))):
             try:

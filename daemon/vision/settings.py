@@ -19,6 +19,28 @@ Depth = Annotated[float, Meta(gt=0, le=100_000)]
 StereoFormula = Literal["exact", "thesis", "thesis_compensated"]
 
 
+TOLERANCE_MM = 0.25
+"""How far a real part may deviate from the taught one, a standard deviation per axis; what a model says goes before."""
+
+
+@dataclass(frozen=True)
+class MemorySettings:
+    """How the memory learns and recalls; a model keeps those that it was trained with.
+
+    rho: baseline vigilance of learning; 1: views that differ by more than they may be measured wrongly are nodes of
+    their own. alpha: choice parameter, beta: learning rate, 1 being fast learning. vigilance: the least match at which
+    a node is recalled (tests/bench/vigilance.py: from 1 to .98 as much is named rightly, and the lower it is the more
+    is measured, most of that below .995; alpha and beta change nothing there). tolerance_mm: how far a real part may
+    deviate from the taught one, a standard deviation per axis, on top of all predicted measuring errors.
+    """
+
+    rho: Share = 1.0
+    alpha: Annotated[float, Meta(ge=0, le=1000)] = 0.01
+    beta: Share = 1.0
+    vigilance: Share = 0.999
+    tolerance_mm: Annotated[float, Meta(gt=0, le=10)] = TOLERANCE_MM
+
+
 @dataclass(frozen=True)
 class VisionSettings:
     """How corners are found and how depth is computed, and the limits that tell a facet from something else.

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model import Model, Parameters, empty_model, learn_solids, type_facet
+from daemon.vision.model import Model, empty_model, learn_solids, type_facet
 from daemon.vision.recognition.fits import Hypothesis, fitted, lone_ways
 from daemon.vision.recognition.recall import recalled
+from daemon.vision.settings import MemorySettings
 
 LIBRARY = load_facets()
 Types = tuple[tuple[str, ...], ...]
@@ -23,7 +24,7 @@ def types_open(solid: Polyhedron) -> Types:
     )
 
 
-def remembered(parts: Mapping[str, Polyhedron], parameters: Parameters | None = None) -> Model:
+def remembered(parts: Mapping[str, Polyhedron], parameters: MemorySettings | None = None) -> Model:
     """A model that learnt these shapes, which it types where they are not."""
     typed = {
         label: one if one.types else replace(one, types=tuple(names[0] for names in types_open(one)))

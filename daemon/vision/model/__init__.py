@@ -11,10 +11,9 @@ from daemon.vision.model.facet_types import (
     type_facet,
     type_number,
 )
-from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, best_laid, fit_shared, merge_views
+from daemon.vision.model.merge import MetricModel, best_laid, fit_shared, merge_views
 from daemon.vision.model.model import (
     Model,
-    Parameters,
     TaughtView,
     TeachError,
     empty_model,
@@ -30,14 +29,12 @@ __all__ = [
     "FEATURES",
     "LARGEST_NUMBER",
     "MATRIX_SIZE",
-    "TOLERANCE_MM",
     "Aspect",
     "Correspondence",
     "FacetLibrary",
     "FacetType",
     "MetricModel",
     "Model",
-    "Parameters",
     "TaughtView",
     "TeachError",
     "Value",

@@ -15,9 +15,7 @@ from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses
 from daemon.vision.model.correspond import Correspondence, correspondences
 from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
 from daemon.vision.model.regularise import regularise
-
-TOLERANCE_MM = 0.25
-"""How far a real part may deviate from the taught one, a standard deviation per axis; what a model says goes before."""
+from daemon.vision.settings import TOLERANCE_MM
 
 ALWAYS_MM, NEVER_MM, SIGMAS = 3.0, 8.0, 4.0
 """Corners this near are one, farther apart never; in between, those within so many predicted errors."""

@@ -19,29 +19,14 @@ from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model.aspects import aspects
 from daemon.vision.model.facet_types import FacetLibrary
-from daemon.vision.model.merge import TOLERANCE_MM, MetricModel, best_laid, merge_views
+from daemon.vision.model.merge import MetricModel, best_laid, merge_views
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
+from daemon.vision.settings import MemorySettings
 from daemon.vision.values import Group
 
 
 class TeachError(FacetdError, ValueError):
     """A view cannot be learnt, or a label not be forgotten: the message says why."""
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """rho: baseline vigilance of learning; 1: views that differ by more than they may be measured wrongly are nodes of
-    their own. alpha: choice parameter, beta: learning rate, 1 being fast learning. vigilance: the least match at which
-    a node is recalled (tests/bench/vigilance.py: from 1 to .98 as much is named rightly, and the lower it is the more
-    is measured, most of that below .995; alpha and beta change nothing there). tolerance_mm: how far a real part may
-    deviate from the taught one, a standard deviation per axis, on top of all predicted measuring errors.
-    """
-
-    rho: float = 1.0
-    alpha: float = 0.01
-    beta: float = 1.0
-    vigilance: float = 0.999
-    tolerance_mm: float = TOLERANCE_MM
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +49,9 @@ class Model:
     """views in the order taught; artmap: the memory, never changed in place; metric: {label: merged model}."""
 
     library: FacetLibrary
-    parameters: Parameters = Parameters()
+    parameters: MemorySettings = field(default_factory=MemorySettings)
     views: tuple[TaughtView, ...] = ()
-    artmap: RelationARTMAP = field(default_factory=lambda: _no_memory(Parameters()))
+    artmap: RelationARTMAP = field(default_factory=lambda: _no_memory(MemorySettings()))
     metric: dict[str, MetricModel] = field(default_factory=dict)
 
     @cached_property
@@ -94,9 +79,9 @@ class Model:
         return self.metric[view.label].solid.only(view.sides) if view.solid is None else view.solid
 
 
-def empty_model(library: FacetLibrary, parameters: Parameters | None = None) -> Model:
+def empty_model(library: FacetLibrary, parameters: MemorySettings | None = None) -> Model:
     """A model that has been taught nothing."""
-    settings = parameters or Parameters()
+    settings = parameters or MemorySettings()
     return Model(library, settings, artmap=_no_memory(settings))
 
 
@@ -212,5 +197,5 @@ def _tuple(slots: Index) -> tuple[int, ...]:
     return tuple(int(slot) for slot in slots)
 
 
-def _no_memory(parameters: Parameters) -> RelationARTMAP:
+def _no_memory(parameters: MemorySettings) -> RelationARTMAP:
     return RelationARTMAP.empty(FEATURES, MATRIX_SIZE, parameters.rho, parameters.alpha, parameters.beta)

@@ -14,8 +14,8 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.pose_step import SCALE
+from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Facet
 
 VAGUE_MM = 8.0

@@ -16,12 +16,12 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, sides_of
 from daemon.vision.image import Eyes, OneEye, edge_sigmas, find_sides, fit_sides, probe_sides
-from daemon.vision.model import TOLERANCE_MM
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import adjusted
 from daemon.vision.registration.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
 from daemon.vision.registration.pose_step import SCALE, TUKEY, across, moved, off_places, solve
 from daemon.vision.registration.stretches import stretches_of
+from daemon.vision.settings import TOLERANCE_MM
 
 SeenCorners = tuple[Array, Array]
 """A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""

@@ -28,9 +28,9 @@ from daemon.store.model import (
 from daemon.store.npz import unpack
 from daemon.store.outside import FileError
 from daemon.store.places import HOUSE
-from daemon.vision.model import Parameters
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.settings import MemorySettings
 from tests.worlds.drawn import block
 from tests.worlds.hostile import fitting
 from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
@@ -196,7 +196,7 @@ def test_a_model_of_the_version_before_is_learnt_again_from_its_views_and_names_
     assert (file.trained, file.codes["brick"]) == ("2026-11-21T10:00:00Z", "100")
     assert model.labels == ("cube", "pyramid", "pentagonal_prism", "brick")
     assert set(model.artmap.node_labels) == set(model.labels)
-    assert model.parameters.vigilance == Parameters().vigilance, "which decided nothing then"
+    assert model.parameters.vigilance == MemorySettings().vigilance, "which decided nothing then"
     brick = block(40, 55, 70)
     bodies = {"cube": CUBE, "pyramid": PYRAMID, "pentagonal_prism": PENTAGONAL,
               "brick": Body(brick.corners_mm - brick.corners_mm.mean(0), brick.facets)}  # fmt: skip

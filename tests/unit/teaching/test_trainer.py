@@ -11,7 +11,7 @@ import pytest
 from daemon.teaching.sufficiency import imagined_view
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model.model import TeachError
-from daemon.vision.settings import VisionSettings
+from daemon.vision.settings import MemorySettings, VisionSettings
 from tests.worlds import drawn, rendered
 from tests.worlds.taught import scenes, taught
 
@@ -125,3 +125,14 @@ def test_a_view_taught_after_a_forgotten_one_is_not_in_use_yet_whatever_the_cloc
     assert trainer.waiting() == []
     trainer.model_store.drop_views(last.label)
     assert trainer.model_store.add_view(last.label, *pictures, {}).number == again.number + 1
+
+
+def test_a_model_recalls_as_the_settings_say_that_it_was_trained_with(trainer: Trainer) -> None:
+    loose = MemorySettings(vigilance=0.9, beta=0.5)
+    other = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts, memory=loose)
+    other.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
+    version = other.train().version
+    kept = trainer.model_store.load(version)
+    assert kept.parameters == loose
+    assert kept.artmap.beta == loose.beta
+    assert trainer.learnt()[0].parameters == MemorySettings()

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model import Parameters
 from daemon.vision.model.correspond import spread_from, symmetries
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, without_one_corner
 from daemon.vision.recognition.recall import recalled
+from daemon.vision.settings import MemorySettings
 from tests.worlds.drawn import block
 from tests.worlds.remembered import hypotheses, remembered
 from tests.worlds.solids import KNOWN, Body, measured, pose, seen_facets
 
 TAU_MM = 0.2
-SETTINGS = Parameters(tolerance_mm=TAU_MM)
+SETTINGS = MemorySettings(tolerance_mm=TAU_MM)
 SOLIDS = {label: exact(body.corners_mm, body.facets) for label, body in KNOWN.items()}
 TAUGHT = remembered(SOLIDS, SETTINGS)
 VIEWS = [(1.0, 0.4, 0.8), (0.6, -0.5, 0.7), (-0.3, 0.8, 0.6)]
