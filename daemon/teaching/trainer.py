@@ -333,9 +333,9 @@ class Trainer:
         """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
         solid = self._solid(view)
         learnt = {taught.sides for taught in tried.model.views if taught.source == view.name}
-        groups = [
-            imagined_group(solid, one.facets, one.towards, self.rig) for one in aspects(solid) if one.facets in learnt
-        ]
+        every = aspects(solid)
+        shown = [one for one in every if one.facets in learnt] or every  # another shape has taken the place of this one
+        groups = (imagined_group(solid, one.facets, one.towards, self.rig) for one in shown)
         answers = [recognise_group(group, tried.model).recognition for group in groups]
         named = [one for one in answers if one.label == view.label]
         others = [one for one in answers if one.label not in (view.label, UNKNOWN)]

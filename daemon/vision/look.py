@@ -26,7 +26,6 @@ from daemon.vision.registration import (
     named_by_segments,
     rested,
     sharpened,
-    told_apart,
     with_all_they_show,
 )
 from daemon.vision.settings import VisionSettings
@@ -146,7 +145,7 @@ def _by_facets(
         view = seen if table is None else without_table(seen, table)
         if seen.groups is not groups:
             groups = seen.groups
-            found = tuple(told_apart(one, known, eyes) for one in recognise(view.groups, known))
+            found = recognise(view.groups, known)
         naming += now() - start
         if known.labels and all_explained(found, view, known, eyes):
             break

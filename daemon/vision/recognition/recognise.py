@@ -130,18 +130,9 @@ def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
     return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
-def left_open(one: Recognised, others: Sequence[str], model: Model) -> Recognised:
-    """A named group without its name, where other parts explain it as well."""
-    labels = (one.label, *others)
-    return _without(one, _silent(labels, 1 - 1 / len(labels), f"fits {' and '.join(labels)}", labels), model)
-
-
 def without_name(one: Recognised, why: str, confidence: float, model: Model) -> Recognised:
     """A named group without its name, in which one may no longer have more than a confidence."""
-    return _without(one, _silent((one.label,), 1 - confidence, why, (one.label,)), model)
-
-
-def _without(one: Recognised, verdict: Recognition, model: Model) -> Recognised:
+    verdict = _silent((one.label,), 1 - confidence, why, (one.label,))
     return replace(one, part=_unknown_part(_typed(one.group, model).group, model, verdict))
 
 

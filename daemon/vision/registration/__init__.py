@@ -8,7 +8,6 @@ from daemon.vision.registration.guessing import made_ready
 from daemon.vision.registration.missing import with_all_they_show
 from daemon.vision.registration.on_table import rested
 from daemon.vision.registration.sharpen import sharpened
-from daemon.vision.registration.twins import told_apart
 
 __all__ = [
     "Fit",
@@ -23,6 +22,5 @@ __all__ = [
     "rested",
     "sharpened",
     "shown",
-    "told_apart",
     "with_all_they_show",
 ]

@@ -14,7 +14,6 @@ from daemon.vision.image import Eyes
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, joined, recognised
 from daemon.vision.registration.measured import silhouette
-from daemon.vision.registration.twins import told_apart
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
@@ -29,8 +28,7 @@ def beside(
     and refused outlines that are left.
 
     What lies on the faces of a named part is that part's, and so is a lone facet in front of it: one that two patterns
-    make by chance is likelier than a part of which one facet shows. What facets that are left get a name by is held
-    against its twins, as what all facets gave was.
+    make by chance is likelier than a part of which one facet shows.
     """
     named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
     taken = [covered(r, model, eyes) for r in named]
@@ -46,7 +44,7 @@ def beside(
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     before = (*named, *(r for r, _ in new))
-    known = tuple(r if r in before else told_apart(r, model, eyes) for r in joined((*before, *rest), model))
+    known = joined((*before, *rest), model)
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 

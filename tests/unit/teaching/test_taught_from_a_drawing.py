@@ -63,6 +63,13 @@ def test_shown_views_and_a_drawing_of_one_part_go_together(trainer: Trainer) -> 
     assert recognise_group(view, model).recognition.label == "cube"
 
 
+def test_a_drawing_that_a_newer_one_of_the_part_has_replaced_is_tried_all_the_same(trainer: Trainer) -> None:
+    trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
+    trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 80)), "mm", {})
+    verdicts = {verdict.view: verdict.named for verdict in trainer.train().verdicts}
+    assert verdicts == {"brick/1": "unknown", "brick/2": "brick"}
+
+
 def test_a_damaged_drawing_on_the_shelf_is_left_out_and_named(trainer: Trainer) -> None:
     view = trainer.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
     trainer.store_mesh("brick", "brick.obj", drawn.obj(*drawn.box(40, 50, 60)), "mm", {})
