@@ -5,7 +5,8 @@ elements that touch, the category of the first and analogue features of the pair
 numberings under which a view lies inside what a node was taught, for all nodes at once; vigilance resets every node
 that matches less. Learning is that of Fuzzy ARTMAP: choice, vigilance, match tracking on the label, w <- beta (I ^ w) +
 (1 - beta) w. In: views, labels. Out: another memory; nodes with the numbering of each. Nothing of vision. Source:
-D'Souza, sections 4.4.3, 5.5, 5.6, appendix B; Carpenter et al. 1992 (Fuzzy ARTMAP)."""
+D'Souza, sections 4.4.3, 5.5, 5.6, appendix B; Carpenter et al. 1992 (Fuzzy ARTMAP).
+"""
 
 from __future__ import annotations
 

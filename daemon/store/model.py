@@ -91,34 +91,30 @@ class _LibraryHeader(msgspec.Struct, forbid_unknown_fields=True):
     sha256: str
 
 
-class _Header(msgspec.Struct, forbid_unknown_fields=True):
+class _AnyHeader(msgspec.Struct, forbid_unknown_fields=True):
+    """What files of every version say."""
+
     format: str
     version: int
     trained: str
-    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)]]
     matrix_size: Annotated[int, Meta(ge=0, le=1000)]
     parts: list[str]
     codes: dict[str, str]
     library: _LibraryHeader
-    views: list[_ViewHeader]
     metric: list[_MetricHeader]
     sha256: str
 
 
-class _FirstHeader(msgspec.Struct, forbid_unknown_fields=True):
+class _Header(_AnyHeader, forbid_unknown_fields=True):
+    parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)]]
+    views: list[_ViewHeader]
+
+
+class _FirstHeader(_AnyHeader, forbid_unknown_fields=True):
     """Of a file of version 1: its nodes knew types alone, and its views are learnt again."""
 
-    format: str
-    version: int
-    trained: str
     parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)] | bool]
-    matrix_size: Annotated[int, Meta(ge=0, le=1000)]
-    parts: list[str]
-    codes: dict[str, str]
-    library: _LibraryHeader
     views: list[_FirstViewHeader]
-    metric: list[_MetricHeader]
-    sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,23 +313,23 @@ def _first_model(header: _FirstHeader, arrays: Arrays) -> Model:
         for i, v in enumerate(header.views)
     )
     metric = {m.label: MetricModel(solid(f"metric{i}", m.solid), tuple(m.joined)) for i, m in enumerate(header.metric)}
+    _check_labels(header, views)
+    _bounded(len(views), max((len(view.sides) for view in views), default=0))
+    return relearnt(Model(_library(header.library), parameters, views, metric=metric))
+
+
+def _check_labels(header: _AnyHeader, views: tuple[TaughtView, ...]) -> None:
+    """Raises ValueError where views are of other parts than those that the file knows, or it knows one twice."""
     known = {metric.label for metric in header.metric}
     if {view.label for view in views} != known or len(header.metric) != len(known) or known != set(header.parts):
         raise ValueError("its views are of other parts than those that it knows")
-    _bounded(len(views), max((len(view.sides) for view in views), default=0))
-    return relearnt(Model(_library(header.library), parameters, views, metric=metric))
 
 
 def _check_parts(
     header: _Header, views: tuple[TaughtView, ...], metric: dict[str, MetricModel], artmap: RelationARTMAP
 ) -> None:
     """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
-    if (
-        {view.label for view in views} != set(metric)
-        or len(header.metric) != len(metric)
-        or set(metric) != set(header.parts)
-    ):
-        raise ValueError("its views are of other parts than those that it knows")
+    _check_labels(header, views)
     for view in views:
         facets = len(view.sides if view.solid is None else view.solid.facets)
         most, least = len(metric[view.label].solid.facets), 0 if view.solid is None else -1

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model import Model, empty_model, learn_solids, type_facet
+from daemon.vision.model import Model, empty_model, learn_solids, learn_view, type_facet
 from daemon.vision.recognition.fits import Hypothesis, fitted, lone_ways
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
+from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, TRIANGULAR, Body, pose, view_of
 
 LIBRARY = load_facets()
 Types = tuple[tuple[str, ...], ...]
+SIX_VIEWS = (
+    ("cube", CUBE, (1.0, 0.1, 0.8)),
+    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
+    ("pyramid", PYRAMID, (0.6, 0.5, -0.5)),
+    ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
+    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
+    ("pentagonal_prism", PENTAGONAL, (0.81, 0.59, 0.05)),
+)
+"""The thesis's six characteristic views: the part and the direction it is seen from."""
 
 
 def types_open(solid: Polyhedron) -> Types:
@@ -41,3 +53,11 @@ def hypotheses(seen: Polyhedron, model: Model, vigilance: float | None = None) -
         least = model.parameters.vigilance if vigilance is None else vigilance
         ways = [(one.label, one.way) for one in recalled(seen, types_open(seen), model, least)]
     return fitted(seen, model.metric, ways, model.parameters.tolerance_mm)
+
+
+def shown(views: Sequence[tuple[str, Body, tuple[float, float, float]]]) -> Model:
+    """A model that was shown parts, each from a direction, with honest corner noise."""
+    rng, model = np.random.default_rng(3), empty_model(LIBRARY)
+    for label, body, direction in views:
+        model = learn_view(model, view_of(body, pose(np.array(direction), 0.3), rng, 0.6), label)
+    return model

@@ -3,7 +3,8 @@
 Categories are the type numbers (D'Souza, section 4.4.3). Features are analogue, as Fuzzy ARTMAP was made for: lengths
 and angles at the shared edge, seen from either facet. The sides that follow and precede it on its facet tell mirror
 images apart. In: a solid with typed facets. Out: a RelationalView. What is made of it is
-daemon/art/relation_artmap.py's."""
+daemon/art/relation_artmap.py's.
+"""
 
 from __future__ import annotations
 

@@ -64,13 +64,12 @@ def fitted(
     smallest chi-square. Where all are ruled out, the nearest."""
     if not ways:
         return ()
-    matched = _matched(seen, metric, ways)
-    rms = rough_fit(matched[0], matched[1], matched[2], matched[4])[2]
+    seen_mm, covariance, corners, spread, used = _matched(seen, metric, ways)
+    rms = rough_fit(seen_mm, covariance, corners, used)[2]
     unsure = SURE * float(np.sqrt(seen.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
-    near = np.flatnonzero(rms <= max(ROUGH_MM, unsure))
-    kept = [ways[k] for k in (near.tolist() or [int(rms.argmin())])]
-    fits = fit_poses(*_matched(seen, metric, kept), tolerance_mm)
-    found = [_hypothesis(way, fits, i) for i, way in enumerate(kept)]
+    near = np.flatnonzero(rms <= max(ROUGH_MM, unsure)).tolist() or [int(rms.argmin())]
+    fits = fit_poses(seen_mm, covariance, corners[near], spread[near], used[near], tolerance_mm)
+    found = [_hypothesis(ways[k], fits, i) for i, k in enumerate(near)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
 
 

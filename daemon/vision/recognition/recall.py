@@ -58,7 +58,7 @@ def _ways(
         return {}
     labels, facets = model.artmap.node_labels, model.facet_in_slot
     found = dict[tuple[str, tuple[int, ...]], Recalled]()
-    for node, slots, match, activation, ratio in zip(*(answer[k] for k in (0, 1, 2, 3, 4)), strict=True):
+    for node, slots, match, activation, ratio in zip(*answer, strict=True):
         label, own = labels[node], facets[node, slots].tolist()
         if -1 in own or label not in model.metric:
             continue

@@ -3,7 +3,8 @@
 A near twin that was never taught (a mirror image, another size, a corner cut off) has most edges where the part has
 them; some of the part's own are not there. An edge between equal greys shows in no picture, so each stretch counts as
 much as the levels on its two hands let one expect. In: a solid at its pose, its stretches in both pictures. Out: a
-share, and how likely such a twin shows no less."""
+share, and how likely such a twin shows no less.
+"""
 
 from __future__ import annotations
 
@@ -69,28 +70,28 @@ def missing_share(solid: Polyhedron, seen: Sequence[Stretches], views: Sequence[
     """Of the edges that a part should show in both pictures, the share that is not there though the levels beside it
     differ."""
     lacking = every = 0.0
+    laid = Placements.of([solid])
     for stretches, view in zip(seen, views, strict=True):
         edges = stretches.edges
         if not len(edges.start):
             continue
         weight = np.where(edges.outline, 1.0, INNER) * edges.lengths_px / stretches.visible.shape[1]
         each = weight[:, None] * stretches.visible
-        expected = np.minimum(_expected(solid, stretches, view) / EXPECTED, 1.0)
+        expected = np.minimum(_expected(laid, stretches, view) / EXPECTED, 1.0)
         lacking += float((each * ~stretches.there * expected).sum())
         every += float(each.sum())
     return lacking / max(every, 1e-9)
 
 
-def _expected(solid: Polyhedron, stretches: Stretches, view: OneEye) -> Array:
-    """(E, S) by how many sigmas the levels on the two hands of each stretch should differ: that of the facet, as its
+def _expected(laid: Placements, stretches: Stretches, view: OneEye) -> Array:
+    """(E, S) of one part laid, by how many sigmas the levels on the two hands of each stretch should differ: that of
+    the facet, as its
     borders that show have it, against what lies beyond it there, or against the other facet's."""
     edges = stretches.edges
-    levels = stretch_levels(
-        view.smooth, edges.start, edges.end
-    )  # (E, S, 2): before the edge as across() goes, and after
-    facing = Placements.of([solid]).thickness(edges.corners_px) >= THIN_PX[1]
-    hand = _hands(solid, stretches, facing)
-    usual = np.full(len(solid.facets), np.nan)
+    levels = stretch_levels(view.smooth, edges.start, edges.end)
+    facing = laid.thickness(edges.corners_px) >= THIN_PX[1]
+    hand = _hands(laid.shapes[0], stretches, facing)
+    usual = np.full(len(facing), np.nan)
     for facet in np.flatnonzero(facing).tolist():
         own, side = np.nonzero(hand == facet)
         if len(own):

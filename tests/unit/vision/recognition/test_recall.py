@@ -11,33 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.model import Model, empty_model, learn_view, relational_view, types_of
+from daemon.vision.model import Model, empty_model, relational_view, types_of
 from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.recognition.recognise import recognise_group, standing
 from daemon.vision.values import Group
 from tests.worlds import drawn
-from tests.worlds.remembered import LIBRARY, remembered
-from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, TRIANGULAR, Body, pose, view_of
+from tests.worlds.remembered import LIBRARY, SIX_VIEWS, remembered, shown
+from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, Body, pose, view_of
 
-SHOWN = (
-    ("cube", CUBE, (1.0, 0.1, 0.8)),
-    ("cube", CUBE, (1.0, 0.7, 0.8)),
-    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
-    ("pyramid", PYRAMID, (0.6, 0.5, -0.5)),
-    ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
-    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
-    ("pentagonal_prism", PENTAGONAL, (0.81, 0.59, 0.05)),
-)
+SHOWN = (SIX_VIEWS[0], ("cube", CUBE, (1.0, 0.7, 0.8)), *SIX_VIEWS[1:])
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)
 seeds = st.integers(0, 2**31)
 
 
 @cache
 def taught() -> Model:
-    rng, model = np.random.default_rng(3), empty_model(LIBRARY)
-    for label, body, direction in SHOWN:
-        model = learn_view(model, view_of(body, pose(np.array(direction), 0.3), rng, 0.6), label)
-    return model
+    return shown(SHOWN)
 
 
 def asked(group: Group, model: Model, vigilance: float = 0.995) -> tuple[Recalled, ...]:

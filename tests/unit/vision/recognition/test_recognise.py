@@ -11,21 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.store.library import load_facets
 from daemon.vision.facets.weld import weld
-from daemon.vision.model.model import Model, empty_model, forget, learn_view
+from daemon.vision.model.model import Model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
+from tests.worlds.remembered import SIX_VIEWS, shown
 from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
-
-TAUGHT = (
-    ("cube", CUBE, (1.0, 0.1, 0.8)),
-    ("pyramid", PYRAMID, (0.05, 0.03, 1.0)),
-    ("pyramid", PYRAMID, (0.6, 0.5, -0.5)),
-    ("triangular_prism", TRIANGULAR, (0.7, 0.05, 0.5)),
-    ("pentagonal_prism", PENTAGONAL, (0.25, 0.76, 0.5)),
-    ("pentagonal_prism", PENTAGONAL, (0.81, 0.59, 0.05)),
-)
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)
 seeds = st.integers(0, 2**31)
@@ -33,11 +24,7 @@ seeds = st.integers(0, 2**31)
 
 @cache
 def taught() -> Model:
-    rng = np.random.default_rng(3)
-    model = empty_model(load_facets())
-    for label, body, direction in TAUGHT:
-        model = learn_view(model, view_of(body, pose(np.array(direction), 0.3), rng, 0.6), label)
-    return model
+    return shown(SIX_VIEWS)
 
 
 def look(body: Body, direction: tuple[float, ...], roll: float, seed: int, noise: float = 1.0) -> Part:
@@ -52,7 +39,7 @@ def named_or_silent(part: Part, label: str) -> bool:
 
 def test_the_six_views_make_six_nodes_and_one_whole_shape_a_part() -> None:
     model = taught()
-    assert model.artmap.node_labels == tuple(label for label, _, _ in TAUGHT)
+    assert model.artmap.node_labels == tuple(label for label, _, _ in SIX_VIEWS)
     assert {name: len(m.solid.facets) for name, m in model.metric.items()} == {
         "cube": 3,
         "pyramid": 5,
