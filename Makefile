@@ -81,7 +81,7 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.years
 	$(BIN)/python -m tests.bench.long.firstdays 10
 	$(BIN)/python -m tests.bench.long.mutations
-	$(BIN)/python -m tests.bench.long.mutations --rooms store doors review
+	$(BIN)/python -m tests.bench.long.mutations --rooms store frontends review
 
 bench-soak: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.soak

@@ -22,34 +22,34 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from daemon.console.stop_words import takes_leave
-from daemon.doors.client import DaemonLink, NotThereError, StopUnansweredError, stop_unanswered, told_anyway
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import STOP_UNANSWERED as STOP_UNANSWERED
 from daemon.errors import FacetdError, spelt, visible
+from daemon.frontends.client import DaemonLink, NotThereError, StopUnansweredError, stop_unanswered, told_anyway
 from daemon.store.outside import FileError, fill_standard_files, read_file
 
 if TYPE_CHECKING:
     from daemon.console.interpreter import Command
 
-TRAIN = "daemon.jobs.offline"
+TRAIN = "daemon.cli.offline"
 OFFLINE: dict[str, str] = {
-    "recognise": "daemon.jobs.offline",
-    "model": "daemon.jobs.offline",
+    "recognise": "daemon.cli.offline",
+    "model": "daemon.cli.offline",
     "calibrate": "daemon.calibration.cli",
     "review": "daemon.review.cli",
-    "replay": "daemon.hall.cli",
-    "runs": "daemon.hall.cli",
-    "hall": "daemon.hall.cli",
+    "replay": "daemon.fleet.cli",
+    "runs": "daemon.fleet.cli",
+    "hall": "daemon.fleet.cli",
     "export": "daemon.review.cli",
     "tail": "daemon.review.cli",
-    "live": "daemon.live.cli",
-    "cameras": "daemon.jobs.cameras",
-    "snap": "daemon.jobs.cameras",
-    "stream": "daemon.jobs.cameras",
-    "demo": "daemon.jobs.demo",
-    "arm": "daemon.jobs.arm",
+    "live": "daemon.dashboard.cli",
+    "cameras": "daemon.cli.cameras",
+    "snap": "daemon.cli.cameras",
+    "stream": "daemon.cli.cameras",
+    "demo": "daemon.cli.demo",
+    "arm": "daemon.cli.arm",
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 OWN: dict[str, tuple[str, str]] = {
@@ -258,7 +258,7 @@ def _completion(words: list[str], socket_path: Path | None) -> int:
     if words[:1] == ["of"]:
         print("\n".join(_may_become(words[1:], socket_path)))
         return DONE
-    from daemon.jobs.completion import SHELLS, script
+    from daemon.cli.completion import SHELLS, script
 
     if len(words) != 1 or words[0] not in SHELLS:
         print(f"facetctl: usage: facetctl {OWN['completion'][0]}", file=sys.stderr)
@@ -290,11 +290,11 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
-            from daemon.doors.prompt import converse
+            from daemon.frontends.prompt import converse
 
             return converse(link)
         if words[0] == "commission":
-            from daemon.jobs.commission import run
+            from daemon.cli.commission import run
 
             return run(link, words[1:])
         if words[0] == "script":
@@ -317,7 +317,7 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
     say = _teller(as_json)
     if not sys.stdin.isatty():
         return link.do(text, "one-shot", say)
-    from daemon.doors.keyboard import Lines
+    from daemon.frontends.keyboard import Lines
 
     beside = [DONE]
 
@@ -369,7 +369,7 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     except UnicodeDecodeError as error:
         print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
-    from daemon.doors.keyboard import Lines
+    from daemon.frontends.keyboard import Lines
 
     say, beside = _teller(as_json), list[int]()
 
@@ -436,9 +436,9 @@ def _without_daemon(command: str, as_json: bool) -> int:
     """doctor and bundle when no daemon runs."""
     from daemon.commands.keeping import doctor_answer
     from daemon.config import load_config
+    from daemon.maintenance import bundle, doctor
     from daemon.store import places
     from daemon.store.outside import FileError
-    from daemon.upkeep import bundle, doctor
 
     try:
         config = load_config(places.config_file())

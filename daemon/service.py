@@ -1,7 +1,7 @@
 """The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
 
 Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's, moving
-is the cycle's, watching devices is daemon/upkeep/watch.py's.
+is the cycle's, watching devices is daemon/maintenance/watch.py's.
 """
 
 from __future__ import annotations
@@ -35,10 +35,14 @@ from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import Console
 from daemon.console.notices import Level
 from daemon.console.phrases import as_left
-from daemon.doors.rights import DoorError, Rights
-from daemon.doors.socket import SocketServer
-from daemon.doors.terminal import SerialConsole
 from daemon.errors import FacetdError
+from daemon.frontends.rights import DoorError, Rights
+from daemon.frontends.socket import SocketServer
+from daemon.frontends.terminal import SerialConsole
+from daemon.maintenance import journal
+from daemon.maintenance.metrics import MetricsServer
+from daemon.maintenance.watch import Watch
+from daemon.maintenance.watched import Troubles
 from daemon.pick.cycle import Cycle
 from daemon.pick.order import PickOrder
 from daemon.store.files import InUseError, hold, plain
@@ -51,10 +55,6 @@ from daemon.store.runs import enforce_quota, list_runs, new_folder
 from daemon.store.standing import FILE, StandingFile, left_behind
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
-from daemon.upkeep import journal
-from daemon.upkeep.metrics import MetricsServer
-from daemon.upkeep.watch import Watch
-from daemon.upkeep.watched import Troubles
 
 STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
 AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics")

@@ -16,7 +16,7 @@ from daemon.console.interpreter import Answer, CommandError, Door, yes_or_no
 T = TypeVar("T")
 READ_S = 1.0
 """Nobody has read what is asked and said yes to it sooner than this after it came up, whether by `confirm` or as the
-answer to a question (doors/turns.py)."""
+answer to a question (frontends/turns.py)."""
 POLL_S = 0.05
 REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""

@@ -11,8 +11,8 @@ from daemon.commands.monitoring import NO_TURNING_OVER, monitor, note_hand
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, Answer, CommandError, Door, command, no_more, one_of
 from daemon.console.notices import Level
-from daemon.upkeep import bundle as bundles
-from daemon.upkeep import doctor as doctors
+from daemon.maintenance import bundle as bundles
+from daemon.maintenance import doctor as doctors
 
 NOT_OF_POWER_UP = (
     "`{}` is no question after power-up that facetd knows (arm.dialect.power_up_asks): a yes to it may move the arm, "

@@ -17,10 +17,10 @@ from daemon.console.context import CommandContext
 from daemon.console.interpreter import Answer, CommandError, Door, command, number, one_of, version
 from daemon.console.pages import table
 from daemon.console.phrases import cut_off, duration, millimetres, plural
+from daemon.maintenance.doctor import mend_of
 from daemon.pick.find import in_all
 from daemon.pick.looking import Look
 from daemon.pick.world import WorldModel
-from daemon.upkeep.doctor import mend_of
 from daemon.vision.health import SAID, findings_json, troubles
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene

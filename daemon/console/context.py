@@ -23,13 +23,13 @@ from daemon.config import Config
 from daemon.console.notices import Level, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
+from daemon.maintenance.watched import Troubles
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
-from daemon.upkeep.watched import Troubles
 from daemon.vision.facets import Table, table_at
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)

@@ -2,7 +2,7 @@
 
 Here: the table of commands, finding the one that was meant, help, permission, the record of who said what, and
 turning what went wrong into one line. What each command does is in daemon/commands/; how text travels, in
-daemon/doors/socket.py.
+daemon/frontends/socket.py.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import FacetdError, printable
+from daemon.maintenance import journal
 from daemon.quantities import shown, whole
-from daemon.upkeep import journal
 
 Grade = Literal["look", "move", "change"]
 

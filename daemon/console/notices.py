@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import Protocol
 
-from daemon.upkeep import journal
+from daemon.maintenance import journal
 
 
 class Level(IntEnum):

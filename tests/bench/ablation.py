@@ -18,8 +18,8 @@ from daemon.main import tame_malloc
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from tests.bench.recognise import matched, test_folders, trained
-from tests.worlds import rendered
-from tests.worlds.ablated import by_facets, four_drawn, instead, misled, without_recall
+from tests.fakes import rendered
+from tests.fakes.ablated import by_facets, four_drawn, instead, misled, without_recall
 
 
 @dataclass

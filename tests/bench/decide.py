@@ -18,7 +18,7 @@ from daemon.store import places
 from daemon.vision.look import look
 from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.thesis import table, written
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 DOCUMENT = places.HOUSE / "docs" / "DECIDE.md"
 SAID = {

@@ -23,8 +23,8 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.values import Facet, FacetView
-from tests.worlds import rendered
-from tests.worlds.limit import limit
+from tests.fakes import rendered
+from tests.fakes.limit import limit
 
 NEAR_PX = 3.0
 

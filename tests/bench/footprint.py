@@ -14,8 +14,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.worlds import rendered
-from tests.worlds.running import Running
+from tests.fakes import rendered
+from tests.fakes.running import Running
 
 STARTS, LOOKS, IDLE_S = 3, 15, 10.0
 

@@ -33,7 +33,7 @@ from drivers.camera import v4l2
 from drivers.camera.pixels import FORMATS
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 SCENE = "clean-B-003"
 SECONDS = 8.0

@@ -25,8 +25,8 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from tests.bench.recognise import Tally, judge, test_folders, trained
-from tests.worlds import rendered
-from tests.worlds.many_parts import drawn_parts, taught
+from tests.fakes import rendered
+from tests.fakes.many_parts import drawn_parts, taught
 
 COUNTS = (4, 64, 254)
 KINDS = {"clean": ("clean",), "strangers": ("unknown", "factoryunknown"), "factory": ("factory",)}

@@ -19,13 +19,13 @@ import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 
-from daemon.hall.layout import rows_of
-from daemon.hall.page import write_hall
-from daemon.hall.questions import QUESTIONS, opened
-from daemon.hall.store import open_store
+from daemon.fleet.layout import rows_of
+from daemon.fleet.page import write_hall
+from daemon.fleet.questions import QUESTIONS, opened
+from daemon.fleet.store import open_store
 from daemon.review.page import read_digest
 from tests.bench.runs import opened_ms
-from tests.worlds.made_year import picks_of, write_year
+from tests.fakes.made_year import picks_of, write_year
 
 TIMES = 3
 ASKED = {"all": QUESTIONS[8].sql, "a cell's day": "SELECT count(*), avg(ms) FROM looks WHERE cell = 'cell07' AND day = "

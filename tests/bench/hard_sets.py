@@ -27,9 +27,9 @@ from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from daemon.vision.values import Part
 from tests.bench.simulated_looks import true_rig
-from tests.worlds.hard_scenes import KINDS, Body, Staged, staged
-from tests.worlds.many_parts import drawn_parts, taught
-from tests.worlds.photographed import cell
+from tests.fakes.hard_scenes import KINDS, Body, Staged, staged
+from tests.fakes.many_parts import drawn_parts, taught
+from tests.fakes.photographed import cell
 
 SCENES, TAUGHT, STRANGERS = 20, 64, 64
 SURE = 0.95

@@ -17,7 +17,7 @@ from daemon.vision.health.camera_order import Assignment, assignment
 from daemon.vision.health.cause import unevenness
 from daemon.vision.health.examine import examine
 from drivers.camera.pixels import Layout, read_grey
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 Image = np.ndarray
 

@@ -10,7 +10,7 @@ import time
 
 from daemon.calibration.arm_from_readings import NoArmError
 from drivers.val2.acquaintance import UnclearError
-from tests.worlds.strange_controllers import arm_of, draw, in_simulated_time, meet, strangers, wrong
+from tests.fakes.strange_controllers import arm_of, draw, in_simulated_time, meet, strangers, wrong
 
 
 def one(seed: int) -> str:

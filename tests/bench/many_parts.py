@@ -34,10 +34,10 @@ from drivers.simcell.rigid import inverse, rigid, turn
 from drivers.simcell.truth import Truth, load_truth
 from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.simulated_looks import true_rig
-from tests.worlds import rendered
-from tests.worlds.drawn import obj, solid
-from tests.worlds.many_parts import DrawnPart, drawn_parts, taught
-from tests.worlds.photographed import ETC, pose_above
+from tests.fakes import rendered
+from tests.fakes.drawn import obj, solid
+from tests.fakes.many_parts import DrawnPart, drawn_parts, taught
+from tests.fakes.photographed import ETC, pose_above
 
 COUNTS = (4, 16, 64)
 PICTURES = 24

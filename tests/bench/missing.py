@@ -39,10 +39,10 @@ from daemon.vision.values import Part, Scene
 from tests.bench.look_alikes import _judged, _model, shown
 from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
-from tests.worlds import rendered
-from tests.worlds.families import FAMILIES
-from tests.worlds.photographed import Image, cell
-from tests.worlds.telling import TELLS_MM, telling_mm
+from tests.fakes import rendered
+from tests.fakes.families import FAMILIES
+from tests.fakes.photographed import Image, cell
+from tests.fakes.telling import TELLS_MM, telling_mm
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "missing_shares.csv"
 PAIRS = 40

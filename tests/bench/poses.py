@@ -35,8 +35,8 @@ from daemon.vision.model.model import Model, empty_model
 from daemon.vision.values import Part
 from tests.bench.printed_cube import Image
 from tests.bench.recognise import test_folders, trained
-from tests.worlds import rendered
-from tests.worlds.drawn import box, obj
+from tests.fakes import rendered
+from tests.fakes.drawn import box, obj
 
 REAL = rendered.ALL.parent / "real"
 LABEL, SIDE_MM = "printed_cube", 84.0

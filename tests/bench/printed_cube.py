@@ -29,8 +29,8 @@ from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from tests.bench.data.packages import debian_package
 from tests.bench.recognise import trained
-from tests.worlds import rendered
-from tests.worlds.drawn import box, obj
+from tests.fakes import rendered
+from tests.fakes.drawn import box, obj
 
 Image = NDArray[np.uint8]
 FRAMES = "usr/share/visp-images-data/ViSP-images/mbt/cube"

@@ -23,7 +23,7 @@ from daemon.vision.look import look
 from daemon.vision.values import UNKNOWN
 from tests.bench.data.packages import debian_package, python_package
 from tests.bench.recognise import trained
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 SAMPLES = "usr/share/doc/opencv-doc/examples/data"
 BOARD = Board(9, 6, 25.0)

@@ -27,7 +27,7 @@ from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Part, Scene
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 NEAR_MM = 25.0  # a part found belongs to a true one when their corners' centroids are this close
 BINS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0 + 1e-9)

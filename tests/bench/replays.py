@@ -24,9 +24,9 @@ from pathlib import Path
 import dask
 import distributed
 
-from daemon.hall import replay_many
-from daemon.hall.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store, work
-from daemon.hall.store import open_store
+from daemon.fleet import replay_many
+from daemon.fleet.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store, work
+from daemon.fleet.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
 PIECES_A_WORKER = 8

@@ -13,7 +13,7 @@ import numpy as np
 from daemon.review.page import write_page
 from daemon.store.runlog import RunLog
 from tests.chromium import chromium
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 LOOKS, LOOK_EVERY_S = 300, 0.1
 CYCLES = 1000

@@ -23,7 +23,7 @@ from drivers.simcell.render import Thing
 from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.truth import Truth, load_truth
 from drivers.simcell.world import World
-from tests.worlds.photographed import ETC, pose_above
+from tests.fakes.photographed import ETC, pose_above
 
 STAND_OFFS_MM = (450.0, 300.0, 200.0)
 LOOKS, SEED = 48, 11

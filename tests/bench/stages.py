@@ -28,7 +28,7 @@ from daemon.vision.look import look
 from daemon.vision.recognition import recognise
 from daemon.vision.registration import beside, named_by_segments, sharpened
 from tests.bench.recognise import test_folders, trained
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 SETS = ("clean", "shadow", "textured", "multi")
 EVERY_S, ROUNDS = 0.001, 5

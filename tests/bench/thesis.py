@@ -25,8 +25,8 @@ from daemon.vision.look import look
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from tests.bench.facets import edge_errors, edges, visible_facets
 from tests.bench.recognise import trained
-from tests.worlds import rendered
-from tests.worlds.thesis import (
+from tests.fakes import rendered
+from tests.fakes.thesis import (
     ALPHA,
     FIGURE_5_7,
     LABELS,

@@ -39,11 +39,11 @@ from tests.bench.look_alikes import shown
 from tests.bench.many_parts import photographed
 from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
-from tests.worlds import rendered
-from tests.worlds.ablated import four_drawn, misled
-from tests.worlds.families import FAMILIES
-from tests.worlds.many_parts import drawn_parts, taught
-from tests.worlds.photographed import Image, cell
+from tests.fakes import rendered
+from tests.fakes.ablated import four_drawn, misled
+from tests.fakes.families import FAMILIES
+from tests.fakes.many_parts import drawn_parts, taught
+from tests.fakes.photographed import Image, cell
 
 VIGILANCES = (1.0, 0.999, 0.998, 0.995, 0.99, 0.98)
 ALPHAS, BETAS = (0.001, 0.01, 0.1), (1.0, 0.5)

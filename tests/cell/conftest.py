@@ -5,8 +5,8 @@ import asyncio
 import pytest
 
 from daemon.store.model import load, save
-from tests.worlds import simulated_cell
-from tests.worlds.once import made_once
+from tests.fakes import simulated_cell
+from tests.fakes.once import made_once
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,11 @@ from daemon.calibration.board import Board
 from daemon.calibration.drift_watch import DriftWatch
 from daemon.calibration.file import load_calibration
 from daemon.calibration.session import Session, SessionError, solve_camera, solve_hand_eye, verify, view_tour
-from daemon.jobs.demo import PARTS
+from daemon.cli.demo import PARTS
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds import simulated_cell
-from tests.worlds.simulated_cell import rig
-from tests.worlds.simulated_hours import cell_in_time
+from tests.fakes import simulated_cell
+from tests.fakes.simulated_cell import rig
+from tests.fakes.simulated_hours import cell_in_time
 
 pytestmark = pytest.mark.slow
 

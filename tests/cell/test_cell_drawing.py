@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.simcell.parts import part_shape
-from tests.worlds.running import Running, judged_daemon
+from tests.fakes.running import Running, judged_daemon
 
 pytestmark = pytest.mark.slow
 

@@ -17,14 +17,14 @@ from typing import Any
 import pytest
 
 from daemon import ctl
-from daemon.hall.judged import TIMINGS
-from daemon.hall.replay_many import Job, With, jobs_of, replay_many, runs_in_store
-from daemon.hall.store import Store, open_store
+from daemon.fleet.judged import TIMINGS
+from daemon.fleet.replay_many import Job, With, jobs_of, replay_many, runs_in_store
+from daemon.fleet.store import Store, open_store
 from daemon.store import places
 from daemon.store.model import load, save
 from daemon.vision.model.model import forget
-from tests.worlds.cells_recorded import record_pick
-from tests.worlds.made_run import quiet
+from tests.fakes.cells_recorded import record_pick
+from tests.fakes.made_run import quiet
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 for needed in ("pyarrow", "fsspec", "duckdb", "distributed"):
@@ -90,7 +90,7 @@ def bare(results: list[tuple[str, Any]]) -> list[Any]:
 
 
 def jobs(store: Store, out: Path, monkeypatch: pytest.MonkeyPatch, looks: int = 2) -> list[Job]:
-    monkeypatch.setattr("daemon.hall.replay_many.LOOKS_A_JOB", looks)
+    monkeypatch.setattr("daemon.fleet.replay_many.LOOKS_A_JOB", looks)
     return jobs_of(runs_in_store(store), With(), str(out))
 
 
@@ -158,8 +158,8 @@ def test_results_are_the_same_from_one_process_and_from_two_workers_one_of_them_
 
 CLIENT = """
 import sys
-from daemon.hall import replay_many as r
-from daemon.hall.store import open_store
+from daemon.fleet import replay_many as r
+from daemon.fleet.store import open_store
 r.LOOKS_A_JOB = 2
 jobs = r.jobs_of(r.runs_in_store(open_store(sys.argv[1])), r.With(), sys.argv[2])
 r.replay_many(jobs, 0, sys.argv[3])

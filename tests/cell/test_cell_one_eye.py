@@ -10,9 +10,9 @@ import pytest
 
 from daemon.commands.moving import resume
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds import simulated_cell
-from tests.worlds.fake_context import FakeDoor
-from tests.worlds.simulated_hours import Hours, cell_in_time
+from tests.fakes import simulated_cell
+from tests.fakes.fake_context import FakeDoor
+from tests.fakes.simulated_hours import Hours, cell_in_time
 
 pytestmark = pytest.mark.slow
 

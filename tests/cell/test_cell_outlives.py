@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.simcell.world import Where
-from tests.worlds.outlive import ACTS, Beside, Ways, harm
+from tests.fakes.outlive import ACTS, Beside, Ways, harm
 
 pytestmark = pytest.mark.slow
 

@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 from daemon.arm.operators import RefusedError
-from daemon.jobs.demo import PARTS
+from daemon.cli.demo import PARTS
 from daemon.pick import take
 from daemon.store import places
 from drivers.simcell.controller import LineFault, Mishap
-from tests.worlds import simulated_cell
-from tests.worlds.simulated_cell import rig
+from tests.fakes import simulated_cell
+from tests.fakes.simulated_cell import rig
 
 pytestmark = pytest.mark.slow
 

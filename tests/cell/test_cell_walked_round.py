@@ -16,8 +16,8 @@ from daemon.teaching.mesh import read_mesh
 from daemon.teaching.walked_round import deviations
 from daemon.vision.geometry import Polyhedron
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds.fake_context import FakeDoor
-from tests.worlds.walked_round import DRAWN, drawn_cell, lay
+from tests.fakes.fake_context import FakeDoor
+from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 pytestmark = pytest.mark.slow
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
+from daemon.cli import demo as job
 from daemon.ctl import main as facetctl
-from daemon.jobs import demo as job
 from daemon.store.standing import FILE, left_behind
-from tests.worlds.once import made_once
+from tests.fakes.once import made_once
 
 AT_MOST_S = 300.0
 """How long the demo takes on a slow and busy computer."""

@@ -14,7 +14,7 @@ import yaml
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.controller import Manners
-from tests.worlds.first_day import (
+from tests.fakes.first_day import (
     READY_DEG,
     ROOMS,
     Drawing,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from daemon.store import places
-from tests.worlds.running import Running, judged_daemon
+from tests.fakes.running import Running, judged_daemon
 
 pytestmark = pytest.mark.slow
 

@@ -21,13 +21,13 @@ import yaml
 from daemon.commands import every_command
 from daemon.commands.awaiting import READ_S
 from daemon.console.stop_words import means_stop
-from daemon.doors.client import DaemonLink
+from daemon.frontends.client import DaemonLink
 from daemon.store import places
-from tests.worlds.drawn import binary_stl, box, prism
-from tests.worlds.first_day import answer_to, lives_through
-from tests.worlds.made_run import quiet
-from tests.worlds.person import Person
-from tests.worlds.running import Running
+from tests.fakes.drawn import binary_stl, box, prism
+from tests.fakes.first_day import answer_to, lives_through
+from tests.fakes.made_run import quiet
+from tests.fakes.person import Person
+from tests.fakes.running import Running
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3000)]
 
@@ -44,12 +44,12 @@ SPAN = re.compile(r"`([^`\n]+)`")
 ELSEWHERE = (
     (r"git |sudo |systemctl |udevadm |ls -l /dev|DESTDIR=|make ", "tests/rig/run.py", "the machine's own"),
     (r"journalctl |ssh |eval |FACETD_PIP", "tests/rig/run.py", "the machine's own"),
-    (r"facetctl (cameras|stream|snap)\b", "tests/unit/jobs/test_cameras.py", "asks for real cameras"),
+    (r"facetctl (cameras|stream|snap)\b", "tests/unit/cli/test_cameras.py", "asks for real cameras"),
     (r"facetctl commission", "tests/cell/test_first_day.py", "a day of its own"),
     (r"calibrate camera|facetctl calibrate camera", "tests/cell/test_cell_one_eye.py", "a cell with one camera"),
     (r"(facetctl )?calibrate (quick|import|stereo --left)", "tests/unit/calibration/test_interchange.py", "on files"),
     (r"calibrate by-hand", "tests/unit/calibration/test_guide.py", "a board held by somebody"),
-    (r"facetd --sim", "tests/worlds/running.py", "is the daemon here"),
+    (r"facetd --sim", "tests/fakes/running.py", "is the daemon here"),
     (r"facetctl runs collect .*s3://", "tests/cell/test_cell_hall.py", "a bucket"),
     (r"facetctl replay .*--cluster", "tests/cell/test_cell_hall.py", "a scheduler elsewhere"),
 )

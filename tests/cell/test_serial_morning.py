@@ -1,7 +1,7 @@
 """A morning of the serial line as it is in cells, lived through by the daemon: noise as a motor starts, an adapter that
 is pulled out in mid-pick and comes back under another name, a converter that echoes by itself.
 
-Two stop bits no pty has: to whoever reads, the second one is a pause (tests/worlds/strange_controllers.py draws
+Two stop bits no pty has: to whoever reads, the second one is a pause (tests/fakes/strange_controllers.py draws
 controllers that lose what follows too closely).
 """
 
@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.worlds.adapter import BY_ID
-from tests.worlds.running import Running
+from tests.fakes.adapter import BY_ID
+from tests.fakes.running import Running
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
 PATIENCE_S = 240.0
@@ -71,7 +71,7 @@ def pick(daemon: Running) -> str:
 def begun() -> Iterator[Callable[[bool], Running]]:
     folder = Path(tempfile.mkdtemp(prefix="facetd-"))
     daemon = Running(folder, "", seed=7, time_scale=10.0)
-    daemon.program = "tests.worlds.adapter"
+    daemon.program = "tests.fakes.adapter"
 
     def begin(converter: bool) -> Running:
         if converter:

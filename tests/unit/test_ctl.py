@@ -19,8 +19,8 @@ from daemon.console.interpreter import OF_THE_SHELL
 from daemon.store.library import load_facets
 from daemon.store.model import save
 from daemon.vision.model import empty_model, learn_solid
-from tests.worlds import drawn
-from tests.worlds.made_run import MadeRun
+from tests.fakes import drawn
+from tests.fakes.made_run import MadeRun
 
 
 def test_an_option_that_there_is_not_is_told_and_not_said_to_the_daemon(capsys: pytest.CaptureFixture[str]) -> None:

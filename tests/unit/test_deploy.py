@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from daemon.arm.guard import RULES
+from daemon.maintenance.journal import MESSAGE_IDS
 from daemon.store import places
-from daemon.upkeep.journal import MESSAGE_IDS
 
 DEPLOY = places.HOUSE / "deploy"
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.worlds.hostile import READERS, Reader, attack
+from tests.fakes.hostile import READERS, Reader, attack
 
 SEEDS, INPUTS = 12, 100
 

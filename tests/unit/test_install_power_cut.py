@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.worlds.installer import DEPLOYED, NEW, NEXT, OLD, SETTINGS, Installer, runs
+from tests.fakes.installer import DEPLOYED, NEW, NEXT, OLD, SETTINGS, Installer, runs
 
 pytestmark = pytest.mark.skipif(not Path("/usr/bin/truncate").exists(), reason="this machine has no GNU coreutils")
 

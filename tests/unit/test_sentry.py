@@ -15,8 +15,8 @@ import pytest
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.store.standing import FILE, StandingFile
-from tests.worlds.outlive import Beside, Ways, witness
-from tests.worlds.sentry import Found, Sentry, come_back, go_on, look_over
+from tests.fakes.outlive import Beside, Ways, witness
+from tests.fakes.sentry import Found, Sentry, come_back, go_on, look_over
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
 WELL: dict[str, Any] = {"fault": "restarted: the daemon ended in closing", "enabled": False}

@@ -15,7 +15,7 @@ from daemon.store.places import HOUSE
 DAEMON = HOUSE / "daemon"
 PEOPLE_TYPE_THERE = sorted(
     path
-    for place in ("commands/*.py", "console/*.py", "doors/*.py", "ctl.py", "main.py", "jobs/*.py", "*/cli.py")
+    for place in ("commands/*.py", "console/*.py", "frontends/*.py", "ctl.py", "main.py", "cli/*.py", "*/cli.py")
     for path in DAEMON.glob(place)
 ) + [DAEMON / "calibration" / name for name in ("recorded.py",)]
 NOT_TYPED = {

@@ -13,7 +13,7 @@ import pytest
 
 from tests.bench.long import years
 from tests.bench.long.years import CLOCK, DAY_S, LostError, grown, live
-from tests.worlds.light_daemon import LightDaemon, light_daemon
+from tests.fakes.light_daemon import LightDaemon, light_daemon
 
 
 @pytest.fixture

@@ -27,8 +27,8 @@ from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds.fake_context import FakeDoor
-from tests.worlds.walked_round import DRAWN, drawn_cell, lay
+from tests.fakes.fake_context import FakeDoor
+from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 SCENES, TOURS, PLACES = 6, 2, 12
 GOAL_MM, GOAL_DEG = 0.3, 0.3

@@ -31,8 +31,8 @@ from daemon.review.page import read_digest, write_page
 from daemon.review.why import causes
 from daemon.store.runlog import RunLog
 from tests.bench.long.faults import FAULTS, on_state
-from tests.worlds import simulated_cell
-from tests.worlds.simulated_cell import CONFIG, Rig
+from tests.fakes import simulated_cell
+from tests.fakes.simulated_cell import CONFIG, Rig
 
 LONGEST_S = 180.0
 """A pick that has not ended by then never will."""

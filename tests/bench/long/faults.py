@@ -26,10 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from daemon.jobs.demo import PARTS
+from daemon.cli.demo import PARTS
 from drivers.simcell.controller import LineFault, Mishap
-from tests.worlds import simulated_cell
-from tests.worlds.simulated_cell import Rig
+from tests.fakes import simulated_cell
+from tests.fakes.simulated_cell import Rig
 
 MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")
 STILL_MM = 0.3

@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.worlds.first_day import first_day, strange_cell
+from tests.fakes.first_day import first_day, strange_cell
 
 
 def one(seed: int) -> str:

@@ -21,7 +21,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
-from tests.worlds.hostile import READERS, Reader, attack
+from tests.fakes.hostile import READERS, Reader, attack
 
 ROOM_BYTES, LONGEST_S, BATCH = 200_000_000, 1.0, 2_000
 

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.worlds import outlive
-from tests.worlds.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over
+from tests.fakes import outlive
+from tests.fakes.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over
 
 
 def _picking(daemon: Sentry) -> None:

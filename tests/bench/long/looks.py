@@ -32,11 +32,11 @@ from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.parts import TAUGHT, Shape, part_shape, shape
 from drivers.simcell.truth import load_truth
-from tests.worlds.drawn import obj, prism, solid
-from tests.worlds.heaps import heap
-from tests.worlds.in_time import lived
-from tests.worlds.photographed import ETC
-from tests.worlds.simulated_hours import Hours, cell_in_time
+from tests.fakes.drawn import obj, prism, solid
+from tests.fakes.heaps import heap
+from tests.fakes.in_time import lived
+from tests.fakes.photographed import ETC
+from tests.fakes.simulated_hours import Hours, cell_in_time
 
 TWINS, HEAPS, FOUND = 200, 60, 0
 IN_HEAP, LOOKS, MORE = 5, 4, 2

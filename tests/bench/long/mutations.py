@@ -54,7 +54,7 @@ FILES = (
     *(f"drivers/val2/{name}.py" for name in ("link", "wire", "session", "conversation")),
     *(f"daemon/store/{name}.py" for name in (
         "outside", "standing", "records", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
-    *(f"daemon/doors/{name}.py" for name in ("socket", "rights", "turns", "client", "lineedit")),
+    *(f"daemon/frontends/{name}.py" for name in ("socket", "rights", "turns", "client", "lineedit")),
     *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "why", "tables")),
 )  # fmt: skip
 DAEMON = (
@@ -70,7 +70,7 @@ WHOLE = {
     "arm": ("tests/unit/arm", "tests/unit/test_config.py", "tests/unit/test_safety.py", *DAEMON),
     "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
-    "doors": ("tests/unit/doors", "tests/unit/console"),
+    "frontends": ("tests/unit/frontends", "tests/unit/console"),
     "review": ("tests/unit/review", "tests/unit/store/test_records.py", "tests/unit/store/test_bombs.py"),
 }
 """What runs, by room, where the file's own tests notice nothing."""

@@ -28,7 +28,7 @@ from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Scene
 from tests.bench.data.packages import python_package
 from tests.bench.recognise import test_folders, trained
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 Image = NDArray[np.uint8]
 Chance = np.random.Generator

@@ -21,10 +21,10 @@ from daemon.commands.moving import resume
 from daemon.pick.outcome import Outcome
 from daemon.vision.model.model import Model
 from drivers.simcell.parts import TAUGHT
-from tests.worlds import simulated_cell
-from tests.worlds.fake_context import FakeDoor
-from tests.worlds.in_time import lived
-from tests.worlds.simulated_hours import Hours, cell_in_time
+from tests.fakes import simulated_cell
+from tests.fakes.fake_context import FakeDoor
+from tests.fakes.in_time import lived
+from tests.fakes.simulated_hours import Hours, cell_in_time
 
 PICKS, FAULTS = 40, 40
 WAYS: tuple[EyeName | None, ...] = (None, "left", "right")

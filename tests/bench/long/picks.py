@@ -28,13 +28,13 @@ import numpy as np
 from daemon import frames
 from daemon.calibration.file import Calibration
 from daemon.cell.pick_cell import doubt_of
-from daemon.jobs.demo import PARTS
+from daemon.cli.demo import PARTS
 from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.pick.settings import Settings
 from daemon.vision.geometry.rig import Camera
 from tests.bench.calibration import calibrated
-from tests.worlds import simulated_cell
-from tests.worlds.simulated_cell import Rig
+from tests.fakes import simulated_cell
+from tests.fakes.simulated_cell import Rig
 
 HAND_EYE_MM, HAND_EYE_DEG, CENTRE_PX = 0.3, 0.05, 0.3
 TIME_SCALE = 40.0

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from daemon.store.runs import list_runs, read_run
-from tests.worlds.outlive import Beside, Ways
+from tests.fakes.outlive import Beside, Ways
 
 SHARES = 1.0, 0.25
 PARTS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.worlds.running import Footprint, Running
+from tests.fakes.running import Footprint, Running
 
 CONFIG = "log: {quota_mb: 300, keep_free_mb: 0, roll_mb: 40}\n"
 STALLED_S = 600.0

@@ -15,8 +15,8 @@ from multiprocessing import Pool
 
 from hypothesis import seed, settings
 
-from tests.worlds.surprises import HOUSE, STEPS, Surprises, live
-from tests.worlds.whole_daemon import cell_files
+from tests.fakes.surprises import HOUSE, STEPS, Surprises, live
+from tests.fakes.whole_daemon import cell_files
 
 STORIES = 20
 """Of one seed, which ends with the first that surprises."""

@@ -21,7 +21,7 @@ from daemon.arm.guard import refuse
 from daemon.arm.sweep import SLACK_MM, way_clear
 from drivers.puma560 import UnreachableError
 from drivers.simcell.arm import Arm
-from tests.worlds.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel, truth_of
+from tests.fakes.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel, truth_of
 
 CHUNK = 100
 SCENES = (0, 0, 1, 3)

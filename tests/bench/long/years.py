@@ -35,17 +35,17 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from daemon.maintenance import watch
 from daemon.review.week import write_week
 from daemon.store.files import being_written
 from daemon.store.outside import FileError
 from daemon.store.runs import check_wire, list_runs, read_run
-from daemon.upkeep import watch
 from drivers.camera import v4l2
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
-from tests.worlds.light_daemon import CONFIG, Held, LightDaemon, light_daemon
-from tests.worlds.pretend_video import PretendDevice, PretendSystem, whole_frames
+from tests.fakes.light_daemon import CONFIG, Held, LightDaemon, light_daemon
+from tests.fakes.pretend_video import PretendDevice, PretendSystem, whole_frames
 
 BEGIN_S = datetime(2037, 6, 1, tzinfo=UTC).timestamp()
 DAY_S, HOUR_S, WEEK = 86_400.0, 3600.0, 7

@@ -19,7 +19,7 @@ from typing import Any
 import beside
 import yaml
 
-from daemon.doors.client import DaemonLink
+from daemon.frontends.client import DaemonLink
 
 CHECKOUT = Path(__file__).resolve().parents[3]
 ETC = Path("/etc/facetd")

@@ -33,7 +33,7 @@ from installed import (
     write_down,
 )
 
-from daemon.doors.client import NotThereError
+from daemon.frontends.client import NotThereError
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.camera.find import list_devices
 from drivers.camera.node import LINUX

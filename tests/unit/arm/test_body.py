@@ -27,7 +27,7 @@ from drivers import puma560
 from drivers.simcell import judge
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.truth import load_truth
-from tests.worlds.swept import ARM as PUMA
+from tests.fakes.swept import ARM as PUMA
 
 TRUTH = load_truth(Path(__file__).parents[3] / "etc/simcell.yaml")
 BOX = KeepOut("box", (-50.0, -80.0, 0.0), (50.0, 120.0, 300.0))

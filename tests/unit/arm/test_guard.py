@@ -20,7 +20,7 @@ from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
 from drivers.simcell.truth import load_truth
-from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
+from tests.fakes.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
 
 POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
 LIMITS = Limits(keep_out=(POST,), room_low_mm=(-2000.0, -400.0, -2000.0))

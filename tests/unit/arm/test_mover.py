@@ -16,7 +16,7 @@ from daemon.arm.mover import Arrival, MovedByOthersError, Mover, MoveRefusedErro
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
-from tests.worlds.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
+from tests.fakes.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
 
 START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 

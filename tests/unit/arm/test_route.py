@@ -16,8 +16,8 @@ from daemon.arm.route import planned_way
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
-from tests.worlds.fake_cell import Allowed
-from tests.worlds.swept import ARM, ROBOT, Travel, truth_of
+from tests.fakes.fake_cell import Allowed
+from tests.fakes.swept import ARM, ROBOT, Travel, truth_of
 
 POST = KeepOut("post", (540.0, -30.0, -300.0), (580.0, 30.0, -120.0))
 LIMITS = Limits(keep_out=(POST,))

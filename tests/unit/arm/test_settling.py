@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon.arm.settling import NotSettledError, Settling, block_means, change, settled_pair, still
-from tests.worlds.fake_cell import FakePair, FakePicture
+from tests.fakes.fake_cell import FakePair, FakePicture
 
 
 def view(edge_px: int, rng: np.random.Generator, lamps: float = 0.0, sigma: float = 2.0) -> np.ndarray:

@@ -13,8 +13,8 @@ from daemon.arm.operators import Interruption, Let, OperatorRefusedError, Refuse
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import StopRefusedError
-from tests.worlds.fake_cell import HEAD_DOWN, World, build
-from tests.worlds.in_time import lived
+from tests.fakes.fake_cell import HEAD_DOWN, World, build
+from tests.fakes.in_time import lived
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 

@@ -1,4 +1,4 @@
-"""The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/worlds/swept.py)."""
+"""The whole way of a move: proven clear or refused, against a look at every half millimetre (tests/fakes/swept.py)."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
 from daemon.arm.workcell import Reading
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
-from tests.worlds.swept import ARM, ROBOT, Travel, random_travel, truth_of
+from tests.fakes.swept import ARM, ROBOT, Travel, random_travel, truth_of
 
 SEEDS = st.integers(0, 2**32 - 1)
 LIMITS = Limits()

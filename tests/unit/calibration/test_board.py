@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon.calibration.board import BoardError, find_board, parse_board
-from tests.worlds.boards import BOARD, drawn_board
+from tests.fakes.boards import BOARD, drawn_board
 
 
 def test_corners_are_numbered_from_the_black_end_however_the_board_is_turned() -> None:

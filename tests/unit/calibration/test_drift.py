@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.calibration.drift import Drift, Watching, fresh, observe
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import Clue, clue
-from tests.worlds.rigs import turned, unlike_rig
+from tests.fakes.rigs import turned, unlike_rig
 
 Array = frames.Array
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

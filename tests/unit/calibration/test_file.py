@@ -12,7 +12,7 @@ import pytest
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import ConfigError
-from tests.worlds.rigs import rig
+from tests.fakes.rigs import rig
 
 
 def pose(x_mm: float, angle: float) -> np.ndarray:

@@ -17,8 +17,8 @@ from daemon.calibration.hand_eye import (
     park_martin,
     shah,
 )
-from tests.worlds.boards import BOARD
-from tests.worlds.rigs import unlike_rig
+from tests.fakes.boards import BOARD
+from tests.fakes.rigs import unlike_rig
 
 Array = frames.Array
 TRUE_HAND_EYE = frames.rigid(frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0]))

@@ -12,7 +12,7 @@ from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
 from daemon.calibration.interchange import InterchangeError, from_opencv, from_ros, to_opencv, to_ros
 from daemon.vision.geometry.rig import StereoRig
-from tests.worlds.rigs import unlike_rig
+from tests.fakes.rigs import unlike_rig
 
 
 def assert_same(found: StereoRig, expected: StereoRig) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.calibration.least_squares import INTRINSICS, Match, stereo_problem
-from tests.worlds.boards import BOARD
+from tests.fakes.boards import BOARD
 
 
 def test_the_jacobian_is_the_slope_of_the_residuals() -> None:

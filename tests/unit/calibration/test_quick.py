@@ -12,7 +12,7 @@ from daemon import ctl
 from daemon.calibration.file import load_calibration
 from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
 from daemon.vision.geometry.rig import Camera
-from tests.worlds.rigs import thesis_rig
+from tests.fakes.rigs import thesis_rig
 
 
 def measured(baseline_mm: float = 200.0, depths: bool = True) -> Measured:

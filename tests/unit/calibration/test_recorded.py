@@ -10,7 +10,7 @@ import pytest
 
 from daemon.calibration.board import BoardError
 from daemon.calibration.recorded import read_pairs
-from tests.worlds.boards import BOARD, drawn_board
+from tests.fakes.boards import BOARD, drawn_board
 
 
 def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None:

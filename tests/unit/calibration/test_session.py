@@ -11,8 +11,8 @@ from daemon.calibration.board import find_board
 from daemon.calibration.file import Calibration
 from daemon.calibration.session import SessionError, View, verify
 from daemon.calibration.stereo import Pair
-from tests.worlds.boards import BOARD, drawn_board
-from tests.worlds.rigs import unlike_rig
+from tests.fakes.boards import BOARD, drawn_board
+from tests.fakes.rigs import unlike_rig
 
 
 def test_one_eye_that_was_nowhere_far_enough_from_where_it_was_says_so() -> None:

@@ -10,8 +10,8 @@ import pytest
 from daemon import frames
 from daemon.calibration.board import SeenBoard
 from daemon.calibration.stereo import Pair, StereoError, calibrate_stereo
-from tests.worlds.boards import BOARD
-from tests.worlds.rigs import unlike_rig
+from tests.fakes.boards import BOARD
+from tests.fakes.rigs import unlike_rig
 
 Array = frames.Array
 

@@ -18,7 +18,7 @@ from daemon.arm.supervisor import Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
 from daemon.calibration.session import view_tour
 from daemon.calibration.tour import in_order, looks_at, spread_out
-from tests.worlds.fake_cell import World, build
+from tests.fakes.fake_cell import World, build
 
 
 def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> None:

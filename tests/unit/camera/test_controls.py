@@ -6,7 +6,7 @@ import pytest
 
 from drivers.camera import controls
 from drivers.camera.pair import CameraError
-from tests.worlds.pretend_video import PretendControl, PretendDevice, PretendNode, PretendSystem
+from tests.fakes.pretend_video import PretendControl, PretendDevice, PretendNode, PretendSystem
 
 EXPOSURE, EXPOSURE_AUTO, GAIN, FOCUS, FOCUS_AUTO = 0x009A0902, 0x009A0901, 0x00980913, 0x009A090A, 0x009A090C
 

@@ -9,7 +9,7 @@ import pytest
 from drivers.camera import v4l2
 from drivers.camera.find import find, list_devices
 from drivers.camera.pair import CameraError
-from tests.worlds.pretend_video import PretendControl, PretendDevice, PretendSystem
+from tests.fakes.pretend_video import PretendControl, PretendDevice, PretendSystem
 
 GAIN = 0x00980913
 LEFT, RIGHT = (

@@ -12,7 +12,7 @@ from drivers.camera import v4l2
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stereo import V4L2StereoCamera
-from tests.worlds.pretend_video import Arrival, PretendControl, PretendDevice, PretendSystem
+from tests.fakes.pretend_video import Arrival, PretendControl, PretendDevice, PretendSystem
 
 PERIOD_S = 0.1
 SETTINGS = CameraSettings("left", "right", 8, 4, fps=10.0)

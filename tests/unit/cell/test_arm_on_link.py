@@ -26,7 +26,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link
-from tests.worlds.arm_line import QUICK, ArmLine
+from tests.fakes.arm_line import QUICK, ArmLine
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 

@@ -14,7 +14,7 @@ from daemon.cell.cameras import ThreadedEyes
 from daemon.cell.eye_trial import ailments, distrust
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds.simulated_cell import CONFIG
+from tests.fakes.simulated_cell import CONFIG
 
 RIG = load_calibration(CONFIG.parent / "calibration.yaml").rig
 

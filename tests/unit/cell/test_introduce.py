@@ -30,8 +30,8 @@ from drivers.val2.first_moves import ROUNDS, STEP_DEG
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
-from tests.worlds.first_day import ROOMS, arm_yaml
-from tests.worlds.strange_controllers import (
+from tests.fakes.first_day import ROOMS, arm_yaml
+from tests.fakes.strange_controllers import (
     START_DEG,
     Contact,
     PacedLine,

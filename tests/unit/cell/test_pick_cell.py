@@ -20,7 +20,7 @@ from daemon.config import load_config
 from daemon.pick.pose_fusion import Doubt
 from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.simcell.truth import load_truth
-from tests.worlds.first_day import arm_yaml
+from tests.fakes.first_day import arm_yaml
 
 CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 

@@ -22,7 +22,7 @@ from daemon.console.interpreter import Answer, CommandError, Console
 from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import Calibrations
-from tests.worlds.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeDoor, fake_context
 
 ETC = Path(__file__).parents[3] / "etc"
 

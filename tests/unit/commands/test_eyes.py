@@ -20,9 +20,9 @@ from daemon.console.interpreter import CommandError
 from daemon.pick.order import PickOrder
 from daemon.service import Service
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.worlds.fake_context import FakeDoor
-from tests.worlds.simulated_cell import CONFIG
-from tests.worlds.simulated_hours import Hours, cell_in_time
+from tests.fakes.fake_context import FakeDoor
+from tests.fakes.simulated_cell import CONFIG
+from tests.fakes.simulated_hours import Hours, cell_in_time
 
 FAULT = "CameraError: simulated pair: no frame within 5.00 s (right eye unplugged)"
 

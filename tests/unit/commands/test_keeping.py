@@ -12,8 +12,8 @@ from daemon.commands.keeping import robot
 from daemon.console.notices import Notices
 from daemon.pick.cycle import Cycle
 from daemon.pick.settings import Settings
-from tests.worlds.fake_cell import World, build
-from tests.worlds.fake_context import FakeDoor
+from tests.fakes.fake_cell import World, build
+from tests.fakes.fake_context import FakeDoor
 
 
 def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_holds() -> None:

@@ -13,7 +13,7 @@ from daemon.commands import every_command
 from daemon.commands.looking import describe_scene
 from daemon.console.interpreter import Console
 from daemon.vision.values import Cause, Facet, FacetView, Part, Recognition, Scene
-from tests.worlds.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeDoor, fake_context
 
 
 def test_a_part_without_a_name_comes_with_the_cause_and_what_to_do_about_it() -> None:

@@ -17,7 +17,7 @@ from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike
 from daemon.teaching.trainer import Trainer
-from tests.worlds import drawn, fake_context, rendered
+from tests.fakes import drawn, fake_context, rendered
 
 
 class Nobody:

@@ -25,10 +25,10 @@ from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller
 from drivers.val2.link import Link
-from tests.worlds.fake_cell import TruthRecogniser, World, build
-from tests.worlds.fake_context import FakeDoor, FakeLog
-from tests.worlds.person import Person
-from tests.worlds.running import Running, judged_daemon
+from tests.fakes.fake_cell import TruthRecogniser, World, build
+from tests.fakes.fake_context import FakeDoor, FakeLog
+from tests.fakes.person import Person
+from tests.fakes.running import Running, judged_daemon
 
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:

@@ -13,7 +13,7 @@ import pytest
 from daemon import frames
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
-from tests.worlds.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeDoor, fake_context
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from daemon.arm import RefusedError
 from daemon.commands import every_command
 from daemon.console.interpreter import Answer, Console
 from daemon.pick.order import PickOrder
-from tests.worlds.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeDoor, fake_context
 
 
 def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:

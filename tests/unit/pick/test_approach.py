@@ -10,8 +10,8 @@ from daemon.arm.mover import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach
 from daemon.pick.transitions import Event, State
 from daemon.pick.world import SuspectError
-from tests.worlds.fake_cell import one_part
-from tests.worlds.pick_steps import begun, brought_to, step
+from tests.fakes.fake_cell import one_part
+from tests.fakes.pick_steps import begun, brought_to, step
 
 
 def shifted(fake, label, *by_mm):

@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, Thing, tour_round
 from daemon.vision.facets import weld
-from tests.worlds.solids import CUBE, pose, view_of
+from tests.fakes.solids import CUBE, pose, view_of
 
 TOOL_FROM_CYCLOPEAN = frames.rigid(np.eye(3), np.array([-70.0, 0.0, -100.0]))
 THING = Thing(np.array([520.0, 0.0, -280.0]), 40.0)

@@ -12,7 +12,7 @@ from daemon.pick import find
 from daemon.pick.settings import Settings
 from daemon.vision.values import Cause, Polygon, Recognition, Rejected
 from drivers.simcell import parts
-from tests.worlds.fake_cell import World, build, cycle_of, one_part
+from tests.fakes.fake_cell import World, build, cycle_of, one_part
 
 
 def cleared(world: World, settings: Settings | None = None, **options):

@@ -8,7 +8,7 @@ import pytest
 from daemon.arm.mover import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
-from tests.worlds.fake_cell import World, cycle_of, one_part
+from tests.fakes.fake_cell import World, cycle_of, one_part
 
 
 async def during(world: World, cycle: Cycle, name: str, count: int, act):

@@ -7,8 +7,8 @@ from daemon import frames
 from daemon.pick.find import MOST_OLD
 from daemon.pick.transitions import Event, State
 from daemon.pick.world import Question, SuspectError
-from tests.worlds.fake_cell import one_part
-from tests.worlds.pick_steps import begun, brought_to, step
+from tests.fakes.fake_cell import one_part
+from tests.fakes.pick_steps import begun, brought_to, step
 
 
 def test_an_old_look_sends_back_to_the_survey_a_few_times_then_the_guard_has_its_say():

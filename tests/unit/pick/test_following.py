@@ -21,7 +21,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import Where
-from tests.worlds.solids import CUBE, measured, pose
+from tests.fakes.solids import CUBE, measured, pose
 
 ETC = places.HOUSE / "etc"
 CONFIG = load_config(ETC / "facetd.yaml", simulated=True)

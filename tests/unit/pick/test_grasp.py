@@ -15,7 +15,7 @@ from drivers.simcell.drawn import drawn_shape
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth
-from tests.worlds.drawn import prism
+from tests.fakes.drawn import prism
 
 GRIPPER = Gripper()
 MIDDLE = np.array([520.0, 0.0, -300.0])

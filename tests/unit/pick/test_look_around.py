@@ -11,7 +11,7 @@ from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import Cycle
 from daemon.pick.world import WorldModel
 from daemon.vision.values import Recognition
-from tests.worlds.fake_cell import World, cycle_of, one_part
+from tests.fakes.fake_cell import World, cycle_of, one_part
 
 NAMELESS = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing taught")
 

@@ -9,7 +9,7 @@ from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
 from daemon.pick.looking import Expected, log_look, take_look, taken_here, tracked_json, whole_look
 from daemon.vision.registration.corner_pose import Fit
-from tests.worlds.fake_cell import TruthRecogniser, World, build, rig, shape_of
+from tests.fakes.fake_cell import TruthRecogniser, World, build, rig, shape_of
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.6, 0.4, 0.3])), np.array([5.0, -8.0, 300.0]))
 FIT = Fit(POSE, np.diag([0.1, 0.1, 0.3, 1e-5, 1e-5, 1e-5]), 0.1, 9)

@@ -19,7 +19,7 @@ from daemon.pick.settings import Settings
 from daemon.vision.geometry import StereoRig, baseline, moved_rig
 from daemon.vision.health import Clue
 from daemon.vision.values import FacetView, Group, Scene
-from tests.worlds.fake_cell import TruthRecogniser, World, build, one_part, rig
+from tests.fakes.fake_cell import TruthRecogniser, World, build, one_part, rig
 
 ARM = Doubt(arm_mm=0.1, arm_deg=0.03).arm()
 DOWN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 0.0, 50.0]))

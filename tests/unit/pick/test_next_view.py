@@ -23,8 +23,8 @@ from daemon.pick.next_view import (
 )
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.values import UNKNOWN
-from tests.worlds import drawn
-from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, rig
+from tests.fakes import drawn
+from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, rig
 
 AT = np.array([520.0, 0.0, -280.0])
 

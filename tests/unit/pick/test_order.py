@@ -11,7 +11,7 @@ import pytest
 
 from daemon.pick.order import PickOrder
 from drivers.simcell import parts
-from tests.worlds.fake_cell import World, cycle_of
+from tests.fakes.fake_cell import World, cycle_of
 
 SPOTS = ((430, -100), (430, 100), (590, -90), (590, 90))
 

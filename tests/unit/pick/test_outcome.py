@@ -10,7 +10,7 @@ from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.settings import Settings
-from tests.worlds.fake_cell import TruthRecogniser, World, build, one_part
+from tests.fakes.fake_cell import TruthRecogniser, World, build, one_part
 
 
 class Watching:

@@ -9,7 +9,7 @@ from daemon.pick.grasp import in_the_way
 from daemon.pick.plan import last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
 from drivers.simcell.parts import part_shape
-from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
 
 
 def lying(label, rest, turn=0.3, x=520.0, y=0.0):

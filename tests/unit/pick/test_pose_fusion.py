@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt, Stops
-from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN
+from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN
 
 DOUBT = Doubt()
 TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))

@@ -13,8 +13,8 @@ from daemon import frames
 from daemon.pick.seen import Facing, Seen, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
 from daemon.vision.recognition.recognise import UNKNOWN
 from daemon.vision.values import Part, Recognition
-from tests.worlds.rigs import rig
-from tests.worlds.solids import measured
+from tests.fakes.rigs import rig
+from tests.fakes.solids import measured
 
 WORLD_FROM_CYCLOPEAN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 0.0, 50.0]))
 SQUARE = 25.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

@@ -9,8 +9,8 @@ from daemon.arm import capsule_around
 from daemon.pick import take
 from daemon.pick.transitions import Event, State
 from drivers.simcell import parts
-from tests.worlds.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
-from tests.worlds.pick_steps import begun, brought_to, step
+from tests.fakes.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
+from tests.fakes.pick_steps import begun, brought_to, step
 
 
 def purposes(fake):

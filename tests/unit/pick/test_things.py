@@ -22,9 +22,9 @@ from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
 from daemon.vision.values import Part
-from tests.worlds import drawn
-from tests.worlds.looked_around import looked_at, place
-from tests.worlds.rigs import rig
+from tests.fakes import drawn
+from tests.fakes.looked_around import looked_at, place
+from tests.fakes.rigs import rig
 
 BLOCK = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], 30)
 BRACKET = drawn.prism([(-30.0, -25.0), (30, -25), (30, -13), (-18, -13), (-18, 25), (-30, 25)], 40)

@@ -5,7 +5,7 @@ import numpy as np
 from daemon import frames
 from daemon.pick import viewpoints
 from daemon.pick.grasp import tool_rotation
-from tests.worlds.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
 
 TRUE = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.2, 0.7])), np.array([520.0, 10.0, -275.0]))
 ROTATION = tool_rotation(np.array([0.0, 1.0, 0.0]), 0.4)

@@ -14,7 +14,7 @@ import pytest
 from daemon.pick import world as world_room
 from daemon.pick.world import MOST_S, WorldModel
 from daemon.vision.values import Recognition
-from tests.worlds.fake_cell import World, cycle_of, one_part
+from tests.fakes.fake_cell import World, cycle_of, one_part
 
 
 def test_a_pick_whose_looks_never_agree_ends_and_says_what_disagreed(monkeypatch: pytest.MonkeyPatch) -> None:

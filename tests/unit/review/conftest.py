@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 
 @pytest.fixture

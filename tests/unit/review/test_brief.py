@@ -12,7 +12,7 @@ from daemon.review.page import read_digest
 from daemon.review.production import production
 from daemon.review.week import run_json
 from daemon.store.runs import read_run
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 
 @pytest.mark.parametrize("missing", ["kind", "seq", "t", "mono_s"])

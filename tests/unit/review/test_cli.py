@@ -11,7 +11,7 @@ import pytest
 
 from daemon import ctl
 from daemon.review.page import read_digest
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 
 def test_runs_are_tabled_and_laid_side_by_side(

@@ -11,7 +11,7 @@ from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data, stop_json
 from daemon.review.tables import cycle_rows
 from daemon.store.runs import read_run
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 
 def test_a_run_is_sorted_into_cycles_and_stops(made: MadeRun) -> None:

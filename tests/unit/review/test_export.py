@@ -13,7 +13,7 @@ from daemon import ctl
 from daemon.review.export import _messages, _nanoseconds, _transform
 from daemon.store import places
 from daemon.store.runlog import KINDS
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 

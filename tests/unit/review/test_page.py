@@ -14,7 +14,7 @@ import pytest
 from daemon.review.page import read_digest, render, write_page
 from daemon.review.week import write_week
 from daemon.store.runs import RunError
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 
 def test_a_run_without_a_cycle_makes_a_page(made: MadeRun) -> None:

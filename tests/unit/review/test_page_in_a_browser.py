@@ -11,7 +11,7 @@ import pytest
 from daemon.review.page import write_page
 from daemon.vision.report import scene_json
 from daemon.vision.values import FacetView, NearestGuess, Scene
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 
 def rows(browser: Any) -> list[object]:

@@ -20,7 +20,7 @@ from daemon.review.pagedata import (
     timeline,
 )
 from daemon.review.tables import tables
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 Json = dict[str, Any]
 FACET = {

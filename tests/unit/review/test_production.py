@@ -13,7 +13,7 @@ from daemon.review.measures import strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import events
 from daemon.review.production import compared, production, remedies
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 
 def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None:

@@ -29,7 +29,7 @@ from daemon.store.runs import RunError
 from daemon.vision.facets import table_of
 from daemon.vision.look import look
 from daemon.vision.model import empty_model
-from tests.worlds.made_run import FACET, part
+from tests.fakes.made_run import FACET, part
 
 
 def scene(*parts: dict[str, object]) -> dict[str, object]:

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 from daemon import ctl
-from tests.worlds.made_run import MadeRun
+from tests.fakes.made_run import MadeRun
 
 
 def test_csv_tables_have_a_row_a_cycle_and_a_row_a_look(made: MadeRun, tmp_path: Path) -> None:

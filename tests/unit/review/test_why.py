@@ -34,7 +34,7 @@ from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 UNMATCHED = "no facet was found in both images (13 and 11 outlines)"
 FOCUS = "left: out of focus: focus the lens at the working distance, or clean it (focus 3.13 px, limit 1.5)"

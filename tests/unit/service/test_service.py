@@ -24,12 +24,12 @@ from daemon.arm.stopping import ABORT_S
 from daemon.cell import build as build_room
 from daemon.cell.no_arm import CellError
 from daemon.config import load_config
-from daemon.doors.client import DaemonLink, NotThereError
+from daemon.frontends.client import DaemonLink, NotThereError
 from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from daemon.store.yamlfile import ConfigError
 from drivers.val2.dialect import Dialect
-from tests.worlds.in_time import lived
+from tests.fakes.in_time import lived
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"

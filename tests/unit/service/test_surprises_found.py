@@ -20,8 +20,8 @@ from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
 from drivers.val2.conversation import Conversation
 from drivers.val2.wire import Event, Prompt
-from tests.worlds.first_day import arm_yaml
-from tests.worlds.whole_daemon import SerialDoor, SocketDoor, Story
+from tests.fakes.first_day import arm_yaml
+from tests.fakes.whole_daemon import SerialDoor, SocketDoor, Story
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is no longer enabled: pick.limits changed."

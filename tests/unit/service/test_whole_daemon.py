@@ -7,7 +7,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from tests.worlds.surprises import HOUSE, STEPS, Surprises, live, shortest
+from tests.fakes.surprises import HOUSE, STEPS, Surprises, live, shortest
 
 pytestmark = pytest.mark.long
 

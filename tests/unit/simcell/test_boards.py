@@ -8,7 +8,7 @@ import pytest
 
 from drivers.simcell.boards import BoardPrint, board_thing
 from drivers.simcell.rigid import apply, rigid, turn
-from tests.worlds.pictures import TRUTH, looking, picture, projected
+from tests.fakes.pictures import TRUTH, looking, picture, projected
 
 
 @pytest.mark.parametrize("charuco", [False, True])

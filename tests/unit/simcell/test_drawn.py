@@ -11,7 +11,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.drawn import DrawnError, drawn_shape
 from drivers.simcell.parts import volume_and_centre
 from drivers.simcell.rigid import turn
-from tests.worlds import drawn
+from tests.fakes import drawn
 
 BRACKET = [(0, 0), (60, 0), (60, 8), (12, 8), (8, 12), (8, 60), (0, 60)]
 CHANNEL = [(0, 0), (60, 0), (60, 40), (45, 40), (45, 15), (15, 15), (15, 40), (0, 40)]

@@ -11,7 +11,7 @@ from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Thing
 from drivers.simcell.rigid import apply, rigid, turn
-from tests.worlds.pictures import STARK, TRUTH, looking, picture, projected
+from tests.fakes.pictures import STARK, TRUTH, looking, picture, projected
 
 
 def edge_offsets(image: Array32, line_px: Array, half_px: float = 4.0) -> Array:

@@ -9,7 +9,7 @@ from drivers.simcell.parts import part_shape
 from drivers.simcell.render import Retina, Thing
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.truth import Lighting
-from tests.worlds.pictures import STARK, TABLE, TRUTH, looking, picture, projected
+from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 
 
 def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> None:

@@ -18,7 +18,7 @@ from drivers.simcell.render import Retina, Thing, radiance
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import Pattern, printed_faces, table_factors
 from drivers.simcell.world import Where
-from tests.worlds.pictures import STARK, TABLE, TRUTH, looking, picture, projected
+from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 
 EYE = TRUTH.left.eye()
 POSE = looking([320.0, -60.0, -60.0], [520.0, 0.0, -280.0])

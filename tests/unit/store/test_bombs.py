@@ -26,8 +26,8 @@ from daemon.store.places import HOUSE
 from daemon.store.runs import RunError, kept_file
 from daemon.store.yamlfile import ConfigError, read
 from daemon.vision.model import empty_model
-from tests.worlds.hostile import READERS, claiming, fitting
-from tests.worlds.made_run import MadeRun
+from tests.fakes.hostile import READERS, claiming, fitting
+from tests.fakes.made_run import MadeRun
 
 MOST_MEMORY = 100_000_000
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.jobs.modelview import check, compare, describe
+from daemon.cli.modelview import check, compare, describe
 from daemon.store.library import load_facets
 from daemon.store.model import (
     LARGEST_UNFOLDED,
@@ -31,9 +31,9 @@ from daemon.store.places import HOUSE
 from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise_group
 from daemon.vision.settings import MemorySettings
-from tests.worlds.drawn import block
-from tests.worlds.hostile import fitting
-from tests.worlds.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
+from tests.fakes.drawn import block
+from tests.fakes.hostile import fitting
+from tests.fakes.solids import CUBE, PENTAGONAL, PYRAMID, Body, pose, view_of
 
 VIEWS = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),

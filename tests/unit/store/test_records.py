@@ -16,7 +16,7 @@ from daemon.review.pagedata import page_data
 from daemon.review.tables import tables
 from daemon.store.records import record_of
 from daemon.store.runs import read_run
-from tests.worlds.made_run import MadeRun, part
+from tests.fakes.made_run import MadeRun, part
 
 HEAD = {"v": 1, "seq": 0, "t": "2026-01-01T00:00:00.000Z", "mono_s": 1.5}
 

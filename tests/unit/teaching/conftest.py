@@ -9,7 +9,7 @@ import pytest
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.teaching.trainer import Trainer
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 
 @pytest.fixture

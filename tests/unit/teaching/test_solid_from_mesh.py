@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from daemon.store.library import load_facets
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
-from tests.worlds import drawn
-from tests.worlds.drawn import solid
+from tests.fakes import drawn
+from tests.fakes.drawn import solid
 
 LIBRARY = load_facets()
 WAYS: dict[str, Callable[..., bytes]] = {

@@ -19,8 +19,8 @@ from daemon.teaching.sufficiency import (
 )
 from daemon.teaching.trainer import Trainer
 from daemon.vision.geometry.polyhedron import Polyhedron
-from tests.worlds import drawn
-from tests.worlds.taught import taught
+from tests.fakes import drawn
+from tests.fakes.taught import taught
 
 
 def box(a: float, b: float, c: float, faces: int = 6) -> Polyhedron:

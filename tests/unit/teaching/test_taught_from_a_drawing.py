@@ -16,8 +16,8 @@ from daemon.teaching.sufficiency import imagined_group
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model import aspects
 from daemon.vision.recognition.recognise import recognise_group
-from tests.worlds import drawn, rendered
-from tests.worlds.drawn import block, solid
+from tests.fakes import drawn, rendered
+from tests.fakes.drawn import block, solid
 
 RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()
@@ -117,7 +117,7 @@ class Reader:
 def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
     trainer: Trainer, text: str, want: str
 ) -> None:
-    from tests.worlds import fake_context
+    from tests.fakes import fake_context
 
     context = fake_context.fake_context(trainer.model_store.folder)
     context.trainer = trainer

@@ -12,8 +12,8 @@ from daemon.teaching.sufficiency import imagined_view
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model.model import TeachError
 from daemon.vision.settings import MemorySettings, VisionSettings
-from tests.worlds import drawn, rendered
-from tests.worlds.taught import scenes, taught
+from tests.fakes import drawn, rendered
+from tests.fakes.taught import scenes, taught
 
 
 def test_taught_views_make_a_candidate_and_the_model_in_use_is_not_touched(trainer: Trainer) -> None:

@@ -13,8 +13,8 @@ from daemon.teaching.walked_round import deviations, learnt_round, solid_from, s
 from daemon.vision.facets import Fused, fuse, only
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TeachError
-from tests.worlds.looked_around import DOUBT, solid, tour
-from tests.worlds.solids import CUBE, L_BASE, prism
+from tests.fakes.looked_around import DOUBT, solid, tour
+from tests.fakes.solids import CUBE, L_BASE, prism
 
 LIBRARY = load_facets()
 L_PART = solid(prism(L_BASE, 40.0))

@@ -8,7 +8,7 @@ import pytest
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import Arm
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
-from tests.worlds.arm_line import ArmLine, MakesLine
+from tests.fakes.arm_line import ArmLine, MakesLine
 
 
 @pytest.fixture

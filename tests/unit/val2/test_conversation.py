@@ -12,7 +12,7 @@ from drivers.val2.conversation import Answer, Conversation
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted
 from drivers.val2.wire import Prompt, Question, Reader
-from tests.worlds.in_time import lived
+from tests.fakes.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
 LATER_S = 0.001

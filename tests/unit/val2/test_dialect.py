@@ -7,7 +7,7 @@ import pytest
 
 from drivers.val2.link import Dialect
 from drivers.val2.location import Location, apart
-from tests.worlds.arm_line import MakesLine
+from tests.fakes.arm_line import MakesLine
 
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 

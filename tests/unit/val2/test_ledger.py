@@ -15,8 +15,8 @@ from drivers.val2.ledger import Ledger
 from drivers.val2.link import Dialect, Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
-from tests.worlds.arm_line import MakesLine
-from tests.worlds.ledger_replay import replay, what_was_heard, what_was_read
+from tests.fakes.arm_line import MakesLine
+from tests.fakes.ledger_replay import replay, what_was_heard, what_was_read
 
 Records = list[dict[str, Any]]
 SCALE = 20.0

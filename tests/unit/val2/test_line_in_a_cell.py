@@ -24,7 +24,7 @@ from drivers.val2.link import Dialect, Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text
-from tests.worlds.arm_line import QUICK, MakesLine
+from tests.fakes.arm_line import QUICK, MakesLine
 
 
 def named(folder: Path, port: str) -> Path:

@@ -29,7 +29,7 @@ from drivers.val2.link import (
 )
 from drivers.val2.link import _heard_of as heard_of
 from drivers.val2.location import Location, apart, location_from_matrix
-from tests.worlds.arm_line import MakesLine
+from tests.fakes.arm_line import MakesLine
 
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 READY = location_from_matrix(forward(READY_RAD))

@@ -13,7 +13,7 @@ from drivers.simcell.controller import LineFault, Manners, Mishap
 from drivers.simcell.history import Leg
 from drivers.val2.link import Dialect, Link, LinkError
 from drivers.val2.location import Location
-from tests.worlds.arm_line import MakesLine
+from tests.fakes.arm_line import MakesLine
 
 PLACES = [
     Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0),

@@ -20,7 +20,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.introduction import PACES_S
 from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix
-from tests.worlds.strange_controllers import PacedLine, Strange, draw, in_simulated_time
+from tests.fakes.strange_controllers import PacedLine, Strange, draw, in_simulated_time
 
 HEARD_WITHIN_S = 1.0
 """Of the stop, at most: the half line that may stand before it, and the word, at the slowest pace and speed."""

@@ -24,7 +24,7 @@ from drivers.val2.errors import (
 )
 from drivers.val2.link import Link, Start, Where
 from drivers.val2.location import Location
-from tests.worlds.in_time import lived
+from tests.fakes.in_time import lived
 
 PROMPT = "\r\n."
 ASKS = "\r\nAre you sure (Y/N)? "

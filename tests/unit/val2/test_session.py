@@ -12,7 +12,7 @@ from drivers.val2.errors import ControllerError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.session import Session
 from drivers.val2.wire import Prompt, Text
-from tests.worlds.in_time import lived
+from tests.fakes.in_time import lived
 
 PROMPT = b"\r\n."
 

@@ -17,9 +17,9 @@ from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.registration import directed, stretches
-from tests.worlds.drawn import box, obj
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import CUBE, pose
+from tests.fakes.drawn import box, obj
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE, pose
 
 IMAGES = 100
 """No look may take more memory than so many of its pictures, nor read maps of segments and slopes at more places."""

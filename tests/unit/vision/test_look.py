@@ -31,10 +31,10 @@ from daemon.vision.registration.space_corners import taught_corners
 from daemon.vision.registration.table_guesses import resting_corners
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
-from tests.worlds import drawn, rendered
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose
+from tests.fakes import drawn, rendered
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, pose
 
 Image = NDArray[np.uint8]
 TAUGHT = (

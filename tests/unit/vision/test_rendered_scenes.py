@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.values import FacetView
-from tests.worlds import rendered
+from tests.fakes import rendered
 
 
 def load(name: str) -> tuple[FacetView, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The worked examples of the thesis, as figures (tests/worlds/thesis.py): sections 4.1, 4.3, 5.5 and 5.6."""
+"""The worked examples of the thesis, as figures (tests/fakes/thesis.py): sections 4.1, 4.3, 5.5 and 5.6."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.art.others import ART1, FuzzyARTMAP, RotationLayer, best_numbering, choose, modified_match
-from tests.worlds.thesis import (
+from tests.fakes.thesis import (
     ALPHA,
     LABELS,
     NODES,

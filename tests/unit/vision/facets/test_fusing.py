@@ -13,9 +13,9 @@ from daemon import frames
 from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
-from tests.worlds.looked_around import DOUBT, beside_truth, looked_at, place, solid, tour
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, L_BASE, PYRAMID, prism
+from tests.fakes.looked_around import DOUBT, beside_truth, looked_at, place, solid, tour
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, L_BASE, PYRAMID, prism
 
 SHARED = DOUBT.shared()
 L_PART = solid(prism(L_BASE, 40.0))

@@ -7,8 +7,8 @@ import pytest
 
 from daemon import frames
 from daemon.vision.facets.looks_adjustment import LookCorners, adjusted, shared_motion
-from tests.worlds.looked_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
-from tests.worlds.solids import CUBE
+from tests.fakes.looked_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
+from tests.fakes.solids import CUBE
 
 PART = solid(CUBE)
 FLAT = list(PART.rings)

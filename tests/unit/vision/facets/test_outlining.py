@@ -7,8 +7,8 @@ import pytest
 
 from daemon.vision.facets.outlining import Plane, outlines, plane_of, supposed
 from daemon.vision.geometry import Polyhedron
-from tests.worlds.looked_around import solid
-from tests.worlds.solids import CUBE, L_BASE, prism
+from tests.fakes.looked_around import solid
+from tests.fakes.solids import CUBE, L_BASE, prism
 
 BOX = solid(CUBE)
 L_PART = solid(prism(L_BASE, 40.0))

@@ -13,9 +13,9 @@ from daemon.vision.facets.patterned_table import _plane, seen_table
 from daemon.vision.facets.table import Table
 from daemon.vision.geometry import baseline
 from daemon.vision.image.both_eyes import open_eyes
-from tests.worlds import rendered
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import CUBE
+from tests.fakes import rendered
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE
 
 
 def table_at(distance_mm: float, tilt: float, roll: float) -> Array:

@@ -22,10 +22,10 @@ from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
-from tests.worlds.limit import limit
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, KNOWN, pose, seen_facets
+from tests.fakes.limit import limit
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, KNOWN, pose, seen_facets
 
 DIRECTION = np.array([1.0, 0.45, 0.8])
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.vision.facets.table import Table, without_table
 from daemon.vision.values import FacetView, Group
-from tests.worlds.solids import measured
+from tests.fakes.solids import measured
 
 TABLE = Table(np.array([0.0, 0.0, -1.0]), -350.0)
 SQUARE = 25.0 * np.array([[-1.0, -1, 0], [-1, 1, 0], [1, 1, 0], [1, -1, 0]])

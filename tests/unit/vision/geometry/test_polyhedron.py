@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from tests.worlds.solids import CUBE, L_BASE, prism
+from tests.fakes.solids import CUBE, L_BASE, prism
 
 
 def middles(shape: Polyhedron) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.vision.geometry import visible_from
-from tests.worlds import drawn
+from tests.fakes import drawn
 
 UP, ASLANT = np.array([0.0, 0, 1]), np.array([0.6, 0, 0.8])
 

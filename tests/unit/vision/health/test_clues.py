@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import clue_of, same_height
 from daemon.vision.values import FacetView, Part, Recognition, Rejected, Scene
-from tests.worlds.rigs import turned, unlike_rig
+from tests.fakes.rigs import turned, unlike_rig
 
 CUBE = 25.0 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 AT_MM = np.array([10.0, -5.0, 350.0])

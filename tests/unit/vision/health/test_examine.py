@@ -12,7 +12,7 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment, matched_points
 from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
-from tests.worlds import rigs
+from tests.fakes import rigs
 
 Image = np.ndarray
 

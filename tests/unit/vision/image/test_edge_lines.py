@@ -16,7 +16,7 @@ from daemon.vision.image.edge_lines import Exposure, find_sides, fit_sides
 from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.regions import smoothed, unit_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
-from tests.worlds.limit import side_bound
+from tests.fakes.limit import side_bound
 
 FINER = 8
 

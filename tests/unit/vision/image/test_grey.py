@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.image.grey import VisionError, as_grey, measure_noise
-from tests.worlds.rigs import rig
+from tests.fakes.rigs import rig
 
 SIZE = (480, 640)
 

@@ -10,10 +10,10 @@ from daemon.vision.image.grey import VisionError
 from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.image.segments import find_segments
 from daemon.vision.settings import VisionSettings
-from tests.worlds.painted import paint_pair
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, pose
+from tests.fakes.painted import paint_pair
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, pose
 
 
 def cube_seen() -> OneEye:

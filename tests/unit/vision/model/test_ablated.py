@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.worlds.ablated import four_drawn, instead, misled, without_recall
+from tests.fakes.ablated import four_drawn, instead, misled, without_recall
 
 
 def test_misled_nodes_stand_for_the_label_after_their_own_and_nothing_else_changes() -> None:

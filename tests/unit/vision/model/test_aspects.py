@@ -10,8 +10,8 @@ from daemon.teaching.sufficiency import imagined_view, judge
 from daemon.vision.model import aspects, learn_solid
 from daemon.vision.model.aspects import OBLIQUE
 from daemon.vision.model.model import empty_model, learn_view
-from tests.worlds import drawn, rendered
-from tests.worlds.drawn import block, solid
+from tests.fakes import drawn, rendered
+from tests.fakes.drawn import block, solid
 
 RIG = rendered.rig(rendered.HERE, "B")
 LIBRARY = load_facets()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import Correspondence, correspondences, symmetries
-from tests.worlds.solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
+from tests.fakes.solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
 
 BODIES = {**KNOWN, "tetrahedron": TETRAHEDRON, "l_block": prism(L_BASE, 40.0)}
 # A triangle, a square and a pentagon round one corner: seen in a mirror they come in the other order.

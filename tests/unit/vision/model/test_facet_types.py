@@ -12,7 +12,7 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.facet_measures import measure
 from daemon.vision.model.facet_types import LARGEST_NUMBER, conditions, type_facet, type_number
-from tests.worlds.solids import regular
+from tests.fakes.solids import regular
 
 LIBRARY = load_facets()
 SURE = 0.01  # mm, of corners that are as drawn

@@ -13,7 +13,7 @@ from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.merge import MetricModel, merge_views
 from daemon.vision.model.relations import types_of
-from tests.worlds.solids import KNOWN, Body, pose, prism, view_of
+from tests.fakes.solids import KNOWN, Body, pose, prism, view_of
 
 LIBRARY = load_facets()
 NOISE = 0.5

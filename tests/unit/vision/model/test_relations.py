@@ -13,9 +13,9 @@ from daemon import frames
 from daemon.art import RelationalView
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model.relations import FEATURES, SIGMA_SCALE, SIGMAS, relational_view
-from tests.worlds import drawn
-from tests.worlds.remembered import LIBRARY
-from tests.worlds.solids import TETRAHEDRON, pose
+from tests.fakes import drawn
+from tests.fakes.remembered import LIBRARY
+from tests.fakes.solids import TETRAHEDRON, pose
 
 BRICK = drawn.block(40, 50, 60)
 LENGTHS, ANGLES = slice(0, 3), slice(3, 6)

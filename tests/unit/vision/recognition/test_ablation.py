@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.bench.ablation import Named, ablated
-from tests.worlds import rendered
-from tests.worlds.ablated import four_drawn
+from tests.fakes import rendered
+from tests.fakes.ablated import four_drawn
 
 
 @pytest.fixture(scope="module")

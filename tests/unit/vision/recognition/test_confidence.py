@@ -14,9 +14,9 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.model import Model
 from daemon.vision.recognition.confidence import by_chance, probability, ways_tried
 from daemon.vision.recognition.fits import Hypothesis
-from tests.worlds.drawn import block, obj, prism, solid
-from tests.worlds.remembered import hypotheses, remembered
-from tests.worlds.solids import pose
+from tests.fakes.drawn import block, obj, prism, solid
+from tests.fakes.remembered import hypotheses, remembered
+from tests.fakes.solids import pose
 
 SIGMA_MM = 0.2
 RECALLED = 0.9

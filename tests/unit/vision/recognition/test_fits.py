@@ -16,9 +16,9 @@ from daemon.vision.model.merge import MetricModel
 from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, without_one_corner
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
-from tests.worlds.drawn import block
-from tests.worlds.remembered import hypotheses, remembered
-from tests.worlds.solids import KNOWN, Body, measured, pose, seen_facets
+from tests.fakes.drawn import block
+from tests.fakes.remembered import hypotheses, remembered
+from tests.fakes.solids import KNOWN, Body, measured, pose, seen_facets
 
 TAU_MM = 0.2
 SETTINGS = MemorySettings(tolerance_mm=TAU_MM)

@@ -7,8 +7,8 @@ import pytest
 
 from daemon.store.library import load_facets
 from daemon.vision.recognition.free_sizes import FreeSizes, bonds
+from tests.fakes.drawn import block
 from tests.unit.vision.recognition.test_confidence import BRICK, CORNER, PAIR, view
-from tests.worlds.drawn import block
 
 
 @pytest.mark.parametrize("away_mm", [0.0, 2000.0])

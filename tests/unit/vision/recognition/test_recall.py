@@ -15,9 +15,9 @@ from daemon.vision.model import Model, empty_model, relational_view, types_of
 from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.recognition.recognise import recognise_group, standing
 from daemon.vision.values import Group
-from tests.worlds import drawn
-from tests.worlds.remembered import LIBRARY, SIX_VIEWS, remembered, shown
-from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, Body, pose, view_of
+from tests.fakes import drawn
+from tests.fakes.remembered import LIBRARY, SIX_VIEWS, remembered, shown
+from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, Body, pose, view_of
 
 SHOWN = (SIX_VIEWS[0], ("cube", CUBE, (1.0, 0.7, 0.8)), *SIX_VIEWS[1:])
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)

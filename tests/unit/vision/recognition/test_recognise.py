@@ -15,8 +15,8 @@ from daemon.vision.facets.weld import weld
 from daemon.vision.model.model import Model, forget, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
-from tests.worlds.remembered import SIX_VIEWS, shown
-from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
+from tests.fakes.remembered import SIX_VIEWS, shown
+from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
 
 directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda d: np.linalg.norm(d) > 0.3)
 seeds = st.integers(0, 2**31)

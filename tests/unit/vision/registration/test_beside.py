@@ -16,8 +16,8 @@ from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.registration.beside import all_explained, beside, lies_on
 from daemon.vision.values import Facet, FacetView, Group, Rejected
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import CUBE, measured, pose, seen_facets, view_of
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE, measured, pose, seen_facets, view_of
 
 ASIDE_MM = np.array([140.0, 0.0, 0.0])
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)

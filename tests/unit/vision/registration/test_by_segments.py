@@ -27,8 +27,8 @@ from daemon.vision.registration.laid import Laid, laid_near
 from daemon.vision.registration.resting import rests
 from daemon.vision.registration.stretches import Borne, Stretches
 from daemon.vision.values import Group
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
 
 TAUGHT = (
     ("cube", CUBE, (1.0, 0.1, 0.8)),

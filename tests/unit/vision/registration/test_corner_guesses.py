@@ -15,8 +15,8 @@ from daemon.vision.registration.corner_guesses import corner_kinds, guesses_from
 from daemon.vision.registration.directed import directed_map
 from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.space_corners import meet
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 NAMES = tuple(sorted(KNOWN))

@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.vision.registration.corner_pose import Fit, refit
 from daemon.vision.values import Facet
-from tests.worlds.fake_cell import shape_of
+from tests.fakes.fake_cell import shape_of
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.0, 0.4, 0.3])), np.array([10.0, -20.0, 350.0]))
 

@@ -23,9 +23,9 @@ from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.faces import likeness
 from daemon.vision.registration.rivals import LEAST_APART
 from daemon.vision.registration.stretches import stretches_of
-from tests.worlds.drawn import box, obj
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import Body, pose
+from tests.fakes.drawn import box, obj
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import Body, pose
 
 BOX = solid_drawn("box.obj", obj(*box(70.0, 45.0, 40.0)), "mm", load_facets())
 CORNER_FIRST, END_ON = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0), pose(np.array([0.05, 0.75, 0.65]), 0.05, 330.0)

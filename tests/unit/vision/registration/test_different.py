@@ -11,8 +11,8 @@ from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.registration.different import CELL_MM, Guesses, different, thinned
 from daemon.vision.registration.posed import Posed, Solids
+from tests.fakes.solids import KNOWN
 from tests.unit.vision.registration.test_corner_guesses import WHERE, eyes_on
-from tests.worlds.solids import KNOWN
 
 NAMES = tuple(sorted(KNOWN))
 SOLIDS = Solids.of(NAMES, [exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])

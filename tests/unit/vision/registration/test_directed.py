@@ -23,8 +23,8 @@ from daemon.vision.registration.directed import (
 )
 from daemon.vision.registration.faces import ENOUGH, _on_face, likeness, print_apart_px
 from daemon.vision.registration.posed import Posed, Solids
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, STRANGERS, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, STRANGERS, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 

@@ -10,9 +10,9 @@ from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.registration.edge_adjustment import _wear, adjusted
 from daemon.vision.registration.edge_pose import _solved, locate
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, Body, pose
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, Body, pose
 
 WHERE = pose(np.array([0.75, 0.25, 0.6]), 0.3, 300.0)
 TOLERANCE_MM = 0.25

@@ -9,10 +9,10 @@ from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.both_eyes import open_eyes
 from daemon.vision.registration.edge_pose import fit_edges, locate
 from daemon.vision.registration.expected_edges import Placements
-from tests.worlds import painted
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import KNOWN, Body, pose
+from tests.fakes import painted
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import KNOWN, Body, pose
 
 VIEWS = ((0.75, 0.25, 0.6), (0.2, -0.5, 0.84), (-0.6, 0.55, 0.58))
 ALIKE = (95.0, 165.0, 165.0, 165.0, 165.0, 165.0, 165.0)

@@ -11,9 +11,9 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.edge_pose import fit_at
 from daemon.vision.registration.equivalent import best_fitted, most_in_view
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import PENTAGONAL, Body, pose
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import PENTAGONAL, Body, pose
 
 FIFTH = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, 2 * np.pi / 5])), np.zeros(3))
 THREE_SIDES = exact(PENTAGONAL.corners_mm, PENTAGONAL.facets[2:5])

@@ -12,9 +12,9 @@ from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.by_segments import USUAL_EXPLAINED
 from daemon.vision.registration.expected_edges import Placements, expected
 from daemon.vision.registration.explained import explained
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import KNOWN, pose
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import KNOWN, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 TOLERANCE_MM = 0.25

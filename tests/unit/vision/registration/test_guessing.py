@@ -10,7 +10,7 @@ from daemon.vision.geometry import exact
 from daemon.vision.registration import guessing
 from daemon.vision.registration.different import Guesses
 from daemon.vision.registration.posed import Posed, Solids
-from tests.worlds.solids import CUBE, pose
+from tests.fakes.solids import CUBE, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 

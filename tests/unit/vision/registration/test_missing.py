@@ -24,12 +24,12 @@ from daemon.vision.values import Part
 from tests.bench.look_alikes import shown
 from tests.bench.missing import PRIOR, Share, agrees, fitted, read, verdict
 from tests.bench.simulated_looks import true_rig
-from tests.worlds import painted
-from tests.worlds.drawn import obj, solid
-from tests.worlds.many_parts import taught
-from tests.worlds.photographed import cell
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import L_BASE, Body, pose, prism, view_of
+from tests.fakes import painted
+from tests.fakes.drawn import obj, solid
+from tests.fakes.many_parts import taught
+from tests.fakes.photographed import cell
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import L_BASE, Body, pose, prism, view_of
 
 BLOCK = prism(np.array([[0.0, 0], [60, 0], [60, 45], [0, 45]]), 40.0)
 CUT = prism(np.array([[0.0, 0], [60, 0], [60, 45], [18, 45], [0, 27]]), 40.0)

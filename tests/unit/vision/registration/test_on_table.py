@@ -20,8 +20,8 @@ from daemon.vision.registration import placing
 from daemon.vision.registration.on_table import flat_on, rested
 from daemon.vision.registration.resting import Ground
 from daemon.vision.values import Part, Scene
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import CUBE, KNOWN, pose, view_of
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE, KNOWN, pose, view_of
 
 SOLID = exact(CUBE.corners_mm, CUBE.facets)
 TURN = frames.rotation_from_vector(np.array([0.0, 0.0, 0.9])) @ frames.rotation_from_vector(np.array([0.6, 0.0, 0.0]))

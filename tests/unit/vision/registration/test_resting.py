@@ -14,8 +14,8 @@ from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.registration import resting
 from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.resting import Ground, laid_down, nearest_rest, rests, rests_on
-from tests.worlds.printed import straight_rig
-from tests.worlds.solids import KNOWN
+from tests.fakes.printed import straight_rig
+from tests.fakes.solids import KNOWN
 
 UP = np.array([0.1, -0.6, -0.8]) / np.linalg.norm([0.1, -0.6, -0.8])
 TABLE = Table(UP, -290.0)

@@ -12,8 +12,8 @@ from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.rivals import by_own_edges
 from daemon.vision.registration.stretches import Stretches, stretches_of
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, Body, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, Body, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 CUBE = KNOWN["cube"]

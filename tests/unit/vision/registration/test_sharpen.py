@@ -10,9 +10,9 @@ from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.model import Model
 from daemon.vision.registration.sharpen import sharpened
 from daemon.vision.values import UNKNOWN, Part, Recognition
-from tests.worlds.painted import paint_pair
-from tests.worlds.rigs import rig
-from tests.worlds.solids import CUBE, PYRAMID, pose
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import CUBE, PYRAMID, pose
 
 WHERE = pose(np.array([0.75, 0.25, 0.6]), 0.3, 300.0)
 SHAPE = exact(CUBE.corners_mm, CUBE.facets)

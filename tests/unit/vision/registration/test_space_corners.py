@@ -9,8 +9,8 @@ from daemon import frames
 from daemon.vision.geometry import Baseline, baseline, exact
 from daemon.vision.image import SegmentCorners, Segments, segment_corners
 from daemon.vision.registration.space_corners import lookalikes, meet, taught_corners
-from tests.worlds.rigs import rig
-from tests.worlds.solids import KNOWN, STRANGERS, pose, seen_facets
+from tests.fakes.rigs import rig
+from tests.fakes.solids import KNOWN, STRANGERS, pose, seen_facets
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 

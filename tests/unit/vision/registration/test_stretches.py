@@ -13,8 +13,8 @@ from daemon.vision.geometry import exact
 from daemon.vision.image.both_eyes import Eyes, open_eyes
 from daemon.vision.registration.expected_edges import Placements
 from daemon.vision.registration.stretches import Borne, settled, stretches_of
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 TOLERANCE_MM = 0.25

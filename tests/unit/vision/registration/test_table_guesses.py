@@ -20,8 +20,8 @@ from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.resting import rests
 from daemon.vision.registration.space_corners import CornersInEye
 from daemon.vision.registration.table_guesses import guesses_on_table, resting_corners
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, pose
 
 SOLIDS = {name: exact(body.corners_mm, body.facets) for name, body in KNOWN.items()}
 NAMES = tuple(sorted(SOLIDS))

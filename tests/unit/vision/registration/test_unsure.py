@@ -18,8 +18,8 @@ from daemon.vision.registration.directed import directed_map, evidence
 from daemon.vision.registration.posed import Posed, Solids
 from daemon.vision.registration.space_corners import angle, meet
 from daemon.vision.registration.unsure import TILT, TURNS, best_turned, nearby
-from tests.worlds.printed import print_pair, straight_rig
-from tests.worlds.solids import KNOWN, pose
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 PYRAMID = exact(KNOWN["pyramid"].corners_mm, KNOWN["pyramid"].facets)

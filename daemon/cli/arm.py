@@ -1,0 +1,197 @@
+"""`facetctl arm introduce PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
+
+The way of it is daemon/cell/introduce.py's; here are the command line, the person at the terminal, and the files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import shutil
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from daemon.calibration.arm_from_readings import NoArmError
+from daemon.cell.introduce import (
+    BAUDS,
+    EXPECTED,
+    Acquaintance,
+    Consult,
+    Person,
+    again,
+    introduce,
+    read_transcript,
+    serial_port,
+)
+from daemon.cell.introduced_arm import arm_file, arm_of, page
+from daemon.console.pages import fold
+from daemon.console.phrases import is_no, is_yes
+from daemon.console.stop_words import ends_in_stop, means_stop
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
+from daemon.frontends.keyboard import typed_by_now
+from daemon.quantities import decimal, whole
+from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
+
+LONGEST_MM = 2000.0
+LARGEST_TRANSCRIPT = 50_000_000
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `arm` to facetctl."""
+    arm = subparsers.add_parser("arm", help="first contact with an arm's controller: introduce, replay")
+    jobs = arm.add_subparsers(dest="job", required=True, metavar="JOB")
+    meet = jobs.add_parser("introduce", help="find out how a controller speaks and which arm it has; writes arm.yaml")
+    meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
+    meet.add_argument("--baud", type=whole, help="the line's speed (default: the usual ones, 9600 first)")
+    meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
+    meet.add_argument("--lengths", type=_lengths, metavar="A2,A3,D3,D4",
+                      help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
+    meet.add_argument("--pendant", action="store_true",
+                      help="more WHEREs, at places to which you bring the arm: they tell lengths exactly")  # fmt: skip
+    meet.set_defaults(run=_introduce)
+    replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
+    replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT")
+    replay.set_defaults(run=_replay)
+
+
+def _lengths(text: str) -> tuple[float, float, float, float]:
+    with contextlib.suppress(ValueError):
+        a2, a3, d3, d4 = (decimal(one) for one in text.split(","))
+        if min(a2, d4) > 0.0 and min(a3, d3) >= 0.0 and all(one < LONGEST_MM for one in (a2, a3, d3, d4)):
+            return a2, a3, d3, d4
+    raise argparse.ArgumentTypeError(f"{text}: expected four lengths in mm, as in 650,0,190,600")
+
+
+def _introduce(args: argparse.Namespace) -> int:
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
+            known = asyncio.run(_meet(args.port, args.baud, args.pendant, file))
+    except FileExistsError:
+        return _told(
+            f"{args.out / 'transcript.jsonl'} is there already; name another folder with --out", NOT_UNDERSTOOD
+        )
+    except OSError as error:
+        return _told(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
+    except EXPECTED as error:
+        return _told(f"{error}\nAll of it is in {args.out / 'transcript.jsonl'}", NOT_DONE)
+    return _keep(known, args.out, args.lengths)
+
+
+def _keep(known: Acquaintance, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
+    """arm.yaml and the page; without readings, or where no arm fits them, the dialect alone."""
+    arm = None
+    try:
+        arm = arm_of(known, typed_mm) if len(known.readings) > 1 else None
+    except NoArmError as error:
+        print(f"facetctl: {error}", file=sys.stderr)
+    text = yaml.safe_dump(arm_file(known, arm), sort_keys=False, default_flow_style=None, width=110)
+    write_atomically(folder / "arm.yaml", text.encode())
+    text = page(known, arm)
+    (folder / "arm.txt").write_text(text, encoding="utf-8")
+    _tell(text)
+    _tell(
+        f"{folder / 'arm.txt'}: this page. {folder / 'arm.yaml'}: name it in facetd.yaml as arm.file. "
+        f"{folder / 'transcript.jsonl'}: every byte."
+    )
+    return DONE if arm is not None else NOT_DONE
+
+
+async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquaintance:
+    loop, wants_stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, wants_stop.set)
+
+    def write(record: dict[str, Any]) -> None:
+        print(json.dumps(record), file=file, flush=True)
+
+    person = Person(_tell, partial(_ask, wants_stop=wants_stop), wants_stop)
+    _listen(wants_stop)
+    print("control-C stops the arm at any moment, and so does `stop`.", flush=True)
+    bauds = BAUDS if baud is None else (baud,)
+    return await introduce(port, serial_port, person, write, bauds, pendant)
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    """Folded between words, where this is a terminal."""
+    lines = fold(text, shutil.get_terminal_size().columns - 1) if sys.stdout.isatty() else [text]
+    print("\n".join(lines), end=end, flush=True)
+
+
+async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
+    """The person's answer, typed after it was asked for; where it is to be a yes or a no one of these: another word is
+    asked again; nothing at the terminal's end, and where it was to stop."""
+    question = consult.text
+    while True:
+        *before, begun = typed_by_now().decode("utf-8", "replace").split("\n")
+        _tell(question, " ")
+        line = "" if any(map(means_stop, before)) else await _typed(wants_stop)
+        if any(map(means_stop, before)) or ends_in_stop([begun], line):
+            wants_stop.set()
+        said = line.strip()
+        if wants_stop.is_set():
+            return ""
+        if consult.about == "power-up" or not line:
+            return said
+        if is_yes(said) or is_no(said):
+            return "yes" if is_yes(said) else "no"
+        question = f"`{said}` is neither: yes or no?"
+
+
+async def _typed(wants_stop: asyncio.Event) -> str:
+    """A line typed at this terminal; nothing at its end."""
+    loop = asyncio.get_running_loop()
+    typed: asyncio.Future[str] = loop.create_future()
+    loop.add_reader(sys.stdin.fileno(), _hear, wants_stop, typed)
+    try:
+        return await typed
+    finally:
+        with contextlib.suppress(ValueError):
+            loop.remove_reader(sys.stdin.fileno())
+            _listen(wants_stop)
+
+
+def _listen(wants_stop: asyncio.Event) -> None:
+    """A line typed where nothing is asked may be a stop."""
+    if sys.stdin.isatty():
+        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _hear, wants_stop, None)
+
+
+def _hear(wants_stop: asyncio.Event, typed: asyncio.Future[str] | None) -> None:
+    line = ""
+    with contextlib.suppress(OSError):  # a terminal that was hung up has no line
+        line = sys.stdin.readline()
+    if means_stop(line):
+        wants_stop.set()
+    if typed is not None and not typed.done():
+        typed.set_result(line)
+    elif not line:
+        asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+
+
+def _replay(args: argparse.Namespace) -> int:
+    try:
+        text = read_file(args.transcript, LARGEST_TRANSCRIPT).decode()
+        whole, _, torn = text.rpartition("\n")
+        differences = list(again(read_transcript(whole.splitlines())))
+    except FileError as error:
+        return _told(str(error), NOT_UNDERSTOOD)
+    except ValueError as error:
+        return _told(f"{args.transcript}: {error}", NOT_UNDERSTOOD)
+    if torn:
+        print("its last line lost its end, and is left out")
+    print("\n".join(differences) or "today's driver says the same, word for word")
+    return NOT_DONE if differences else DONE
+
+
+def _told(text: str, status: int) -> int:
+    print(f"facetctl: {text}", file=sys.stderr)
+    return status

@@ -1,0 +1,122 @@
+"""`facetctl commission`: from a known arm to the first pick, every check in order, by the console's own words.
+
+What the checks are is commission_steps.py's. What was proven is kept in a small file, with the calibration and the
+model that it was proven with, so that an evening can be a morning as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+
+from daemon.cli.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
+from daemon.frontends.client import DaemonLink
+from daemon.frontends.keyboard import Lines
+from daemon.quantities import decimal
+from daemon.store.files import write_atomically
+from daemon.store.outside import FileError, read_file
+
+FILE, LARGEST_BYTES = "commission.json", 100_000
+
+
+class Proof(msgspec.Struct, frozen=True):
+    """A step that was done: when, what it showed, with which calibration and model."""
+
+    at: str
+    shown: str
+    calibration: int
+    model: int | None
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    version: int
+    steps: dict[str, Proof]
+
+
+def commission(talk: Talk, proofs: dict[str, Proof], keep: Callable[[Mapping[str, Proof]], None]) -> bool:
+    """Every step that is not proven yet, in order, up to the first that cannot be; whether all are."""
+    for number, step in enumerate(STEPS, 1):
+        calibration, model = talk.facts()
+        proof = proofs.get(step.name)
+        talk.person.tell(f"{number:2} of {len(STEPS)}  {step.name}: {step.proves}")
+        if proof is not None and _holds(step, proof, calibration, model):
+            talk.person.tell(f"  done {proof.at}: {proof.shown}")
+            continue
+        try:
+            shown = step.do(talk)
+        except NotProvenError as error:
+            talk.person.tell(
+                f"  NOT PROVEN: {error}\n  To do: {step.mend}.\n  Then `facetctl commission` goes on here."
+            )
+            return False
+        talk.person.tell(f"  proven: {shown}")
+        calibration, model = talk.facts()
+        proofs[step.name] = Proof(datetime.now(UTC).isoformat(timespec="minutes"), shown, calibration, model)
+        keep(proofs)
+    return True
+
+
+def _holds(step: Step, proof: Proof, calibration: int, model: int | None) -> bool:
+    now = {"calibration": calibration, "model": model}
+    return step.with_what is not None and all(getattr(proof, what) == now[what] for what in step.with_what)
+
+
+def run(link: DaemonLink, words: list[str]) -> int:
+    """`facetctl commission`: at a terminal, with the daemon that runs."""
+    options = _parser().parse_args(words)
+    path = options.keep / FILE
+    try:
+        proofs = _kept(path)
+        names = [step.name for step in STEPS]
+        if options.step is not None:
+            proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
+        options.keep.mkdir(parents=True, exist_ok=True)
+        order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
+        with Lines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
+            person = Person(_tell, lambda question: typed.answer(f"  {question}"))
+            all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
+    except (FileError, OSError) as error:
+        print(f"facetctl: {error}", flush=True)
+        return NOT_UNDERSTOOD
+    if all_proven:
+        print(
+            f"The cell picks. {path} says what was proven when; deploy/README.md leads on from section 6.", flush=True
+        )
+    return DONE if all_proven else NOT_DONE
+
+
+def _tell(text: str) -> None:
+    print(text, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="facetctl commission", description=__doc__.splitlines()[0])
+    parser.add_argument("step", nargs="?", choices=[step.name for step in STEPS], help="do it and all behind it again")
+    parser.add_argument("--board", default="9x6", help="the calibration board's inner corners (9x6)")
+    parser.add_argument("--square-mm", type=decimal, default=16.0, help="its squares, measured (16)")
+    parser.add_argument("--board-mm", type=decimal, default=4.0, help="how thick it is (4)")
+    parser.add_argument("--charuco", action="store_true", help="it is a ChArUco board")
+    parser.add_argument("--part", default="cube", help="the first part, by its label (cube)")
+    parser.add_argument("--keep", type=Path, default=Path(), metavar="DIR", help=f"where {FILE} is (default: here)")
+    return parser
+
+
+def _kept(path: Path) -> dict[str, Proof]:
+    """What an earlier sitting proved. Raises FileError."""
+    try:
+        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_File).steps
+    except FileError:
+        if not path.exists():
+            return {}
+        raise
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise FileError(f"{path}: {error}; move it away to begin anew") from None
+
+
+def _keep(path: Path, proofs: Mapping[str, Proof]) -> None:
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(_File(1, dict(proofs)))))

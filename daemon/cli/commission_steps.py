@@ -1,0 +1,349 @@
+"""What stands between a known arm and the first pick: each step says commands to the running daemon, and holds its
+answers against what it is to prove; what it asks, the person answers. Nothing here calibrates, moves or judges by
+itself; the order is STEPS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from daemon.console.phrases import is_no, is_yes
+from daemon.errors import DONE, FacetdError
+from daemon.frontends.client import DaemonLink
+
+HAND_EYE_MM = 0.5
+"""A hand-eye known no better than this is calibrated once more by itself; the guide has the same number."""
+TABLE_MM = 4.0
+"""How far the table may be from where pick.limits has it: less than a finger tip keeps from it."""
+TEACHING_TRIES, PICKING_TRIES = 6, 3
+ASKS, NO_POWER, NO_ZERO = "the controller asks", "arm power off", "not calibrated"
+"""What the daemon and the controller, in whatever letters, say when it was just switched on."""
+PLACES = re.compile(r"home|bin|survey\d*")
+"""Those of facetd.yaml."""
+
+
+class NotProvenError(FacetdError):
+    """What a step is to prove is not so; the message says what was seen."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Who sits there: is told a line, and answers a question by a line."""
+
+    tell: Callable[[str], None]
+    answer: Callable[[str], str]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What commissioning is done with: the board (its inner corners, its square, its thickness) and the first part."""
+
+    board: str
+    square_mm: float
+    board_mm: float
+    part: str
+    charuco: bool = False
+
+    @property
+    def calibrate(self) -> str:
+        """The board in the words of `calibrate`."""
+        return f"{self.board} {self.square_mm:g}" + " charuco" * self.charuco
+
+
+class Talk:
+    """The running daemon and the person, as a step has them."""
+
+    def __init__(self, link: DaemonLink, person: Person, order: Order) -> None:
+        self._link, self.person, self.order = link, person, order
+        self.hand_eye: dict[str, Any] | None = None
+        """What a tour of this sitting has said of it already."""
+
+    def said(self, command: str) -> dict[str, Any]:
+        """One command, shown; what came of it. What it asks, the person is asked. Raises NotProvenError where they
+        pressed control-C meanwhile: also where nothing moved then, something may next."""
+        self.person.tell(f"  facetd> {command}")
+        done = self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
+        if "interrupted" in done:
+            raise NotProvenError(f"control-C was pressed at `{command}`: {done['text']}")
+        return done
+
+    def do(self, command: str) -> dict[str, Any]:
+        """One command that must be done; its data. Raises NotProvenError."""
+        done = self.said(command)
+        if done["status"] != DONE:
+            raise NotProvenError(done["text"])
+        data: dict[str, Any] = done["data"]
+        return data
+
+    def need(self, question: str) -> None:
+        """The person's yes. Raises NotProvenError."""
+        said = self.person.answer(f"{question} [y/n]")
+        while said.strip() and not (is_yes(said) or is_no(said)):
+            said = self.person.answer(f"`{said.strip()}` is neither: {question} [y/n]")
+        if not is_yes(said):
+            raise NotProvenError(f"no yes to: {question}")
+
+    def enable(self) -> None:
+        """Let the arm move; a fault that stands is for the person to put right first. Raises NotProvenError."""
+        self.clear(None)
+        self.do("enable")
+
+    @property
+    def fault(self) -> str | None:
+        """What stands until `resume`."""
+        fault: str | None = self._status()["fault"]
+        return fault
+
+    def clear(self, known: str | None) -> None:
+        """Go on after a fault that the person knows of. Of another, such as somebody's stop since, they are asked
+        first, and where somebody holds the arm. Raises NotProvenError."""
+        may_go_on = False
+        while True:  # what is said while they think of their answer is not lifted by it
+            status = self._status()
+            if status["paused"] and not may_go_on:
+                self.need("Somebody has said `pause`: the arm is held. May it go on?")
+                may_go_on = True
+            elif status["fault"] not in (None, known):
+                known = status["fault"]
+                self.need(f"A fault stands: {known}. Is what led to it put right?")
+            else:
+                break
+        if status["fault"] is not None or status["paused"]:
+            self.do("resume")
+
+    def fault_told(self, text: str) -> str | None:
+        """The fault that stands, where it is the one that this answer told of, and no stop of anybody's came since."""
+        fault = self.fault
+        return fault if fault is not None and fault.endswith(text) else None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the cell is one, where nobody can lay a part down by hand."""
+        return bool(self._status()["cell"] == "simulated")
+
+    def facts(self) -> tuple[int, int | None]:
+        """Which calibration and which model are in use."""
+        listed = self._link.do("calibrate list", "commission", lambda _: None)["data"]
+        return int(listed.get("current", 0)), self._status()["model"]["version"]
+
+    def _status(self) -> dict[str, Any]:
+        data: dict[str, Any] = self._link.do("status", "commission", lambda _: None)["data"]
+        return data
+
+
+def _arm(talk: Talk) -> str:
+    where = talk.said("where")
+    if where["status"] != DONE and ASKS in where["text"]:
+        talk.need(f"It was just switched on: {where['text']}. Shall it be answered Y to all it asks?")
+        talk.do("robot power-up")
+        where = talk.said("where")
+    if where["status"] != DONE:
+        raise NotProvenError(where["text"])
+    x, y, z = (row[3] for row in where["data"]["world_from_tool"][:3])
+    talk.need(f"The controller says that the tool is at x {x:.0f}, y {y:.0f}, z {z:.0f} mm. Can that be?")
+    return f"the tool is at {x:.0f}, {y:.0f}, {z:.0f} mm"
+
+
+def _stop(talk: Talk) -> str:
+    talk.need(
+        "Everybody out of the arm's reach, a hand on the emergency stop? The arm is enabled next; it does not move."
+    )
+    talk.enable()
+    return "the controller takes the word that stops the arm"
+
+
+def _doctor(talk: Talk) -> str:
+    findings = talk.do("doctor")["findings"]
+    cameras = [finding for finding in findings if finding["what"] == "cameras"]
+    return "; ".join(finding["found"] for finding in cameras)
+
+
+def _zero(talk: Talk) -> None:
+    """Find the arm's zero, where the controller has none yet."""
+    while True:
+        done = talk.said("robot cal")
+        if done["status"] == DONE:
+            return
+        if NO_POWER not in done["text"].lower():
+            raise NotProvenError(done["text"])
+        fault = talk.fault_told(done["text"])
+        talk.need(f"{done['text']}. Switch arm power on. Is it on?")
+        talk.clear(fault)
+
+
+def _survey(talk: Talk) -> None:
+    """Go where the board is in view."""
+    talk.enable()
+    there = talk.said("go survey")
+    said = there["text"].lower()
+    if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
+        talk.clear(talk.fault_told(there["text"]))
+        _zero(talk)
+        there = talk.said("go survey")
+    if there["status"] != DONE:
+        raise NotProvenError(there["text"])
+
+
+def _light(talk: Talk) -> str:
+    talk.need("Board or parts on the table, the light as it will be? The arm moves for the first time, step by step.")
+    if talk.simulated:
+        talk.do(f"scatter {talk.order.part}")
+    talk.do("step on")
+    try:
+        _survey(talk)
+    finally:
+        talk.said("step off")
+    ill = [f for f in talk.do("look")["health"] if not f["good"]]
+    if ill:
+        told = (f"{f['name']}, {f['eye']} eye: {f['value']:.3g} {f['unit']}, limit {f['limit']:g}" for f in ill)
+        raise NotProvenError("; ".join(told))
+    return "both images are sharp, even and bright enough"
+
+
+def _stereo(talk: Talk) -> str:
+    talk.need(
+        f"The board of {talk.order.calibrate} mm flat on the table, nothing else in the arm's way? The arm moves next."
+    )
+    _survey(talk)
+    found = talk.do(f"calibrate stereo {talk.order.calibrate}")
+    talk.hand_eye = found["hand_eye"]
+    return f"the eyes agree to {found['stereo']['rms_px']:.2f} px"
+
+
+def _hand_eye(talk: Talk) -> str:
+    found = talk.hand_eye
+    if found is None or _doubtful(found):
+        talk.need("The board still on the table? The arm moves next.")
+        _survey(talk)
+        found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
+    told = f"known to {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
+    told += f", the arm off its word by {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
+    if _doubtful(found):
+        raise NotProvenError(f"{told}, wanted is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
+    return told
+
+
+def _doubtful(found: dict[str, Any]) -> bool:
+    return bool(found["warning"] or found["sigma_mm"] > HAND_EYE_MM)
+
+
+def _verify(talk: Talk) -> str:
+    talk.need("The board still on the table? The arm moves next.")
+    _survey(talk)
+    found = talk.do(f"calibrate verify {talk.order.calibrate}")
+    return (
+        f"{found['poses']} poses: lengths {found['length_mm']:.2f} mm off, a corner {found['spread_mm']:.2f} mm apart"
+    )
+
+
+def _table(talk: Talk) -> str:
+    talk.need("The board still on the table? The finger tips go over its first corner next.")
+    _survey(talk)
+    found = talk.do(f"calibrate touch {talk.order.calibrate}")
+    low, high = (z - talk.order.board_mm for z in found["board_z_mm"])
+    told = f"the table is at z {low:.1f} to {high:.1f} mm, pick.limits.table_z_mm says {found['table_z_mm']:g}"
+    if not max(abs(low - found["table_z_mm"]), abs(high - found["table_z_mm"])) <= TABLE_MM:
+        raise NotProvenError(told)
+    return told
+
+
+def _workspace(talk: Talk) -> str:
+    talk.need("The table clear? The arm goes to home, bin and survey next.")
+    talk.enable()
+    places = [name for name in talk.do("places")["places"] if PLACES.fullmatch(name)]
+    for place in places:
+        talk.do(f"go {place}")
+    return f"{', '.join(places)} are reached, and the ways between them are clear of what the guard knows"
+
+
+def _gripper(talk: Talk) -> str:
+    talk.need("Nothing between the fingers? They close and open next.")
+    talk.enable()
+    for word in ("close", "open"):
+        talk.do(f"hand {word}")
+        talk.need(f"Did the hand {word}?")
+    return "it closes and opens"
+
+
+def _teach(talk: Talk) -> str:
+    part = talk.order.part
+    talk.need(f"One {part}, alone, where the cameras see it from `go survey`? The arm moves next.")
+    _survey(talk)
+    kept: list[str] = []
+    for _ in range(TEACHING_TRIES):
+        done = talk.said(f"teach {part}")
+        talk.person.tell(f"  {done['text']}")
+        if done["status"] != DONE:
+            talk.need("Once more?")
+            continue
+        kept.append(done["data"]["view"])
+        if not talk.person.answer("Turn it and show another side, or is it enough? [more/enough]").startswith("m"):
+            break
+    if not kept:
+        raise NotProvenError(done["text"])
+    talk.do("train")
+    talk.said("accept")
+    return f"the {part} is known from {', '.join(kept)}"
+
+
+def _pick(talk: Talk) -> str:
+    part = talk.order.part
+    if talk.simulated:
+        talk.do(f"scatter {part}")
+    else:
+        talk.need(f"One {part} on the table, any way it lies? The arm moves next.")
+    talk.enable()
+    for _ in range(PICKING_TRIES):
+        done = talk.said(f"pick {part}")
+        if done["status"] == DONE:
+            return str(done["text"]).splitlines()[0]
+        talk.person.tell(f"  {done['text']}")
+        talk.need("Once more?")
+    raise NotProvenError(done["text"])
+
+
+@dataclass(frozen=True)
+class Step:
+    """do: says what was shown, raises NotProvenError. with_what: of `calibration` and `model`, what it holds for: where
+    that is another since, it is done again; None: it only looks, and is done every time."""
+
+    name: str
+    proves: str
+    mend: str
+    do: Callable[[Talk], str]
+    with_what: tuple[str, ...] | None = ()
+
+
+STEPS = (
+    Step("arm", "the line, the dialect and arm.yaml are this arm's",
+         "what you see: section 7 of deploy/README.md; `facetctl arm introduce` when the arm is another", _arm, None),
+    Step("camera", "both cameras deliver, and the rest of the cell is well",
+         "what stands behind `mend` above; `facetctl stream` while the daemon is stopped shows the pictures",
+         _doctor, None),
+    Step("stop", "the arm can be stopped before it is ever moved",
+         "arm.dialect.abort_word: which word does the manual name?", _stop, None),
+    Step("light", "the images are good enough to measure in",
+         "light evenly from above, turn the lens until edges are sharp, wipe it; a refused move names its rule",
+         _light, None),
+    Step("stereo", "how both cameras see: lenses, and where they sit to each other",
+         "the board flat and whole in both images; its square by a caliper; a rough hand_eye in calibration.yaml",
+         _stereo),
+    Step("hand-eye", "where the cameras sit on the hand",
+         "tighten the bracket; arm.flange_from_tool as the hand is; more turn between poses: lay the board nearer",
+         _hand_eye),
+    Step("verify", "known lengths and one place come out the same from new poses",
+         "what stands behind FAILED; then `facetctl commission stereo`", _verify, ("calibration",)),
+    Step("table", "the finger tips are where TOOL says, and the guard keeps clear of the table that is there",
+         "arm.flange_from_tool as the hand is, then `facetctl commission stereo`; the board's thickness (--board-mm); "
+         "pick.limits.table_z_mm, then `facetctl reload`", _table, ("calibration",)),
+    Step("workspace", "home, bin and surveys are within reach and box, each way swept",
+         "the refusal names the rule: pick.limits, pick.home, pick.bin, pick.surveys in facetd.yaml; `facetctl reload`",
+         _workspace, ("calibration",)),
+    Step("gripper", "OPENI and CLOSEI move the hand, and the right way round",
+         "air, valves, the wires to the controller's hand outputs", _gripper),
+    Step("teach", "the first part is known", "turn it so that three faces show; mend the light; alone in view", _teach),
+    Step("pick", "all of it together: seen, named, reached, held, put into the bin",
+         "`facetctl review latest` says why", _pick, ("calibration", "model")),
+)  # fmt: skip

@@ -1,0 +1,279 @@
+"""`facetctl demo`: teach, train and clear a table on the simulated cell, by the console commands a person would give.
+
+A daemon of its own is started, told what to do, and followed in its run log; nothing here moves or judges. How far each
+grasp truly was from where it was estimated is the simulated cell's own word, which the daemon logs and never uses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from daemon.errors import FacetdError
+from daemon.frontends.client import DaemonLink, NotThereError
+from daemon.quantities import decimal, whole
+from daemon.store import places
+from daemon.store.records import Record
+from daemon.store.runs import follow, list_runs
+from daemon.store.standing import FILE, StandingFile
+
+TRIANGLE = "isosceles_triangle"
+VIEWS = (
+    ("cube", 0, ("square", "square", "square")),
+    ("pyramid", 0, (TRIANGLE, TRIANGLE, TRIANGLE, TRIANGLE)),
+    ("pyramid", 1, (TRIANGLE, TRIANGLE, "square")),
+    ("triangular_prism", 0, ("equilateral_triangle", "rectangle", "rectangle")),
+    ("pentagonal_prism", 0, ("pentagon", "rectangle", "rectangle")),
+    ("pentagonal_prism", 1, ("rectangle", "rectangle", "rectangle")),
+)
+"""The six characteristic views (D'Souza, chapter 5), and what a person sees in each: the answer to `is this right?`."""
+TEACHING_TRIES = 6
+"""How often a person holds the part up again before giving up on a view."""
+PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
+ROUNDS = 3
+"""How often the table is gone over before what is left is given up."""
+VERDICT = "verdict.jsonl"
+READY_S = 60.0
+"""How long the daemon may take to start."""
+
+
+class DemoError(FacetdError):
+    """The demo cannot go on; the message says why."""
+
+
+def register(subparsers: Any) -> None:
+    """Add `demo` to facetctl."""
+    parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
+    parser.add_argument("--seed", type=whole, help="repeat an earlier demo (each prints its seed)")
+    parser.add_argument("--time-scale", type=decimal, default=20.0, help="how much faster than life the cell runs (20)")
+    parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
+    parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
+    parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run it; 0 only when every part was picked. Raises FileError, DemoError, OSError where it cannot be."""
+    from daemon.review.page import write_page
+
+    seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
+    runs = (args.runs or places.runs_folder(simulated=True)).resolve()
+    began = time.monotonic()
+    with (
+        tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
+        _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
+    ):
+        written = Path(link.do("status", "demo", say)["data"]["run"])
+        _begin_beside(runs, written)
+        look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
+        again = f"seed {seed} (repeat it with --seed {seed}{look})"
+        say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
+        _teach(link)
+        rows = _clear(link, follow(written, lambda: process.poll() is None))
+        found = _judged(Path(folder) / VERDICT)
+    picked = _table(rows, time.monotonic() - began)
+    say(f"report: {write_page(written, written / 'report.html')}")
+    say("\n".join(found) or "the cell's judge saw the arm do nothing that it must never do")
+    return 0 if picked == len(PARTS) and not found else 1
+
+
+def _begin_beside(runs: Path, written: Path) -> None:
+    """Where the first of all runs is a demo's, begin for the daemon that comes after it. Raises OSError."""
+    if runs == places.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
+        _begin(places.state_folder(simulated=True), written.name)
+
+
+def _begin(state: Path, run: str) -> None:
+    """Write that nothing stands, for a daemon that finds runs beside it which are not its own: it would take what stood
+    in them for lost. Raises OSError."""
+    with contextlib.closing(StandingFile(state / FILE)) as file:
+        file.begin(run)
+
+
+def _judged(verdict: Path) -> list[str]:
+    """What the simulated cell's judge found, a line each."""
+    lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
+    return [f"JUDGE {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
+
+
+def say(text: str) -> None:
+    """A line on the screen, at once."""
+    print(text, flush=True)
+
+
+def _variety(args: argparse.Namespace) -> dict[str, str]:
+    return {"table": args.table, "parts": args.parts}
+
+
+def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
+    """facetd.yaml of the demo's daemon: the program's own files, all else as shipped. Raises ConfigError.
+
+    Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
+    """
+    from daemon.config import load_config
+
+    config = load_config(places.ETC / "facetd.yaml", simulated=True)
+    files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
+    truth, limits = str(config.file(config.values.simulated.truth)), config.values.pick.limits
+    room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
+    return {
+        "version": 1,
+        "cell": "simulated",
+        "files": files,
+        "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
+        "health": {"camera_silence_s": 3600},
+        "pick": {"stops": {"least_looks": 3}, "limits": room},
+        "simulated": {
+            "truth": truth,
+            "time_scale": args.time_scale,
+            "seed": seed,
+            "verdict": VERDICT,
+            **_variety(args),
+        },
+    }
+
+
+@contextlib.contextmanager
+def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subprocess.Popen[bytes], DaemonLink]]:
+    """A daemon that keeps its things in a folder, and a line to it. Raises DemoError with its last word."""
+    (folder / "facetd.yaml").write_text(json.dumps(configuration))
+    _begin(folder, "demo")
+    command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
+    with (folder / "stderr").open("wb") as errors:
+        process = subprocess.Popen(command, stderr=errors)
+    try:
+        deadline = time.monotonic() + READY_S
+        while not (folder / places.SOCKET_NAME).exists():
+            if process.poll() is not None or time.monotonic() > deadline:
+                raise NotThereError
+            time.sleep(0.05)
+        with DaemonLink(folder / places.SOCKET_NAME) as link:
+            yield process, link
+    except (NotThereError, DemoError) as error:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            if process.wait(2.5) == 0:  # control-C at a terminal ends the daemon, too
+                raise KeyboardInterrupt from None
+        if isinstance(error, DemoError):
+            raise
+        told = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+        raise DemoError(told[-1].removeprefix("facetd: ") if told else "the daemon does not start") from None
+    finally:
+        process.terminate()
+        process.wait(10.0)
+
+
+def _do(link: DaemonLink, text: str) -> dict[str, Any]:
+    """One command; its data. Raises DemoError where it was not done."""
+    done = link.do(text, "demo", lambda _: None)
+    if done["status"]:
+        raise DemoError(f"{text}: {done['text']}")
+    data: dict[str, Any] = done["data"]
+    return data
+
+
+def _teach(link: DaemonLink) -> None:
+    """Show the six views, answer what is asked, train, and take the model into use."""
+    say("teaching")
+    for text in ("enable", "go survey"):
+        _do(link, text)
+    for label, view, facets in VIEWS:
+        if not any(_shown(link, label, view, facets) for _ in range(TEACHING_TRIES)):
+            raise DemoError(f"the {label} was not seen whole in {TEACHING_TRIES} looks; light, focus and calibration?")
+    trained = link.do("train", "demo", lambda _: None)["data"]
+    if not trained.get("accepted"):
+        _do(link, "accept")
+    say(f"trained on {trained['views']} views in {trained['seconds']:.1f} s, {trained['right']} of them named right")
+
+
+def _shown(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
+    """Whether a view was seen as a person sees it, and so kept."""
+    told: list[str] = []
+
+    def answer(_: str) -> str:
+        return "y" if _facets_told(told[-1]) == sorted(facets) else "n"
+
+    done = link.do(f"teach {label}", "demo", told.append, answer)
+    seen = _facets_told(told[-1]) if told else []
+    kept = bool(done["status"] == 0)
+    why = f"not all of it was seen ({', '.join(seen)})" if seen else done["text"]
+    say(f"  {label}, view {view + 1}: {', '.join(seen) if kept else f'{why}; again'}")
+    return kept
+
+
+def _facets_told(text: str) -> list[str]:
+    """The types of the facets that `teach` shows, those alike in a line: `side 1 2: square 50 50 50 50 mm`."""
+    lines = re.findall(r"side ([\d? ]+): ([a-z_]+) \d[\d ]* mm", text)
+    return sorted(kind for sides, kind in lines for _ in sides.split())
+
+
+def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
+    """Pick until all parts are in the bin or several rounds left some; what became of each, and how it truly was."""
+    say(f"the table: {', '.join(PARTS)}, in random poses")
+    ends: list[dict[str, Any]] = []
+    truths: dict[int, Record] = {}
+    for _ in range(ROUNDS):
+        left = len(PARTS) - sum(end["outcome"] == "picked" for end in ends)
+        if not left or (ends and ends[-1]["outcome"] == "fault"):
+            break
+        _do(link, f"auto on {left}")
+        ended, true = _told(records)
+        ends, truths = ends + ended, truths | true
+    tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted"]]
+    unknown = {"error_mm": None, "error_deg": None, "held": False}
+    return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
+
+
+def _told(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
+    """Tell an auto's picks as they are logged, until it ends; how they ended, and how far each grasp truly was, by
+    cycle."""
+    ends, truths = list[dict[str, Any]](), dict[int, Record]()
+    began_s = 0.0
+    for record in records:
+        match record["kind"]:
+            case "cycle_start":
+                began_s = record["mono_s"]
+            case "decision":
+                say(f"  {record['text']}: {record['why']}")
+            case "estimate":
+                error = f"{record['predicted_mm']:.2f} mm, {record['predicted_deg']:.2f} degrees"
+                say(f"  look {record['stop']}: {record['label']}, predicted error at the grasp {error}")
+            case "refusal" | "fault" as kind:
+                say(f"  {kind}: {record['text']}")
+            case "truth":
+                truths[record["cycle"]] = record
+            case "cycle_end":
+                ends.append({**record, "seconds": record["mono_s"] - began_s})
+                say(f"  {record['outcome']}: {record['why']} ({ends[-1]['seconds']:.1f} s)")
+                if record["outcome"] in ("fault", "aborted"):
+                    break
+            case "auto" if not record["on"]:
+                break
+    return ends, truths
+
+
+def _table(rows: list[dict[str, Any]], seconds: float) -> int:
+    """Print part by part; returns how many were picked (and truly held)."""
+    say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
+    for row in rows:
+        predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
+        error = _error(row["error_mm"], row["error_deg"])
+        outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
+        say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
+    picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
+    say(f"{picked} of {len(PARTS)} parts picked, {seconds:.0f} s in all")
+    return picked
+
+
+def _error(mm: float | None, deg: float | None) -> str:
+    """None: the pick ended before it was known."""
+    return "-" if mm is None or deg is None else f"{mm:.2f} mm {deg:.2f} deg"

@@ -1,0 +1,228 @@
+"""`facetctl recognise`, `train` and `model`: the recogniser on files, without a daemon.
+
+Here: arguments, files, lines of output, exit status. What is seen, learnt or stored is done elsewhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from daemon.console.phrases import plural
+from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.store.outside import FileError
+from daemon.store.yamlfile import read
+
+if TYPE_CHECKING:
+    from daemon.calibration.file import Calibration
+    from daemon.vision.model import Model
+    from daemon.vision.values import Scene
+
+
+class OfflineError(FacetdError):
+    """An argument or a file cannot be used: one line, where and what."""
+
+
+class _View(msgspec.Struct, forbid_unknown_fields=True):
+    left: str
+    right: str
+    label: str
+
+
+def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `recognise`, `train` and `model` to facetctl."""
+    _register_recognise(subparsers)
+    train = subparsers.add_parser("train", help="teach views from image files, and drawings, and write a model")
+    train.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    train.add_argument("--views", type=Path, metavar="YAML", help="a list of {left, right, label}")
+    train.add_argument(
+        "--mesh",
+        action="append",
+        default=[],
+        metavar="LABEL=FILE",
+        help="a part's drawing, STL or OBJ; may be repeated",
+    )
+    train.add_argument("--unit", default="mm", help="of the drawings: mm (default), cm, m or inch")
+    train.add_argument("--out", type=Path, required=True, metavar="MODEL")
+    train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
+    train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
+    train.set_defaults(run=_train)
+    model = subparsers.add_parser("model", help="what a model knows: show, compare, check")
+    kinds = model.add_subparsers(dest="what", required=True, metavar="show|diff|check")
+    for name, files, text in (
+        ("show", 1, "parts, views and nodes"),
+        ("diff", 2, "what the second model has that the first has not, and the other way round"),
+        ("check", 1, "whether the file is sound, and which parts could be confused"),
+    ):
+        kind = kinds.add_parser(name, help=text)
+        kind.add_argument("files", type=Path, nargs=files, metavar="MODEL", help="a file, or 3, or latest")
+        kind.add_argument("--json", action="store_true", help="for machines")
+        kind.set_defaults(run=_model)
+
+
+def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
+    recognise.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
+    recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
+    recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
+    recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
+    recognise.set_defaults(run=_recognise)
+
+
+def _recognise(args: argparse.Namespace) -> int:
+    """One JSON line a pair; pairs that cannot be used are named on stderr and the others still done."""
+    from time import thread_time
+
+    from daemon.calibration.file import load_calibration
+    from daemon.store.model import load
+    from daemon.store.model_store import model_file
+    from daemon.vision.image import VisionError
+    from daemon.vision.look import look
+    from daemon.vision.report import scene_json
+
+    calibration, model = load_calibration(args.calibration), load(model_file(args.model))
+    status = DONE
+    for name in args.pairs:
+        try:
+            left, right = _pair(Path(name))
+            scene = look(left, right, calibration.rig, model, clock=thread_time)
+            print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
+            if args.draw:
+                _draw(_drawing_path(args.draw, name, len(args.pairs)), left, right, scene)
+        except (FileError, VisionError) as error:
+            print(f"facetctl {args.command}: {name}: {error}", file=sys.stderr)
+            status = NOT_UNDERSTOOD
+    return status
+
+
+def _pair(folder: Path) -> tuple[Any, Any]:
+    return _image(folder / "left.png"), _image(folder / "right.png")
+
+
+def _image(path: Path) -> Any:
+    from daemon.store.pictures import read_as_stored
+
+    return read_as_stored(path)
+
+
+def _drawing_path(path: Path, pair: str, count: int) -> Path:
+    return path if count == 1 else path.with_name(f"{path.stem}-{Path(pair).resolve().name}{path.suffix}")
+
+
+def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
+    import cv2
+
+    from daemon.store.files import write_atomically
+    from daemon.vision.draw import draw_scene
+
+    picture = draw_scene(left, right, scene)
+    try:
+        write_atomically(path, cv2.imencode(".png", picture)[1].tobytes())
+    except OSError as error:
+        raise OfflineError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _train(args: argparse.Namespace) -> int:
+    """Learn every view in the order of the file, then every drawing; one that cannot be learnt ends the training."""
+    from daemon.calibration.file import load_calibration
+    from daemon.store.library import FACETS, PARTS, load_facets, load_parts
+    from daemon.store.model import save
+    from daemon.store.outside import read_file
+    from daemon.teaching.mesh import LARGEST_BYTES, UNITS_MM
+    from daemon.teaching.solid_from_mesh import solid_drawn
+    from daemon.vision.model import empty_model, learn_solid
+
+    if not args.views and not args.mesh:
+        raise OfflineError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
+    if args.unit not in UNITS_MM:
+        raise OfflineError(f"--unit {args.unit}: expected one of {', '.join(UNITS_MM)}")
+    calibration = load_calibration(args.calibration)
+    model = empty_model(load_facets(args.facets or FACETS))
+    parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
+    if args.views:
+        model = _taught_views(model, args.views, calibration)
+    for word in args.mesh:
+        label, file = _drawing(word)
+        solid = solid_drawn(str(file), read_file(file, LARGEST_BYTES), args.unit, model.library)
+        model = learn_solid(model, solid, label, source=str(file))
+    codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
+    save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
+    known = (
+        plural(len(model.labels), "part"),
+        plural(len(model.views), "view"),
+        plural(len(model.artmap.node_labels), "node"),
+    )
+    print(f"{args.out}: {known[0]} from {known[1]}, {known[2]}")
+    return DONE
+
+
+def _drawing(word: str) -> tuple[str, Path]:
+    label, _, file = word.partition("=")
+    if not label or not file:
+        raise OfflineError(f"--mesh {word}: expected LABEL=FILE, such as cube=cube.stl")
+    return label, Path(file)
+
+
+def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
+    from daemon.vision.image import VisionError
+    from daemon.vision.model import TeachError
+
+    document = read(path)
+    views = document.convert(list[_View])
+    if not views:
+        raise document.error((), "expected at least one view, found an empty list")
+    for index, view in enumerate(views):
+        try:
+            model = _taught(model, view, path.parent, calibration)
+        except (FileError, TeachError, VisionError) as error:
+            raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
+    return model
+
+
+def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> Model:
+    from daemon.vision.facets import find_facets
+    from daemon.vision.model import TeachError, learn_view
+
+    left, right = (_found(base, name) for name in (view.left, view.right))
+    seen = find_facets(_image(left), _image(right), calibration.rig)
+    if not seen.groups:
+        raise TeachError("no facet was found in both images")
+    largest = max(seen.groups, key=lambda g: (len(g.facets), sum(len(f.corners_mm) for f in g.facets)))
+    if sum(len(g.facets) == len(largest.facets) for g in seen.groups) > 1:
+        raise TeachError("more than one part is in view; show one alone")
+    return learn_view(model, largest, view.label, source=str(left))
+
+
+def _found(base: Path, name: str) -> Path:
+    """A picture named in a list of views: beside the list, or from where the command was given."""
+    return base / name if (base / name).exists() else Path(name)
+
+
+def _model(args: argparse.Namespace) -> int:
+    from daemon.cli.modelview import check, compare, describe
+    from daemon.console.pages import fold
+    from daemon.store.model import load_file
+    from daemon.store.model_store import model_file
+
+    files = [load_file(model_file(path)) for path in args.files]
+    if args.what == "show":
+        told = describe(files[0])
+    elif args.what == "diff":
+        told = compare(files[0], files[1])
+    else:
+        told = check(files[0])
+    if args.json:
+        print(json.dumps(told.data))
+    elif sys.stdout.isatty():
+        print("\n".join(fold(told.text, shutil.get_terminal_size().columns)))
+    else:
+        print(told.text)
+    return DONE

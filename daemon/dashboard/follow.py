@@ -1,0 +1,125 @@
+"""Following the daemon: its status and notices at the socket, its run as it is written. It may go and come back."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from daemon.dashboard.now import Now
+from daemon.store.outside import FileError, open_below, read_below
+from daemon.store.pictures import LARGEST_BYTES
+from daemon.store.places import socket_candidates
+from daemon.store.records import LONGEST_LINE, record_of
+from daemon.store.runs import RUN
+
+ASK_S, AGAIN_S, READ_S = 1.0, 1.0, 0.25
+"""How often the daemon is asked how things stand, sought where none answers, and its run looked at."""
+TAIL_BYTES = 4_000_000
+"""Of a run that is under way: enough for the last picks."""
+LONGEST_MESSAGE = 4_000_000
+HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "door": "live"}\n'
+"""All that is ever said to the daemon."""
+
+
+async def follow_daemon(now: Now, run: RunFollower, socket_path: Path | None) -> None:
+    """Keep `now` up to date for ever. socket_path: None: where the daemon usually has it."""
+    await asyncio.gather(_follow_socket(now, run, socket_path), _follow_run(run))
+
+
+async def _follow_socket(now: Now, run: RunFollower, socket_path: Path | None) -> None:
+    while True:
+        for path in [socket_path] if socket_path else socket_candidates():
+            with contextlib.suppress(OSError, ValueError):
+                reader, writer = await asyncio.open_unix_connection(path, limit=LONGEST_MESSAGE)
+                try:
+                    await _converse(now, run, reader, writer)
+                finally:
+                    writer.close()
+        now.answered(None)
+        await asyncio.sleep(AGAIN_S)
+
+
+async def _converse(now: Now, run: RunFollower, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Until the daemon hangs up."""
+    writer.write(HELLO + STATUS)
+    asking = asyncio.create_task(_ask(writer))
+    try:
+        while line := await reader.readline():
+            message = json.loads(line)
+            if "notice" in message:
+                now.noticed(str(message["notice"]))
+            if "done" in message:
+                data: dict[str, Any] = message["done"].get("data") or {}
+                now.answered(data)
+                if data.get("run"):
+                    run.go_to(Path(str(data["run"])))
+    finally:
+        asking.cancel()
+
+
+async def _ask(writer: asyncio.StreamWriter) -> None:
+    while True:
+        await asyncio.sleep(ASK_S)
+        writer.write(STATUS)
+
+
+async def _follow_run(run: RunFollower) -> None:
+    while True:
+        run.read()
+        await asyncio.sleep(READ_S)
+
+
+class RunFollower:
+    """Reads what is added to run.jsonl of the daemon's present run."""
+
+    def __init__(self, now: Now) -> None:
+        self._now = now
+        self.folder: Path | None = None
+        self._at, self._rest = 0, b""
+
+    def go_to(self, folder: Path) -> None:
+        """The run that is being written; one that is read already is read on."""
+        if folder == self.folder:
+            return
+        self.folder, self._at, self._rest = folder, 0, b""
+        self._now.began(folder.name)
+        with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
+            self._take(file.readline(LONGEST_LINE))
+            self._at = max(file.tell(), os.fstat(file.fileno()).st_size - TAIL_BYTES)
+
+    def read(self) -> None:
+        """What was written since."""
+        if self.folder is None:
+            return
+        with contextlib.suppress(FileError, OSError), open_below(self.folder, RUN) as file:
+            if os.fstat(file.fileno()).st_size <= self._at:
+                return
+            file.seek(self._at)
+            content = file.read(TAIL_BYTES)
+            self._at = file.tell()
+            *lines, self._rest = (self._rest + content).split(b"\n")
+            self._rest = self._rest[: LONGEST_LINE + 1]
+            for line in lines:
+                self._take(line)
+
+    def _take(self, line: bytes) -> None:
+        with contextlib.suppress(ValueError):  # the piece of a line at which reading began; another's file
+            self._now.recorded(record_of(line))
+
+    def told_of(self, seq: int, eye: str) -> bool:
+        """Whether one of the last looks said that it has that picture."""
+        return bool(self._now.pictures.get(seq, {}).get(eye))
+
+    def picture(self, seq: int, eye: str) -> bytes | None:
+        """A picture of one of the last looks, as its file has it; None where there is none in the run's folder."""
+        name = self._now.pictures.get(seq, {}).get(eye)
+        if self.folder is None or not name:
+            return None
+        try:
+            return read_below(self.folder, name, LARGEST_BYTES)
+        except FileError:
+            return None

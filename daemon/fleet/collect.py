@@ -1,0 +1,253 @@
+"""Finished runs of many cells into one store: each run once, checked, and off the cell's disk only when it is safe.
+
+A collector may be cut off anywhere and called again: a run counts as collected when its manifest is there, which is
+written last; what was copied before is compared, not copied again. The cells work on whether there is a store or not.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from daemon.errors import FacetdError
+from daemon.fleet.layout import Rows, add_rows, rows_of
+from daemon.fleet.soundness import damages, files_of, finished
+from daemon.fleet.store import Collected, Store, StoreError, hashed_below, manifest_name
+from daemon.review.digest import digest
+from daemon.store.outside import FileError
+from daemon.store.runs import RUN, RUN_NAME, RunRecords, list_runs, read_run
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+AT_ONCE = 20
+"""Runs of a cell whose rows go into the table together."""
+QUIET_S = 60.0
+"""Nothing in a run may have changed for so long: its last pictures are written after its last line."""
+FILTER = (
+    "--include=/run.jsonl",
+    "--include=/wire.jsonl",
+    "--include=/images/***",
+    "--include=/kept/***",
+    "--exclude=*",
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A cell's folder of runs: here, or `[user@]host:folder` by rsync over ssh."""
+
+    cell: str
+    where: str
+
+    @property
+    def remote(self) -> bool:
+        """Whether it is another computer's."""
+        return ":" in self.where.split("/")[0]
+
+
+@dataclass
+class Told:
+    """What a collection came to; lines: what a person should know; say: told of everything as it happens."""
+
+    collected: int = 0
+    known: int = 0
+    apart: int = 0
+    waiting: int = 0
+    freed: int = 0
+    bytes: int = 0
+    lines: list[str] = field(default_factory=list)
+    say: Callable[[str], object] = lambda _: None
+
+    def warn(self, line: str) -> None:
+        """Something that a person should know."""
+        self.lines.append(line)
+        self.say(line)
+
+
+def source_of(text: str) -> Source:
+    """`CELL=FOLDER` or `CELL=HOST:FOLDER`. Raises StoreError."""
+    cell, equals, where = text.partition("=")
+    if not equals or not where or not NAME.fullmatch(cell):
+        raise StoreError(
+            f"{text}: expected CELL=FOLDER or CELL=[USER@]HOST:FOLDER, the cell's name of letters and digits"
+        )
+    return Source(cell, where)
+
+
+def collect(
+    store: Store,
+    sources: Sequence[Source],
+    free: bool = False,
+    say: Callable[[str], object] = lambda _: None,
+    quiet_s: float = QUIET_S,
+) -> Told:
+    """Take every finished run that is not in the store yet. free: then remove from the cells what is safe in it.
+
+    A cell that cannot be reached is told of and passed over. Raises StoreError, OSError where the store fails.
+    """
+    told = Told(say=say)
+    for source in sources:
+        try:
+            names = _names(source)
+            _collect_cell(store, source, names, told, quiet_s)
+            if free:
+                _free_cell(store, source, names, told)
+        except (FileError, _UnreachableError) as error:
+            told.warn(f"{source.cell}: {error}")
+    return told
+
+
+def _collect_cell(store: Store, source: Source, names: list[str], told: Told, quiet_s: float) -> None:
+    known = store.collected()
+    ids = {short: f"{cell}/{run}" for (cell, run), short in known.items()}
+    fresh = [name for name in names if (source.cell, name) not in known]
+    told.known += len(names) - len(fresh)
+    for begin in range(0, len(fresh), AT_ONCE):
+        taken = [
+            one
+            for name in fresh[begin : begin + AT_ONCE]
+            if (one := _tried(store, source, name, name != names[-1], ids, told, quiet_s)) is not None
+        ]
+        add_rows(store, source.cell, [rows for _, rows in taken])
+        for safe, _ in taken:
+            store.write(msgspec.json.encode(safe), "collected", manifest_name(safe.id[:16], safe.cell, safe.run))
+            told.collected += 1
+            told.bytes += sum(size for size, _ in safe.files.values())
+
+
+def _tried(
+    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+) -> tuple[Collected, Rows] | None:
+    """As _taken; a run with a file that cannot be read keeps nobody from the cell's others."""
+    try:
+        return _taken(store, source, name, later, ids, told, quiet_s)
+    except FileError as error:
+        told.apart += 1
+        told.warn(f"{source.cell}/{name}: damaged, stays on its cell: {error}")
+        return None
+
+
+def _taken(
+    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+) -> tuple[Collected, Rows] | None:
+    """A sound run, copied, and its rows; None where it waits, is damaged, or is one of `ids` (id -> cell/run) again."""
+    with _here(source, name) as folder:
+        run = read_run(folder)
+        if not finished(folder, run, later) or not _quiet(folder, quiet_s):
+            told.waiting += 1
+            return None
+        if problems := damages(folder, run):
+            _set_apart(store, source.cell, folder, problems)
+            told.apart += 1
+            told.warn(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
+            return None
+        short = hashed_below(folder, RUN)[1][:16]
+        if short in ids:
+            told.warn(f"{source.cell}/{name}: is {ids[short]} again; not taken twice")
+            return None
+        safe = _put(store, source.cell, folder, run)
+        ids[short] = f"{source.cell}/{name}"
+        told.say(f"{source.cell}/{name}: {len(safe.files)} files")
+        return safe, rows_of(digest(name, run.records))
+
+
+def _put(store: Store, cell: str, folder: Path, run: RunRecords) -> Collected:
+    """Every file of a sound run, read back from the store."""
+    files = {name: store.put(folder, name, "runs", cell, folder.name, *name.split("/")) for name in files_of(folder)}
+    start = next((r for r in run.records if r["kind"] == "run_start"), {})
+    return Collected(cell, folder.name, files[RUN][1], start.get("version"), files)
+
+
+def _set_apart(store: Store, cell: str, folder: Path, problems: list[str]) -> None:
+    for name in files_of(folder):
+        store.put(folder, name, "apart", cell, folder.name, *name.split("/"))
+    store.write("".join(f"{line}\n" for line in problems).encode(), "apart", cell, f"{folder.name}.txt")
+
+
+def _quiet(folder: Path, quiet_s: float) -> bool:
+    newest = max((folder / name).stat().st_mtime for name in files_of(folder))
+    return time.time() - newest >= quiet_s
+
+
+def _free_cell(store: Store, source: Source, names: list[str], told: Told) -> None:
+    """Remove from the cell what is the same there, to the last byte, as in the store; the newest run stays."""
+    store.settle()
+    known = store.collected()
+    for name in names[:-1]:
+        if (source.cell, name) not in known:
+            continue
+        safe = store.manifest(source.cell, name)
+        with _here(source, name) as folder:
+            lost = store.damaged(safe)
+            if not lost and _same(folder, safe):
+                _remove(source, name)
+                told.freed += 1
+                continue
+            what = f"{lost[0]} is damaged in the store" if lost else "is another than what was collected"
+            told.warn(f"{source.cell}/{name}: {what}; it stays on the cell")
+
+
+def _same(folder: Path, safe: Collected) -> bool:
+    """Whether the folder holds the files of the manifest, and no others."""
+    return set(files_of(folder)) == set(safe.files) and all(
+        hashed_below(folder, name) == known for name, known in safe.files.items()
+    )
+
+
+class _UnreachableError(FacetdError):
+    """A cell does not answer, or does not let us in."""
+
+
+def _names(source: Source) -> list[str]:
+    """The runs of a cell, oldest first."""
+    if not source.remote:
+        if not Path(source.where).is_dir():
+            raise _UnreachableError(f"{source.where}: no such folder of runs")
+        return [folder.name for folder in list_runs(Path(source.where)) if NAME.fullmatch(folder.name)]
+    listed = _rsync("--list-only", f"{source.where.rstrip('/')}/")
+    names = [line.split()[-1] for line in listed.splitlines() if line.startswith("d")]
+    return sorted((n for n in names if RUN_NAME.fullmatch(n)), key=lambda n: (n[:16], int(n[17:] or 0)))
+
+
+@contextmanager
+def _here(source: Source, name: str) -> Iterator[Path]:
+    """A run as a local folder: the cell's own, or a copy that rsync made."""
+    if not source.remote:
+        yield Path(source.where) / name
+        return
+    with tempfile.TemporaryDirectory(prefix="facetd-collect-") as folder:
+        _rsync(
+            "--recursive", "--times", "--checksum", *FILTER, f"{source.where.rstrip('/')}/{name}/", f"{folder}/{name}/"
+        )
+        yield Path(folder) / name
+
+
+def _remove(source: Source, name: str) -> None:
+    if not source.remote:
+        shutil.rmtree(Path(source.where) / name)
+        return
+    host, _, path = source.where.partition(":")
+    _done("ssh", "-o", "BatchMode=yes", host, f"rm -r -- {shlex.quote(path.rstrip('/') + '/' + name)}")
+
+
+def _rsync(*words: str) -> str:
+    return _done("rsync", "--rsh=ssh -o BatchMode=yes", *words)
+
+
+def _done(*words: str) -> str:
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise _UnreachableError(f"{words[0]}: {error.strerror}: install {words[0]}") from None
+    if done.returncode:
+        raise _UnreachableError(f"{words[0]}: {(done.stderr.strip().splitlines() or ['failed'])[0]}")
+    return done.stdout

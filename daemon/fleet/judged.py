@@ -1,0 +1,160 @@
+"""What a replay came to: each look then and now as plain values, and all of them counted. Pure.
+
+A name is right or wrong only where the pick proved it: the hand then held that very part under a name.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from statistics import median
+from typing import Any
+
+from daemon.fleet.layout import Proof, proofs_of, proven_as
+from daemon.review.digest import Digest
+from daemon.review.replay import Seen, apart_mm, paired, untimed
+
+Json = dict[str, Any]
+LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
+"""Grey levels of the brightest hundredth, of the darker eye."""
+_BRIGHTNESS = {name: number for number, (_, name) in enumerate(LIGHTS)}
+UNKNOWN = "unknown"
+TIMINGS = ("then_ms", "now_ms")
+
+
+def judged(run: Digest, seen: Iterable[Seen | str]) -> Json:
+    """The looks of one run, or of some of it: {looks, skipped}, as JSON has it."""
+    proofs, looks, skipped = proofs_of(run), [], []
+    for one in seen:
+        if isinstance(one, str):
+            skipped.append(f"{run.name}: {one}")
+        else:
+            looks.append(_look(one, proofs.get(id(one.record))))
+    return {"run": run.name, "looks": looks, "skipped": skipped}
+
+
+def _look(seen: Seen, proof: Proof | None) -> Json:
+    """now: the whole scene, where anything came out differently; it is what a picture of it is drawn from."""
+    record = seen.record
+    return {
+        **{name: record.get(name) for name in ("seq", "cycle", "purpose")},
+        "whole": record.get("whole", True),
+        "light": light_of(record.get("health") or {}),
+        "then_ms": seen.then.get("ms"),
+        "now_ms": seen.now.get("ms"),
+        "identical": seen.identical,
+        "changes": [asdict(change) for change in seen.changes],
+        "parts": [_pair(then, now, seen, proof) for then, now in paired(seen.then, seen.now)],
+        "now": untimed(seen.now) if seen.changes else None,
+    }
+
+
+def _pair(then: Json | None, now: Json | None, seen: Seen, proof: Proof | None) -> Json:
+    off = apart_mm(then, now) if then and now and then["label"] == now["label"] else None
+    return {
+        "then": then and then["label"],
+        "now": now and now["label"],
+        "proved": proven_as(then or now or {}, seen.record, proof),
+        "mm": None if off is None else round(off, 4),
+    }
+
+
+def light_of(health: Mapping[str, Any]) -> str:
+    """In which light a look was taken."""
+    levels = [health.get(f"darkness_{eye}") for eye in ("left", "right")]
+    known = [level for level in levels if isinstance(level, (int, float))]
+    return next(name for most, name in LIGHTS if min(known) < most) if known else "not measured"
+
+
+def summed(results: Sequence[tuple[str, Json]]) -> Json:
+    """Everything counted, of (cell, result of judged): the whole, and per cell, part and light, each in their order."""
+    groups: dict[str, dict[str, list[tuple[Json, Json]]]] = {k: defaultdict(list) for k in ("cell", "part", "light")}
+    looks = [(cell, look) for cell, result in results for look in result["looks"]]
+    every: list[tuple[Json, Json]] = []
+    for cell, look in looks:
+        for pair in look["parts"]:
+            every.append((look, pair))
+            groups["cell"][cell].append((look, pair))
+            groups["part"][_name(pair)].append((look, pair))
+            groups["light"][look["light"]].append((look, pair))
+    return {
+        "looks": len(looks),
+        "runs": len({(cell, result["run"]) for cell, result in results}),
+        "identical": sum(look["identical"] for _, look in looks),
+        "worse": sum(change["regression"] for _, look in looks for change in look["changes"]),
+        "all": counted(every) | _times(look for _, look in looks),
+        "by": {
+            kind: {
+                name: counted(of) | _times(_unique(look for look, _ in of))
+                for name, of in sorted(found.items(), key=lambda group: (_BRIGHTNESS.get(group[0], 0), group[0]))
+            }
+            for kind, found in groups.items()
+        },
+        "skipped": [line for _, result in results for line in result["skipped"]],
+    }
+
+
+def _name(pair: Json) -> str:
+    return next((n for n in (pair["proved"], pair["then"], pair["now"]) if n and n != UNKNOWN), UNKNOWN)
+
+
+def _unique(looks: Iterable[Json]) -> Iterable[Json]:
+    return {id(look): look for look in looks}.values()
+
+
+def counted(pairs: Sequence[tuple[Json, Json]]) -> Json:
+    """named: parts with a name; proved: those the hand then held; right, wrong: of them, by that; mm: apart.
+
+    then and now of each. Looks that only followed a part were told its name: they count for mm alone.
+    """
+    whole = [pair for look, pair in pairs if look["whole"]]
+    proved = [pair for pair in whole if pair["proved"]]
+    off = sorted(pair["mm"] for _, pair in pairs if pair["mm"] is not None and pair["then"] != UNKNOWN)
+
+    def of(some: Sequence[Json], holds: Callable[[str | None, Json], bool]) -> list[int]:
+        return [sum(holds(pair[when], pair) for pair in some) for when in ("then", "now")]
+
+    return {
+        "parts": len(whole),
+        "named": of(whole, lambda name, _: name not in (None, UNKNOWN)),
+        "proved": len(proved),
+        "right": of(proved, lambda name, pair: name == pair["proved"]),
+        "wrong": of(proved, lambda name, pair: name not in (None, UNKNOWN, pair["proved"])),
+        "mm": round(median(off), 4) if off else None,
+        "p95_mm": off[int(0.95 * (len(off) - 1))] if off else None,
+    }
+
+
+def _times(looks: Iterable[Json]) -> Json:
+    """Median ms of a look then and now, over looks of which both are known."""
+    both = [(look["then_ms"], look["now_ms"]) for look in looks if look["then_ms"] and look["now_ms"]]
+    return {"ms": [round(median(times), 2) for times in zip(*both, strict=True)] if both else [None, None]}
+
+
+def differences(results: Sequence[tuple[str, Json]]) -> list[Json]:
+    """Every look that came out differently: names disproved or lost that were proved first, then what is worse."""
+    found = [
+        {"cell": cell, "run": result["run"], **{k: v for k, v in look.items() if k not in TIMINGS}}
+        for cell, result in results
+        for look in result["looks"]
+        if look["changes"]
+    ]
+
+    def weight(one: Json) -> tuple[int, int]:
+        lost = sum(p["proved"] is not None and p["then"] == p["proved"] != p["now"] for p in one["parts"])
+        return -lost, -sum(change["regression"] for change in one["changes"])
+
+    return sorted(found, key=lambda one: (*weight(one), one["cell"], one["run"], one["seq"]))
+
+
+def kinds_of(found: Sequence[Json]) -> dict[str, int]:
+    """How often a name became which: `cube -> unknown`."""
+    return dict(
+        Counter(
+            f"{pair['then'] or 'nothing'} -> {pair['now'] or 'nothing'}"
+            for one in found
+            for pair in one["parts"]
+            if pair["then"] != pair["now"] and one["whole"]
+        ).most_common()
+    )

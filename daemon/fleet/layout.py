@@ -1,0 +1,290 @@
+"""A run's records -> rows of the table, and the table's files in the store. Uses pyarrow (the extra `fleet`).
+
+One file a cell and month, sorted by day so that a reader skips what it does not ask for: a file a cell and day would be
+14 600 of them a year for forty cells, and a question to all of them spends its time on opening files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from daemon.fleet.schema import TABLES, VERSION, Column
+from daemon.fleet.store import Store, StoreError
+from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
+from daemon.review.production import interventions, tried
+from daemon.review.replay import NEAR_MM
+from daemon.review.why import NOTHING_WRONG, causes
+from daemon.store.places import how_to_add
+from daemon.store.records import Record
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Row = dict[str, Any]
+Rows = dict[str, Any]
+"""Of one run or of several: a pyarrow table by the name of the table."""
+FILE = "rows.parquet"
+VERSION_KEY = b"facetd.schema"
+ROWS_A_GROUP = 16_384
+"""Some days of a cell's parts: a reader that wants one day reads little more."""
+PROVEN = "picked"
+
+
+def arrow() -> tuple[Any, Any]:
+    """pyarrow and pyarrow.parquet. Raises StoreError without the extra."""
+    try:
+        import pyarrow as pa
+        import pyarrow.compute
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise StoreError(f"the table of many cells needs pyarrow: {how_to_add('fleet')}") from None
+    return pa, pq
+
+
+def schema_of(table: str) -> pa.Schema:
+    """The columns of a table as pyarrow has them, with the schema's version."""
+    pa, _ = arrow()
+    kinds = {
+        "text": pa.string(), "integer": pa.int64(), "real": pa.float32(), "flag": pa.bool_(),
+        "time": pa.timestamp("ms", tz="UTC"), "day": pa.date32(),
+    }  # fmt: skip
+    fields = [pa.field(c.name, kinds[c.kind]) for c in TABLES[table].columns]
+    return pa.schema(fields, metadata={VERSION_KEY: str(VERSION).encode()})
+
+
+def rows_of(run: Digest) -> Rows:
+    """The rows of one run, by table."""
+    pa, _ = arrow()
+    made = {
+        "runs": [_run(run)] if run.records else [],
+        "cycles": [_cycle(c, run) for c in run.cycles],
+        "looks": _looks(run),
+        "parts": _parts(run),
+        "moves": _moves(run),
+        "faults": [_fault(r) for r in run.of("fault", "refusal", "gap", "clock")],
+        "health": [_health(r) for r in run.of("look")],
+    }
+    return {name: _table(pa, name, run.name, rows) for name, rows in made.items()}
+
+
+def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
+    """What a record does not say is null, and so is what is of another kind than its column."""
+    columns = TABLES[name].columns
+    times = np.array([_utc(str(row["t"])) for row in rows], "datetime64[ms]")
+    given = {"t": times, "day": times.astype("datetime64[D]"), "run": [run] * len(rows)}
+    schema = schema_of(name)
+    arrays = [
+        pa.array(given.get(c.name) if c.name in given else [_valued(row.get(c.name), c) for row in rows], kind.type)
+        for c, kind in zip(columns, schema, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _utc(t: str) -> datetime:
+    """Without a zone it is UTC. A small z is one, too (RFC 3339)."""
+    at = datetime.fromisoformat(t.upper())
+    return at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)
+
+
+def _valued(value: Any, column: Column) -> Any:
+    match column.kind:
+        case "text":
+            return None if value is None else str(value)
+        case "flag":
+            return value if isinstance(value, bool) else None
+        case "integer":
+            return int(value) if isinstance(value, (int, float)) else None
+        case _:
+            return float(value) if isinstance(value, (int, float)) else None
+
+
+def _run(run: Digest) -> Row:
+    start = run.start or {}
+    return {
+        "t": run.records[0]["t"],
+        "release": start.get("version"),
+        "kind": start.get("cell"),
+        "computer": start.get("name"),
+        "utc_offset_s": start.get("utc_offset_s"),
+        "seconds": duration_s(run.records),
+        "records": len(run.records),
+        "cycles": len(run.cycles),
+        "interventions": interventions(run),
+        "ended": run.end is not None,
+        "model": run.model,
+        "calibration": run.kept("calibration"),
+        "config": run.kept("config"),
+    }
+
+
+def _cycle(cycle: Cycle, run: Digest) -> Row:
+    wrong = cycle.outcome not in NOTHING_WRONG
+    found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
+    plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
+    return {
+        **{name: getattr(cycle, name) for name in (*plain, "eyes", "model", "calibration")},
+        "t": cycle.started,
+        "cycle": cycle.number,
+        "target": cycle.records[0].get("target"),
+        "tried": tried(cycle, False),
+        "cause": next((c.name for c in found), None),
+    }
+
+
+def _looks(run: Digest) -> list[Row]:
+    estimates = {id(s.look): s.estimate or {} for s in run.stops}
+    rows = []
+    for record, kept in in_use(run.records):
+        if record["kind"] != "look":
+            continue
+        scene, estimate = record.get("scene") or {}, estimates.get(id(record), {})
+        images, parts = record.get("images") or {}, parts_of(record)
+        rows.append(
+            {
+                **{name: record.get(name) for name in ("seq", "cycle", "t", "stop", "purpose")},
+                "whole": record.get("whole", True),
+                "ms": scene.get("ms"),
+                "parts": len(parts),
+                "named": sum(p["label"] != "unknown" for p in parts),
+                "predicted_mm": estimate.get("predicted_mm"),
+                "chi2": estimate.get("chi2"),
+                "noise": (record.get("health") or {}).get("noise"),
+                "left": images.get("left"),
+                "right": images.get("right"),
+                "model": short_hash(kept.get("model")),
+                "eyes": eyes_of(record),
+            }
+        )
+    return rows
+
+
+def _parts(run: Digest) -> list[Row]:
+    proofs = proofs_of(run)
+    return [
+        _part(look, number, part, proven_as(part, look, proofs.get(id(look))))
+        for look in run.of("look")
+        for number, part in enumerate(parts_of(look))
+    ]
+
+
+def _part(look: Record, number: int, part: Record, picked_as: str | None) -> Row:
+    same = ("label", "confidence", "match_ratio", "activation", "runner_up", "ambiguous", "cause", "residual_mm")
+    pose, covariance = part.get("cyclopean_from_part"), part.get("covariance")
+    place = None if pose is None else np.array(pose, float)[:3, 3]
+    world = world_of(part, look)
+    return {
+        **{name: look.get(name) for name in ("seq", "cycle", "t")},
+        **{name: part.get(name) for name in same},
+        "part": number,
+        "picked_as": picked_as,
+        "facets": len(part.get("facets") or []),
+        "sigma_mm": None if covariance is None else float(np.sqrt(max(np.trace(np.array(covariance)[:3, :3]), 0.0))),
+        "depth_mm": None if place is None else float(np.linalg.norm(place)),
+        **({} if world is None else dict(zip(("x_mm", "y_mm", "z_mm"), world, strict=True))),
+    }
+
+
+Proof = tuple[str, np.ndarray[Any, Any]]
+
+
+def proofs_of(run: Digest) -> dict[int, Proof]:
+    """id of a look's record -> (label, (3,) world mm) of the part that its pick then held; looks before the hand closed
+    alone: afterwards it lies elsewhere."""
+    found: dict[int, Proof] = {}
+    for cycle in run.cycles:
+        last = next((s.estimate for s in reversed(cycle.stops) if s.estimate), None)
+        if cycle.outcome != PROVEN or last is None or not last.get("world_from_part") or cycle.label is None:
+            continue
+        place = np.array(last["world_from_part"], float)[:3, 3]
+        found |= {id(s.look): (cycle.label, place) for s in cycle.stops if s.look["seq"] < last["seq"]}
+    return found
+
+
+def proven_as(part: Record, look: Record, proof: Proof | None) -> str | None:
+    """The name under which the pick held this part; None where that is not known of it."""
+    place = world_of(part, look)
+    if proof is None or place is None or np.linalg.norm(place - proof[1]) > NEAR_MM:
+        return None
+    return proof[0]
+
+
+def world_of(part: Record, look: Record) -> np.ndarray[Any, Any] | None:
+    """(3,) mm, where a part's origin lies in the world."""
+    outer, inner = look.get("world_from_cyclopean"), part.get("cyclopean_from_part")
+    return None if outer is None or inner is None else (np.array(outer, float) @ np.array(inner, float))[:3, 3]
+
+
+def _moves(run: Digest) -> list[Row]:
+    rows: list[Row] = []
+    for record in run.of("move", "moved", "held_back"):
+        if record["kind"] == "move":
+            place = [row[3] for row in (record.get("target") or [])[:3]] or [None] * 3
+            same = ("seq", "cycle", "t", "how", "purpose", "speed_pct")
+            rows.append(
+                {name: record.get(name) for name in same}
+                | {"sent": record.get("sent", True)}
+                | dict(zip(("x_mm", "y_mm", "z_mm"), place, strict=True))
+            )
+        elif rows and record["kind"] == "moved":
+            rows[-1] |= {name: record.get(name) for name in ("seconds", "error_mm", "error_deg")}
+        elif rows and record.get("what") == "move":
+            rows[-1]["sent"] = False
+    return rows
+
+
+def _fault(record: Record) -> Row:
+    text = record.get("text") or record.get("why") or record.get("jump_s")
+    return {
+        **{name: record.get(name) for name in ("seq", "cycle", "t", "kind")},
+        "code": record.get("code") or record.get("rule"),
+        "text": text,
+    }
+
+
+def _health(look: Record) -> Row:
+    return (look.get("health") or {}) | {name: look.get(name) for name in ("seq", "cycle", "t")}
+
+
+def add_rows(store: Store, cell: str, runs: Iterable[Rows]) -> None:
+    """Put runs into the table; one that is in it already is replaced. Raises StoreError, OSError."""
+    pa, _ = arrow()
+    given = list(runs)
+    for name in TABLES if given else ():
+        added = pa.concat_tables([run[name] for run in given])
+        names = pa.concat_tables([run["runs"] for run in given])["run"]
+        months = added["day"].to_numpy().astype("datetime64[M]")
+        for month in np.unique(months):
+            add_month(store, name, cell, str(month), added.filter(months == month), names)
+
+
+def add_month(store: Store, name: str, cell: str, month: str, rows: pa.Table, instead_of: Any = ()) -> None:
+    """Rows of one table, cell and month beside those that are there; the runs `instead_of` are taken out first.
+
+    Raises StoreError where the file there is a newer release's: what it knows more would be lost.
+    """
+    pa, pq = arrow()
+    parts = ("tables", name, f"cell={cell}", f"month={month}", FILE)
+    there = store.path(*parts)
+    if store.fs.exists(there):
+        with store.fs.open(there, "rb") as file:
+            before = pq.ParquetFile(file).read()
+        version = int((before.schema.metadata or {}).get(VERSION_KEY, b"1"))
+        if version > VERSION:
+            raise StoreError(f"{there}: is of schema {version}, this release knows {VERSION}: collect with a newer one")
+        kept = before.filter(pa.compute.invert(pa.compute.is_in(before["run"], pa.array(instead_of, pa.string()))))
+        rows = pa.concat_tables([_as_now(kept, name), rows]).sort_by([("day", "ascending"), ("t", "ascending")])
+    with store.replacing(*parts) as file:
+        pq.write_table(rows, file, compression="zstd", row_group_size=ROWS_A_GROUP, store_schema=True)
+
+
+def _as_now(rows: pa.Table, name: str) -> pa.Table:
+    """Rows of an earlier version as today's: what they do not have is null."""
+    pa, _ = arrow()
+    schema = schema_of(name)
+    there = set(rows.column_names)
+    arrays = [rows[f.name].cast(f.type) if f.name in there else pa.nulls(len(rows), f.type) for f in schema]
+    return pa.Table.from_arrays(arrays, schema=schema)

@@ -1,0 +1,305 @@
+"""One offline page for all cells, from the table: who is well, who drifts, who misses what. DuckDB counts, this judges.
+
+A cell is told of only where chance does not explain it: a share against all other cells' at more than SIGMAS standard
+errors, a turn of the eyes, light and faults against the limits that its own daemon works to.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from datetime import date, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon.calibration.drift import Watching
+from daemon.fleet.questions import opened
+from daemon.fleet.store import Store, StoreError
+from daemon.review.measures import AXES, NEAR
+from daemon.review.page import render
+from daemon.review.production import shares_apart
+from daemon.review.remedies import KNOWN
+from daemon.review.why import UNTOLD
+from daemon.review.why import told as causes_of_fault
+from daemon.store.files import write_atomically
+from daemon.vision.health import MEASURES
+
+Json = dict[str, Any]
+BEFORE = timedelta(days=28)
+"""How a cell picked before is taken from so long before the days shown."""
+USUAL = timedelta(days=6)
+"""How its eyes stood, from so long after it was calibrated: a slow turn is one, too."""
+SIGMAS = 4.0
+"""Of forty cells with five parts each one in a hundred pages says something that is chance."""
+LEAST_SHARE = 0.01
+"""A difference of shares that nobody would walk over for."""
+STATES = ("faults", "misses", "one eye", "drifts", "dark", "silent", "well")
+"""The first that holds is the cell's."""
+
+
+def write_hall(store: Store, days: int, out: Path) -> Path:
+    """Write the page of the last `days` days of the store to `out`. Raises StoreError, OSError."""
+    write_atomically(out, render("hall", hall_data(store, days), {}, "daemon.fleet").encode())
+    return out
+
+
+def hall_data(store: Store, days: int) -> Json:
+    """What the page shows. Raises StoreError where there is nothing to show."""
+    months = sorted({f.split("month=")[1].split("/")[0] for f in store.fs.glob(store.path("tables/runs/*/*/*"))})
+    if not months:
+        raise StoreError(f"{store.url}: no runs in it yet: `facetctl runs collect CELL=RUNS --into {store.url}`")
+    last = opened(store, months[-1:]).execute("SELECT max(day) FROM runs").fetchone()[0]
+    first = last - timedelta(days=days - 1)
+    since = first - BEFORE
+    calibrated = _calibrated(store, months)
+    needed = {f"{day:%Y-%m}" for day in (*(c[0] for c in calibrated.values()), *(c[1] for c in calibrated.values()))}
+    asked = opened(store, [m for m in months if f"{since:%Y-%m}" <= m <= f"{last:%Y-%m}" or m in needed])
+    between = f"day BETWEEN '{first}' AND '{last}'"
+    of: Callable[[str], list[tuple[Any, ...]]] = lambda sql: asked.execute(sql).fetchall()  # noqa: E731
+    shown = [first + timedelta(days=k) for k in range(days)]
+    cells = _cells(of, between, since, first, shown, calibrated)
+    _judge(cells, last)
+    parts = _summed(c["parts"] for c in cells)
+    causes = dict(sum((Counter(c["causes"]) for c in cells), Counter[str]()).most_common())
+    return {
+        "title": "the hall",
+        "days": [str(day) for day in shown],
+        "cells": sorted(cells, key=lambda c: (STATES.index(c["state"]), c["name"])),
+        "parts": parts,
+        "causes": causes,
+        "remedies": {name: KNOWN[name].remedy for name in causes},
+        "models": _models(of, between),
+        "limits": {
+            "light": MEASURES["darkness"].limit,
+            "drift": Watching().stop_deg,
+            "epipolar": MEASURES["epipolar"].limit,
+            "near": NEAR,
+        },
+        "simulated": any(kind == "simulated" for (kind,) in of(f"SELECT DISTINCT kind FROM runs WHERE {between}")),
+    }
+
+
+def _calibrated(store: Store, months: Sequence[str]) -> dict[str, tuple[date, date]]:
+    """Of each cell the first days with the calibration that it has now: what is usual for its eyes."""
+    rows = opened(store, months).execute(
+        """SELECT cell, min(day) FROM runs JOIN (SELECT cell, arg_max(calibration, t) AS now FROM runs GROUP BY cell)
+        USING (cell) WHERE calibration IS NOT DISTINCT FROM now GROUP BY cell"""
+    )
+    return {cell: (day, day + USUAL) for cell, day in rows.fetchall()}
+
+
+def _cells(
+    of: Any,
+    between: str,
+    since: date,
+    first: date,
+    shown: Sequence[date],
+    calibrated: Mapping[str, tuple[date, date]],
+) -> list[Json]:
+    begun = " OR ".join(f"cell = '{c}' AND day BETWEEN '{a}' AND '{b}'" for c, (a, b) in calibrated.items())
+    before = f"day >= '{since}' AND day < '{first}'"
+    picked = "count(*) FILTER (outcome = 'picked')"
+    told = _by(
+        of(f"""SELECT cell, count(*), sum(interventions), arg_max(release, t) FROM runs
+        WHERE {between} GROUP BY cell""")
+    )
+    heard = _by(
+        of("""SELECT cell, max(t + to_milliseconds((1000 * coalesce(seconds, 0))::BIGINT))::TIMESTAMP FROM runs
+        GROUP BY cell""")
+    )  # by the end of its last run: a quiet cell's goes on for days
+    usual = _by(of(f"SELECT cell, {picked}, count(*) FROM cycles WHERE tried AND {before} GROUP BY cell"))
+    ever = [cell for (cell,) in of("SELECT DISTINCT cell FROM runs ORDER BY cell")]
+    daily = _days(
+        of(f"""SELECT cell, day, {picked}, count(*), median(seconds) FILTER (outcome = 'picked'),
+        median(predicted_mm::DOUBLE) FILTER (outcome = 'picked') FROM cycles WHERE tried AND {between}
+        GROUP BY cell, day""")
+    )
+    health = _days(
+        of(f"""SELECT cell, day, {_turns()}, {_light()}, median(epipolar_pair::DOUBLE) FROM health
+        WHERE {between} GROUP BY cell, day""")
+    )
+    rest = _by(of(f"SELECT cell, {_turns()} FROM health WHERE {begun} GROUP BY cell"))
+    looks = _by(
+        of(
+            f"SELECT cell, median(ms::DOUBLE), arg_max(eyes, (t, seq)), count(*) FILTER (eyes <> 'both') FROM looks "
+            f"WHERE {between} GROUP BY cell"
+        )
+    )
+    parts = _nested(
+        of(f"""SELECT cell, label, [{picked}, count(*)] FROM cycles
+        WHERE tried AND label IS NOT NULL AND {between} GROUP BY cell, label ORDER BY label""")
+    )
+    causes = _nested(
+        of(f"""SELECT cell, cause, count(*) AS n FROM cycles
+        WHERE cause IS NOT NULL AND {between} GROUP BY cell, cause ORDER BY n DESC""")
+    )
+    faults = _nested(
+        of(f"""SELECT cell, CASE WHEN starts_with(text, code) THEN text ELSE concat_ws(': ', code, text) END AS said,
+        count(*) AS n FROM faults WHERE kind = 'fault' AND {between} GROUP BY cell, said ORDER BY n DESC""")
+    )
+    found = []
+    for cell in ever:
+        of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
+        measured = [health.get((cell, day), (None,) * 5) for day in shown]
+        count, hands, version = told.get(cell, (0, 0, None))
+        (at,) = heard[cell]
+        ms, eyes, one_eyed = looks.get(cell, (None, None, 0))
+        found.append(
+            {
+                "name": cell,
+                "last": at.isoformat(),
+                "runs": count,
+                "interventions": hands,
+                "release": version,
+                "picked": sum(d[0] for d in of_day),
+                "tried": sum(d[1] for d in of_day),
+                "before": list(usual.get(cell, (0, 0))),
+                "success": [[d[0], d[1]] for d in of_day],
+                "seconds": [_short(d[2]) for d in of_day],
+                "mm": [_short(d[3]) for d in of_day],
+                "parts": parts.get(cell, {}),
+                "causes": causes.get(cell, {}),
+                "faults": _by_cause(faults.get(cell, {})),
+                "ms": _short(ms),
+                "eyes": [eyes, one_eyed],
+                "turn": {axis: [_short(m[k]) for m in measured] for k, axis in enumerate(AXES)},
+                "usual": {axis: _short(rest.get(cell, (None,) * 3)[k]) for k, axis in enumerate(AXES)},
+                "light": [_short(m[3]) for m in measured],
+                "epipolar": [_short(m[4]) for m in measured],
+            }
+        )
+    return found
+
+
+def _by_cause(faults: Mapping[str, int]) -> dict[str, int]:
+    """How many faults of each cause, by what they say, the most first; of those that tell none by their code."""
+    counts = Counter[str]()
+    for said, count in faults.items():
+        names = [cause.name for cause in causes_of_fault({"text": said})]
+        counts.update({said.partition(":")[0] if name == UNTOLD else name: count for name in names})
+    return dict(counts.most_common())
+
+
+def _turns() -> str:
+    """The weighted mean of each axis: a look counts by what it is worth."""
+    known = "FILTER ({0}_sigma_deg > 0)"
+    mean = f"sum({{0}}_deg / {{0}}_sigma_deg ** 2) {known} / sum(1 / {{0}}_sigma_deg ** 2) {known}"
+    return ", ".join(mean.format(axis) for axis in AXES)
+
+
+def _light() -> str:
+    return "median(least(darkness_left, darkness_right)::DOUBLE)"
+
+
+def _by(rows: Sequence[tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
+    return {row[0]: row[1:] for row in rows}
+
+
+def _days(rows: Sequence[tuple[Any, ...]]) -> dict[tuple[str, date], tuple[Any, ...]]:
+    return {(row[0], row[1]): row[2:] for row in rows}
+
+
+def _nested(rows: Sequence[tuple[Any, ...]]) -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = defaultdict(dict)
+    for cell, name, value in rows:
+        found[cell][name] = value
+    return found
+
+
+def _models(of: Any, between: str) -> list[Json]:
+    rows = of(f"""SELECT model, min(day), count(DISTINCT cell), count(*) FILTER (outcome = 'picked'), count(*),
+        median(predicted_mm::DOUBLE) FILTER (outcome = 'picked') FROM cycles WHERE tried AND {between}
+        GROUP BY model ORDER BY 2""")
+    return [
+        {"model": model, "since": str(day), "cells": cells, "picked": [picked, tried], "mm": _short(mm)}
+        for model, day, cells, picked, tried, mm in rows
+    ]
+
+
+def _short(value: Any) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(f"{value:.4g}")
+
+
+def _summed(shares: Any) -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    for one in shares:
+        for name, (part, of) in one.items():
+            there = found.setdefault(name, [0, 0])
+            there[0], there[1] = there[0] + part, there[1] + of
+    return dict(sorted(found.items()))
+
+
+def _judge(cells: Sequence[Json], last: date) -> None:
+    """Put into each cell its state, and a sentence for each thing that is not as it should be."""
+    all_parts = _summed(c["parts"] for c in cells)
+    total = [sum(c["picked"] for c in cells), sum(c["tried"] for c in cells)]
+    for cell in cells:
+        told: list[tuple[str, str]] = []
+        if date.fromisoformat(cell["last"][:10]) < last - timedelta(days=1):
+            told.append(("silent", f"no run since {cell['last'][:10]}"))
+        if sum(cell["faults"].values()):
+            most = [f"{count} × {name}" for name, count in cell["faults"].items()]
+            told.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
+        told += _misses(cell, total, all_parts)
+        told += _one_eyed(cell)
+        told += _turned(cell)
+        told += _dark(cell)
+        cell["told"] = [list(one) for one in told]
+        cell["weak"] = sorted(name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of)))
+        cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in told)), "well")
+
+
+def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]) -> list[tuple[str, str]]:
+    own = [cell["picked"], cell["tried"]]
+    weak = [name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of))]
+    of_part = [(name, cell["parts"][name], _without(all_parts[name], cell["parts"][name])) for name in weak]
+    told = [("misses", f"{name}: {_percent(of)} picked, {_percent(others)} elsewhere") for name, of, others in of_part]
+    if _worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
+        told = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} elsewhere")]
+    if _worse(own, cell["before"]):
+        told.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
+    return told
+
+
+def _one_eyed(cell: Json) -> list[tuple[str, str]]:
+    eyes, count = cell["eyes"]
+    if not count:
+        return []
+    now = "both look again" if eyes == "both" else f"the {eyes} one looks alone"
+    return [("one eye", f"{count} looks with one eye; {now}")]
+
+
+def _turned(cell: Json) -> list[tuple[str, str]]:
+    told = []
+    for axis in AXES:
+        known = [turn for turn in cell["turn"][axis] if turn is not None]
+        usual = cell["usual"][axis]
+        if known and usual is not None and abs(known[-1] - usual) > NEAR * Watching().stop_deg:
+            told.append(("drifts", f"right eye: {axis} {known[-1] - usual:+.2f} degrees since it was calibrated"))
+    return told
+
+
+def _dark(cell: Json) -> list[tuple[str, str]]:
+    known = [light for light in cell["light"] if light is not None]
+    limit = MEASURES["darkness"].limit
+    if known and known[-1] < limit / NEAR:
+        return [("dark", f"brightest hundredth at {known[-1]:.0f} grey levels, {limit:.0f} is too dark")]
+    return []
+
+
+def _without(all_of: Sequence[int], own: Sequence[int]) -> list[int]:
+    return [all_of[0] - own[0], all_of[1] - own[1]]
+
+
+def _percent(of: Sequence[int]) -> str:
+    return f"{100 * of[0] / of[1]:.1f} %" if of[1] else "none"
+
+
+def _worse(own: Sequence[int], others: Sequence[int]) -> bool:
+    """Whether a share [part, of] is less than another by more than chance makes it, and by enough to matter."""
+    if not own[1] or not others[1]:
+        return False
+    gap, sigma = shares_apart(own, others)
+    return gap > LEAST_SHARE and gap > SIGMAS * sigma

@@ -1,0 +1,263 @@
+"""Every stored look of many runs again, by many workers: dask.distributed does the sending, losing and finding again.
+
+A job is some looks of one run. Its result is a file in the folder of the replay, named by all that it depends on: what
+is there is done, whoever did it and whatever was lost since, and the same whoever does it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daemon.calibration.file import load_calibration
+from daemon.config import load_config
+from daemon.fleet.judged import Json, judged
+from daemon.fleet.questions import opened
+from daemon.fleet.store import Store, StoreError, open_store
+from daemon.review.digest import Digest
+from daemon.review.page import read_digest
+from daemon.review.replay import Using, replayed_looks
+from daemon.store.library import FACETS, load_facets
+from daemon.store.model import load
+from daemon.store.model_store import model_file
+from daemon.store.outside import read_file
+from daemon.store.places import how_to_add
+from daemon.store.runs import RUN
+from daemon.store.yamlfile import read
+from daemon.vision.settings import VisionSettings
+
+LOOKS_A_JOB = 40
+"""Some seconds of work: little is lost with a worker, and a scheduler has time for hundreds of them."""
+LARGEST_WITH = 256_000_000
+WORKER_MEMORY = "1.5GiB"
+TRIES = 5
+"""Workers that a job may take down before it is given up and told of."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run to replay: a folder of this computer's, or one that is collected in a store."""
+
+    cell: str
+    name: str
+    id: str
+    where: str
+    in_store: bool
+    looks: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class With:
+    """What to replay with instead of the runs' own: files by kind (model, calibration), and how to see."""
+
+    files: tuple[tuple[str, str], ...] = ()
+    settings: VisionSettings | None = None
+
+    def using(self) -> Using:
+        """Read. Raises ModelError, ConfigError, FileError."""
+        found = dict(self.files)
+        return Using(
+            load(Path(found["model"])) if "model" in found else None,
+            load_calibration(Path(found["calibration"])).rig if "calibration" in found else None,
+            self.settings,
+        )
+
+    def digest(self) -> str:
+        """By content."""
+        kinds = [(kind, hashlib.sha256(read_file(Path(name), LARGEST_WITH)).hexdigest()) for kind, name in self.files]
+        return hashlib.sha256(f"{sorted(kinds)} {self.settings}".encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Job:
+    """Some looks of a run; out: the folder of the replay, which holds what it is done with, too."""
+
+    key: str
+    run: Run
+    looks: tuple[int, ...]
+    out: str
+    chosen: With
+    release: str
+
+
+def release() -> str:
+    """Of facetd, here."""
+    return importlib.metadata.version("facetd")
+
+
+def with_of(names: Sequence[str]) -> With:
+    """Each `--with`: a model (a file, 3, latest), a calibration, or a facetd.yaml, whose section `vision` counts.
+
+    Raises StoreError, ConfigError, ModelStoreError.
+    """
+    files: dict[str, str] = {}
+    settings: VisionSettings | None = None
+    for name in names:
+        if not name.endswith((".yaml", ".yml")):
+            kind = "model"
+        elif isinstance(data := read(Path(name)).data, dict) and {"left", "right"} <= set(data):
+            kind = "calibration"
+        else:
+            kind, settings = "settings", load_config(Path(name)).values.vision
+        if kind in files:
+            raise StoreError(f"--with {name}: a second {kind}")
+        files[kind] = str((model_file(Path(name)) if kind == "model" else Path(name)).resolve())
+    files.pop("settings", None)
+    return With(tuple(sorted(files.items())), settings)
+
+
+def run_in_folder(folder: Path) -> Run:
+    """A run folder of this computer. Raises FileError."""
+    run = read_digest(folder)
+    looks = tuple(int(look["seq"]) for look in run.of("look"))
+    with (folder / RUN).open("rb") as file:
+        identity = hashlib.file_digest(file, "sha256").hexdigest()
+    return Run(cell_of(folder, run), folder.name, identity, str(folder.resolve()), False, looks)
+
+
+def cell_of(folder: Path, run: Digest) -> str:
+    """What a run's cell is called where nobody gave it a name: as its computer is."""
+    return str((run.start or {}).get("name") or folder.parent.name)
+
+
+def runs_in_store(store: Store) -> list[Run]:
+    """Every collected run that has looks. Raises StoreError."""
+    asked = "SELECT cell, run, list(seq ORDER BY seq) FROM looks GROUP BY cell, run"
+    looks = {(cell, run): tuple(seqs) for cell, run, seqs in opened(store).execute(asked).fetchall()}
+    known = sorted(store.collected().items())
+    return [Run(*key, short, store.url, True, looks[key]) for key, short in known if looks.get(key)]
+
+
+def jobs_of(runs: Iterable[Run], chosen: With, out: str) -> list[Job]:
+    """What there is to do, the same for the same runs, files and release."""
+    with_digest, version = chosen.digest(), release()
+    found = []
+    for run in runs:
+        for begin in range(0, len(run.looks), LOOKS_A_JOB):
+            looks = run.looks[begin : begin + LOOKS_A_JOB]
+            told = json.dumps([run.cell, run.name, run.id[:16], looks, with_digest, version]).encode()
+            found.append(Job(hashlib.sha256(told).hexdigest()[:24], run, looks, out, chosen, version))
+    return found
+
+
+def replay_here(runs: Iterable[tuple[str, Path, Digest]], chosen: With) -> list[tuple[str, Json]]:
+    """(cell, result) of runs of this computer, one after the other in this process."""
+    using, library = chosen.using(), load_facets(FACETS)
+    return [(cell, judged(run, replayed_looks(folder, run, library, using))) for cell, folder, run in runs]
+
+
+def work(job: Job) -> str:
+    """Do a job, unless its result is there; gives its key. Called on a worker; raises what keeps it from doing it."""
+    out = open_store(job.out)
+    if release() != job.release:
+        raise StoreError(f"this worker has facetd {release()}, the replay was begun with {job.release}")
+    if out.fs.exists(out.path("done", f"{job.key}.json")):
+        return job.key
+    with tempfile.TemporaryDirectory(prefix="facetd-replay-") as spare:
+        folder = _folder(job, Path(spare))
+        run = read_digest(folder, frozenset(job.looks))
+        found = replayed_looks(folder, run, load_facets(FACETS), _using(job, out, Path(spare)), frozenset(job.looks))
+        result = judged(run, found) | {"run": job.run.name, "cell": job.run.cell}
+    out.write(json.dumps(result).encode(), "done", f"{job.key}.json")
+    return job.key
+
+
+def _folder(job: Job, spare: Path) -> Path:
+    """The run with what the job needs of it."""
+    if not job.run.in_store:
+        return Path(job.run.where)
+    store = open_store(job.run.where)
+    seqs = {f"{seq:06d}" for seq in job.looks}
+    files = () if store.local else store.manifest(job.run.cell, job.run.name).files
+    names = [n for n in files if not n.startswith("images/") or n.removeprefix("images/")[:6] in seqs]
+    return store.fetch(job.run.cell, job.run.name, names, spare / job.run.name)
+
+
+def _using(job: Job, out: Store, spare: Path) -> Using:
+    """From the copies in the folder of the replay: what lies elsewhere may change, or not be there for a worker."""
+    copies = []
+    for kind, name in job.chosen.files:
+        copy = spare / f"{kind}{Path(name).suffix}"
+        copy.write_bytes(out.read("with", copy.name))
+        copies.append((kind, str(copy)))
+    return With(tuple(copies), job.chosen.settings).using()
+
+
+def replay_many(
+    jobs: Sequence[Job],
+    workers: int,
+    cluster: str | None,
+    say: Callable[[int, int], object] = lambda *_: None,
+) -> tuple[list[tuple[str, Json]], list[str]]:
+    """Do what is not done yet and give all results as (cell, result), in the order of jobs, and a line for each job
+    that could not be done. cluster: the address of a scheduler, which goes on without us; None: `workers` of our own.
+
+    Raises StoreError where the extra or the scheduler is not there.
+    """
+    if not jobs:
+        return [], []
+    out = open_store(jobs[0].out)
+    for kind, name in jobs[0].chosen.files:
+        out.write(read_file(Path(name), LARGEST_WITH), "with", f"{kind}{Path(name).suffix}")
+    done = _done(out)
+    todo = [job for job in jobs if job.key not in done]
+    failed: list[str] = []
+    say(len(jobs) - len(todo), len(jobs))
+    if todo:
+        with _client(workers, cluster) as (distributed, client):
+            futures = client.map(work, todo, key=[f"replay-{job.key}" for job in todo], retries=2)
+            told = {future.key: _in_words(job) for future, job in zip(futures, todo, strict=True)}
+            if cluster:
+                distributed.fire_and_forget(futures)
+            for count, future in enumerate(distributed.as_completed(futures), len(jobs) - len(todo) + 1):
+                if future.status != "finished":
+                    failed.append(f"{told[future.key]}: {future.exception()}")
+                future.release()
+                say(count, len(jobs))
+    done = _done(out)
+    results = [json.loads(out.read("done", f"{job.key}.json")) for job in jobs if job.key in done]
+    return [(result["cell"], result) for result in results], failed
+
+
+def _in_words(job: Job) -> str:
+    return f"{job.run.cell}/{job.run.name}: {len(job.looks)} looks from {job.looks[0]} on"
+
+
+def _done(out: Store) -> set[str]:
+    return {name.removesuffix(".json") for name in out.names("done") if name.endswith(".json")}
+
+
+@contextmanager
+def _client(workers: int, cluster: str | None) -> Iterator[tuple[Any, Any]]:
+    try:
+        import dask
+        import distributed as untyped
+    except ImportError:
+        raise StoreError(f"a replay by many workers needs dask.distributed: {how_to_add('fleet')}") from None
+    distributed: Any = untyped
+    settings = {"distributed.scheduler.allowed-failures": TRIES, "distributed.logging.distributed": "error"}
+    with dask.config.set(settings), tempfile.TemporaryDirectory(prefix="facetd-dask-") as spare:
+        try:
+            here: Any = cluster or distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=WORKER_MEMORY,
+                dashboard_address="127.0.0.1:0",
+                local_directory=spare,
+            )
+            client = distributed.Client(here, timeout=20)
+        except (OSError, ValueError) as error:
+            raise StoreError(f"{cluster}: no scheduler answers there: {error}") from None
+        try:
+            yield distributed, client
+        finally:
+            client.close()
+            if not cluster:
+                here.close()

@@ -1,0 +1,81 @@
+"""The report of a replay: one offline page, each difference with its pictures, in the style of the run's page."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from daemon.fleet.judged import Json, kinds_of
+from daemon.fleet.store import Store, StoreError, open_store
+from daemon.review.digest import Stop
+from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
+from daemon.review.pagedata import stop_json
+from daemon.store.outside import FileError, open_below
+from daemon.store.records import Record, record_of
+from daemon.store.runs import RUN
+
+REPORT = "report.html"
+SHOWN = 300
+"""Differences with a row of their own on the page; the others are in the counts."""
+
+
+def write_replay_page(
+    out: Store, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
+) -> str:
+    """Write report.html into the folder of the replay; gives its path. folders: run folders and stores the runs are in;
+    chosen: what was replayed with.
+
+    A difference whose run is not to be had any more is told without its pictures. Raises OSError.
+    """
+    rows, pictures, spent = [], {}, 0
+    for number, one in enumerate(found[:SHOWN]):
+        row: Json = {k: v for k, v in one.items() if k != "now"} | {"looks": None}
+        record, images = _recorded(one, folders) if spent < PICTURE_BUDGET else (None, {})
+        if record is not None:
+            row["looks"] = [stop_json(Stop(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})]
+        for eye, image in images.items():
+            pictures[f"{number}-{eye}"] = embedded(image)
+            spent += len(image)
+        rows.append(row)
+    data = {
+        "title": "a replay",
+        "total": total,
+        "with": [_called(name) for name in chosen] or ["today's release"],
+        "kinds": kinds_of(found),
+        "differences": rows,
+        "more": max(len(found) - SHOWN, 0),
+    }
+    out.write(render("replay", data, pictures, "daemon.fleet").encode(), REPORT)
+    return out.path(REPORT)
+
+
+def _called(name: str) -> str:
+    """A file's name; of one that is kept by its hash, the first digits."""
+    stem, _, suffix = Path(name).name.partition(".")
+    return f"{stem[:8]}.{suffix}" if len(stem) == 64 else Path(name).name
+
+
+def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[str, bytes]]:
+    """The look's record and both its pictures as JPEG."""
+    for where in folders:
+        try:
+            if Path(where).name == one["run"]:
+                return _look(Path(where), one["seq"])
+            if not (Path(where) / RUN).exists():
+                names = [RUN, *(f"images/{one['seq']:06d}-{eye}.png" for eye in ("left", "right"))]
+                with tempfile.TemporaryDirectory() as spare:
+                    return _look(open_store(where).fetch(one["cell"], one["run"], names, Path(spare)), one["seq"])
+        except (FileError, StoreError):
+            continue
+    return None, {}
+
+
+def _look(folder: Path, seq: int) -> tuple[Record | None, dict[str, bytes]]:
+    mark = b'"seq":%d,' % seq
+    with open_below(folder, RUN) as file:
+        line = next((line for line in file if mark in line[:64]), None)
+    if line is None:
+        return None, {}
+    record = record_of(line)
+    return record, {eye: jpeg_of(folder, name) for eye, name in (record.get("images") or {}).items()}

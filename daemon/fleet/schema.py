@@ -1,0 +1,172 @@
+"""The one table for all cells: its parts, their columns with type, unit and meaning. Values only.
+
+docs/DATA.md is made from this file (daemon/fleet/document.py). A new column goes at the end of its table with the
+version it came with, and none changes its meaning: files of every release are read together, with null for what is not
+there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from daemon.review.measures import AXES
+from daemon.vision.health import MEASURES
+
+VERSION = 3
+"""Written into every file as `facetd.schema`. Version 1 had cycles and looks alone, and a file a run; 2 did not say
+which eyes looked."""
+Kind = Literal["text", "integer", "real", "flag", "time", "day"]
+OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
+"""Measures of both eyes together; the others are taken of each eye."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """since: the version of the schema that it came with."""
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: str = ""
+    since: int = 2
+
+
+@dataclass(frozen=True)
+class Table:
+    """row: what one row is."""
+
+    row: str
+    columns: tuple[Column, ...]
+
+
+def _where(*more: Column) -> tuple[Column, ...]:
+    """What every row begins with."""
+    return (
+        Column("day", "day", "of its start, in UTC", since=1),
+        Column("run", "text", "the run folder's name", since=1),
+        *more,
+    )
+
+
+SEQ = Column("seq", "integer", "number of its record in run.jsonl", since=1)
+CYCLE = Column("cycle", "integer", "the pick it belongs to, counted within its run; null or 0: none", since=1)
+TIME = Column("t", "time", "when, in UTC")
+MODEL = Column("model", "text", "first digits of the hash of the model in use", since=1)
+CALIBRATION = Column("calibration", "text", "first digits of the hash of the calibration in use", since=1)
+
+
+def _health() -> tuple[Column, ...]:
+    columns = []
+    for name, measure in MEASURES.items():
+        side = f"limit {measure.limit:g} {'at most' if measure.above else 'at least'}"
+        for eye in ("pair",) if name in OF_PAIR else ("left", "right"):
+            of = "both eyes" if eye == "pair" else f"the {eye} eye"
+            columns.append(Column(f"{name}_{eye}", "real", f"{name} of {of}; {side}", measure.unit))
+    for axis in AXES:
+        columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right eye against its calibration", "degrees"))
+        columns.append(Column(f"{axis}_sigma_deg", "real", f"how well this look knows that {axis}", "degrees"))
+    return tuple(columns)
+
+
+def _place(what: str) -> tuple[Column, ...]:
+    return tuple(Column(f"{axis}_mm", "real", f"{what} in world coordinates", "mm") for axis in "xyz")
+
+
+TABLES: Mapping[str, Table] = {
+    "runs": Table("a run", _where(
+        TIME,
+        Column("release", "text", "version of facetd"),
+        Column("kind", "text", "real, recorded or simulated"),
+        Column("computer", "text", "name of the cell's computer"),
+        Column("utc_offset_s", "integer", "of the cell's clock", "s"),
+        Column("seconds", "real", "from its first record to its last", "s"),
+        Column("records", "integer", "lines in run.jsonl"),
+        Column("cycles", "integer", "picks begun"),
+        Column("interventions", "integer", "what people had to tell it while it picked"),
+        Column("ended", "flag", "whether it ended in an orderly way"),
+        MODEL,
+        CALIBRATION,
+        Column("config", "text", "first digits of the hash of the configuration"),
+    )),
+    "cycles": Table("a pick", _where(
+        CYCLE,
+        TIME,
+        Column("seconds", "real", "from its first record to its last", "s", 1),
+        Column("target", "text", "the part asked for; null: any"),
+        Column("label", "text", "the part it went for", since=1),
+        Column("tried", "flag", "whether there was something to be picked"),
+        Column("outcome", "text", "picked, missed, lost, unknown, unsure, fault, unfinished, ...", since=1),
+        Column("cause", "text", "the likeliest cause of what was not picked, as the run's page has it"),
+        Column("why", "text", "its end in words", since=1),
+        Column("looks", "integer", "looks at the part it went for", since=1),
+        Column("predicted_mm", "real", "error expected at the grasp", "mm", 1),
+        Column("predicted_deg", "real", "the same in angle", "degrees", 1),
+        Column("true_mm", "real", "error that the simulated cell's witness saw; null on a real one", "mm", 1),
+        Column("true_deg", "real", "the same in angle", "degrees", 1),
+        MODEL,
+        CALIBRATION,
+        Column("eyes", "text", "which looked: both, left or right, or several in turn", since=3),
+    )),
+    "looks": Table("a look: a pair of pictures", _where(
+        SEQ,
+        CYCLE,
+        TIME,
+        Column("stop", "integer", "number of the look within its pick", since=1),
+        Column("purpose", "text", "survey, approach, verify, teach", since=1),
+        Column("whole", "flag", "false: only the part that was expected was looked for, by its edges"),
+        Column("ms", "real", "processor time of the recogniser; null where it was not timed", "ms", 1),
+        Column("parts", "integer", "parts seen", since=1),
+        Column("named", "integer", "of them with a name", since=1),
+        Column("predicted_mm", "real", "error at the grasp expected from the looks so far", "mm", 1),
+        Column("chi2", "real", "disagreement with the looks before, 6 degrees of freedom", since=1),
+        Column("noise", "real", "of the images", "grey levels", 1),
+        Column("left", "text", "file of the left picture in the run folder"),
+        Column("right", "text", "file of the right picture in the run folder"),
+        MODEL,
+        Column("eyes", "text", "which looked: both; or left or right, from two places", since=3),
+    )),
+    "parts": Table("a part in a look", _where(
+        SEQ,
+        CYCLE,
+        TIME,
+        Column("part", "integer", "its place in the look, from 0"),
+        Column("label", "text", "its name, or unknown"),
+        Column("picked_as", "text", "the name under which this pick then held it; null: that was not proved"),
+        Column("confidence", "real", "of the name, 0 to 1"),
+        Column("match_ratio", "real", "share of the taught facets' relations that were found"),
+        Column("activation", "real", "of the ARTMAP node"),
+        Column("runner_up", "text", "the next best name"),
+        Column("ambiguous", "flag", "whether two names fit alike"),
+        Column("cause", "text", "why it has no name"),
+        Column("facets", "integer", "facets seen"),
+        Column("residual_mm", "real", "worst distance of a corner to the taught part", "mm"),
+        Column("sigma_mm", "real", "standard deviation of its place", "mm"),
+        Column("depth_mm", "real", "distance from the cameras", "mm"),
+        *_place("of its origin"),
+    )),
+    "moves": Table("a move of the arm", _where(
+        SEQ,
+        CYCLE,
+        TIME,
+        Column("how", "text", "joint or straight"),
+        Column("purpose", "text", "where to: stand-off, grasp, bin, home, ..."),
+        Column("sent", "flag", "false: only planned, or taken back as it was typed"),
+        Column("speed_pct", "real", "of full speed", "%"),
+        *_place("of the hand's target"),
+        Column("seconds", "real", "until the arm was at rest; null: it did not arrive", "s"),
+        Column("error_mm", "real", "WHERE against the target", "mm"),
+        Column("error_deg", "real", "the same in angle", "degrees"),
+    )),
+    "faults": Table("a fault, a refusal of the guard, a gap in the log, or a jump of the clock", _where(
+        SEQ,
+        CYCLE,
+        TIME,
+        Column("kind", "text", "fault, refusal, gap or clock"),
+        Column("code", "text", "of the fault, or the guard's rule"),
+        Column("text", "text", "in words"),
+    )),
+    "health": Table("a look, as a measurement of light, lens and mounting", _where(SEQ, CYCLE, TIME, *_health())),
+}  # fmt: skip
+"""Parts of the table by name. `cell` and `month` stand in the folders' names, before these columns."""

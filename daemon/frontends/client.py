@@ -1,0 +1,315 @@
+"""The operator's side of the daemon's socket: connect, say, hear. What is shown to people is daemon/ctl.py's.
+
+Light on purpose: `facetctl status` imports nothing heavier than this. A stop has this end's own clock: a daemon that
+hangs cannot say that it does.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import select
+import shlex
+import shutil
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from daemon.console.stop_words import takes_leave
+from daemon.errors import STOP_UNANSWERED, FacetdError
+from daemon.store.outside import FileError, read_file
+from daemon.store.places import socket_candidates
+
+if TYPE_CHECKING:
+    from daemon.frontends.keyboard import Keyboard
+
+LOOK_S = 0.1
+LONGEST_PIECE = 256 * 1024
+"""Bytes read at a time."""
+PIECE = 32 * 1024
+"""Bytes of a file in one message."""
+LONGEST_FILE = 8_000_000
+"""Bytes that an operator sends at most."""
+STOP_ANSWER_S = 2.0
+"""A stop that is not answered by then sends its operator to the emergency stop."""
+LATE_ANSWER_S = 5.0
+"""So long after that an answer is still waited for: a daemon that does not hang has one within 4 s."""
+CONNECT_S = 2.0
+"""How long a daemon may take to take somebody in: one that hangs does not, once its queue is full."""
+EMERGENCY = "PRESS THE EMERGENCY STOP"
+UNANSWERED = f"{EMERGENCY}: no answer to the stop for {STOP_ANSWER_S:g} s"
+
+
+class NotThereError(FacetdError):
+    """No daemon answers: where it was sought, and what to do."""
+
+
+class StopUnansweredError(NotThereError):
+    """Nobody answered a stop: to the emergency stop."""
+
+
+class DaemonLink:
+    """One connection to the running daemon."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError; StopUnansweredError
+        where control-C was pressed meanwhile."""
+        self._path = path
+        self._paths = [path] if path is not None else socket_candidates()
+        self._keyboard: Keyboard | None = None
+        self._open()
+
+    def _open(self) -> None:
+        self._lines, self._begun = deque[bytes](), list[bytes]()
+        """What was received: whole lines, and the pieces of the one begun."""
+        self._stops = 0
+        """Control-C that the daemon has not yet answered."""
+        self._unanswered_s: float | None = None
+        """Since when (monotonic) a stop, control-C or in words, has had no answer."""
+        self._alarmed = False
+        """Whether the operator was sent to the emergency stop."""
+        self._amid = False
+        """Whether a message is only partly on its way."""
+        try:
+            self.socket = _connect(self._paths)
+        except KeyboardInterrupt:
+            raise StopUnansweredError(f"{EMERGENCY}: the stop was not said; no daemon has answered yet") from None
+
+    def close(self) -> None:
+        """Hang up."""
+        self.socket.close()
+
+    def stop_beside(self, text: str, door: str, say: Callable[[str], None]) -> dict[str, Any]:
+        """Say a stop on a connection of its own, whatever is waited for on this one; gives what `do` does."""
+        try:
+            with DaemonLink(self._path) as another:
+                return another.do(text, door, say)
+        except NotThereError as error:
+            told = str(stop_unanswered(error))
+            return {"text": told, "data": {"error": told}, "status": STOP_UNANSWERED}
+
+    def connect_again(self) -> None:
+        """To the daemon that runs now, after the one before went away. Raises NotThereError."""
+        self.close()
+        self._open()
+
+    def __enter__(self) -> DaemonLink:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def do(
+        self, text: str, door: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
+    ) -> dict[str, Any]:
+        """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm; where it was
+        pressed there is {interrupted: True} as well: whoever did that wants nothing further to be said by itself.
+
+        A stop that is not answered in STOP_ANSWER_S is told, and the status says so whatever comes later. ask: puts a
+        question to somebody; without it questions are taken as answered by yes. Raises NotThereError when the daemon
+        goes away; StopUnansweredError where it was to stop.
+        """
+        columns = shutil.get_terminal_size().columns
+        self._alarmed = False
+        if takes_leave(text):
+            self._unanswered_s = time.monotonic()
+        try:
+            self._send({"do": text, "door": door, "asks": ask is not None, "size": [columns, None]})
+            done = self._listen(text, say, ask)
+        except NotThereError as error:
+            raise stop_unanswered(error) if self._unanswered_s is not None else error from None
+        finally:
+            self._unanswered_s = None
+            self._end_terminal()
+        return done | ({"status": STOP_UNANSWERED} if self._alarmed else {})
+
+    def _listen(self, text: str, say: Callable[[str], None], ask: Callable[[str], str] | None) -> dict[str, Any]:
+        done: dict[str, Any] | None = None
+        messages, pressed = self._messages(say), {}
+        while done is None or self._stops:
+            try:
+                message = next(messages, None)
+                if message is None:
+                    raise NotThereError("the daemon ended before it answered; `facetctl status` tells if it is back")
+                done = message.get("done", done)
+                self._stops = max(0, self._stops - ("stopped" in message))
+                if self._stops == 0 and ("stopped" in message or (takes_leave(text) and done is not None)):
+                    self._unanswered_s = None
+                for line in (message.get("say"), message.get("stopped")):
+                    if line is not None:
+                        say(line)
+                self._at_terminal(message)
+                if "ask" in message and ask is not None:
+                    self._send({"answer": ask(message["ask"]), "id": message.get("id")})
+                if "fetch" in message:
+                    for piece in file_in_pieces(str(message["fetch"]), [text]):
+                        self._send(piece)
+            except KeyboardInterrupt:
+                self._stop()
+                messages, pressed = self._messages(say), {"interrupted": True}
+        return done | pressed
+
+    def options(self, typed: str) -> list[str]:
+        """Every line that the typed one may become."""
+        self._send({"complete": typed})
+        return next((list(m["options"]) for m in self._messages() if "options" in m), [])
+
+    def interrupt(self, say: Callable[[str], None]) -> str:
+        """What control-C does: stop the arm; gives what the daemon says. Raises StopUnansweredError."""
+        try:
+            self._stop()
+            told = next((str(m["stopped"]) for m in self._messages(say) if "stopped" in m), None)
+        except NotThereError as error:
+            raise stop_unanswered(error) from None
+        if told is None:
+            raise stop_unanswered(NotThereError("the daemon ended before it answered"))
+        self._stops, self._unanswered_s = 0, None
+        return told
+
+    def _stop(self) -> None:
+        self._stops += 1
+        if self._unanswered_s is None:
+            self._unanswered_s = time.monotonic()
+        _limit_sending(self.socket, STOP_ANSWER_S)
+        self._send({"interrupt": True})
+        _limit_sending(self.socket, 0.0)
+
+    def _at_terminal(self, message: dict[str, Any]) -> None:
+        """The controller's own terminal, shown here for a while."""
+        if message.get("terminal") is True:
+            from daemon.frontends.keyboard import Keyboard
+
+            self._keyboard = Keyboard(self._send, self._stop)
+        elif message.get("terminal") is False:
+            self._end_terminal()
+        elif "show" in message and self._keyboard is not None:
+            self._keyboard.show(str(message["show"]))
+
+    def _end_terminal(self) -> None:
+        if self._keyboard is not None:
+            self._keyboard.close()
+        self._keyboard = None
+
+    def _send(self, message: dict[str, Any]) -> None:
+        begin = b"\n" if self._amid else b""  # control-C cut the one before: a stop is a line of its own
+        self._amid = True
+        try:
+            self.socket.sendall(begin + json.dumps(message).encode() + b"\n")
+        except OSError:
+            raise NotThereError("the daemon hung up") from None
+        self._amid = False
+
+    def _messages(self, say: Callable[[str], None] = print) -> Iterator[dict[str, Any]]:
+        """What the daemon says, until it goes away. say: told where it does not answer a stop in time. Raises
+        StopUnansweredError where the answer does not come later either."""
+        while True:
+            while self._lines:
+                yield json.loads(self._lines.popleft())
+            self._wait(say)
+            try:
+                data = self.socket.recv(LONGEST_PIECE)
+            except OSError:
+                return
+            if not data:
+                return
+            first, *others = data.split(b"\n")
+            self._begun.append(first)
+            for piece in others:
+                self._lines.append(b"".join(self._begun))
+                self._begun = [piece]
+
+    def _wait(self, say: Callable[[str], None]) -> None:
+        """Until there is something to read."""
+        while True:
+            limit_s, since_s = STOP_ANSWER_S + LATE_ANSWER_S * self._alarmed, self._unanswered_s
+            # A stop may be said meanwhile by the thread that reads keys: its clock is looked at again soon.
+            left_s = LOOK_S if since_s is None else max(0.0, since_s + limit_s - time.monotonic())
+            if self.socket.fileno() < 0 or select.select([self.socket], [], [], min(left_s, LOOK_S))[0]:
+                return
+            if since_s is None or left_s > LOOK_S:
+                continue
+            if self._alarmed:
+                raise StopUnansweredError(f"{EMERGENCY}: no answer to the stop for {limit_s:g} s; facetd hangs")
+            self._alarmed = True
+            say(UNANSWERED)
+
+
+def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any]]:
+    """The answer to a fetch: a file that one of these commands itself names, and no other."""
+    try:
+        if not any(path in _words(text) for text in commands):
+            raise FileError(f"{path}: not sent: the command does not name it")
+        content = read_file(Path(path).expanduser(), LONGEST_FILE)
+    except FileError as error:
+        yield {"no_file": str(error)}
+        return
+    for start in range(0, max(len(content), 1), PIECE):
+        piece = base64.b64encode(content[start : start + PIECE]).decode()
+        yield {"file": piece, "more": start + PIECE < len(content)}
+
+
+def _words(text: str) -> list[str]:
+    try:
+        return shlex.split(text, comments=True)
+    except ValueError:
+        return []
+
+
+@contextlib.contextmanager
+def told_anyway() -> Iterator[None]:
+    """Where a disk is full that what is said goes to, what is done goes on, a stop above all; it is told at the end, as
+    it still waits to be written then."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError:
+        pass
+
+
+def stop_unanswered(error: NotThereError) -> StopUnansweredError:
+    """Why no daemon hears a stop, for somebody who wanted the arm to stop."""
+    if isinstance(error, StopUnansweredError):
+        return error
+    return StopUnansweredError(f"{EMERGENCY}: the stop was not answered; {error}")
+
+
+def _limit_sending(connection: socket.socket, seconds: float) -> None:
+    """0: however long it takes."""
+    whole = int(seconds)
+    limit = struct.pack("@ll", whole, int((seconds - whole) * 1e6))
+    with contextlib.suppress(OSError):
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+
+
+def _connect(paths: list[Path]) -> socket.socket:
+    refused = []
+    for path in paths:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        _limit_sending(connection, CONNECT_S)
+        try:
+            connection.connect(str(path))
+        except PermissionError:
+            connection.close()
+            raise NotThereError(f"{path}: no permission; your user must be in the socket's group (facetd)") from None
+        except BlockingIOError:
+            connection.close()
+            raise NotThereError(f"{path}: facetd takes nobody in for {CONNECT_S:g} s: it hangs") from None
+        except OSError:
+            connection.close()
+            refused.append(str(path))
+        except BaseException:
+            connection.close()
+            raise
+        else:
+            _limit_sending(connection, 0.0)
+            return connection
+    where = " nor ".join(refused)
+    raise NotThereError(
+        f"no daemon answers at {where}; start it (`systemctl start facetd`, or `facetd --sim` to try it)"
+    )

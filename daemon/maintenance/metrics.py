@@ -1,0 +1,125 @@
+"""Prometheus metrics on the loopback interface, through the well-kept client library; an extra, off unless asked."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from socketserver import ThreadingMixIn
+from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+
+from daemon.config import ConfigError
+from daemon.maintenance.watched import Watched
+from daemon.store.places import how_to_add
+
+LOOPBACK = "127.0.0.1"
+MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0
+"""At once; how long one may say nothing, and how long it may take, a byte now and then."""
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = SILENCE_S
+
+    def log_message(self, *_: Any) -> None:
+        """Scrapes are not told."""
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    """A thread for each scrape, and no more of them than the unit has room for: who comes on top is hung up."""
+
+    daemon_threads = True
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._room = threading.BoundedSemaphore(MOST_SCRAPES)
+        self._began_s: dict[Any, float] = {}
+
+    def service_actions(self) -> None:
+        """Hang up who takes too long; asked twice a second."""
+        for request, began_s in list(self._began_s.items()):
+            if time.monotonic() - began_s > LONGEST_S:
+                with contextlib.suppress(OSError):
+                    request.shutdown(socket.SHUT_RDWR)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin to answer, where there is room."""
+        if self._room.acquire(blocking=False):
+            self._began_s[request] = time.monotonic()
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and make room again."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            del self._began_s[request]
+            self._room.release()
+
+    def handle_error(self, *_: Any) -> None:
+        """Who hangs up in the middle, or says nothing, is nobody's trouble."""
+
+
+class MetricsServer:
+    """Answers scrapes on one port, in a thread of its own; reads values only."""
+
+    def __init__(self, context: Watched, port: int) -> None:
+        self._context, self._port = context, port
+        self._server: Any = None
+
+    def open(self) -> None:
+        """Listen. Raises ConfigError without the library, OSError where the port is taken."""
+        try:
+            from prometheus_client import CollectorRegistry, make_wsgi_app
+        except ImportError:
+            where = self._context.config.document
+            raise where.error(("metrics", "port"), f"needs an extra: {how_to_add('metrics')}") from None
+        registry = CollectorRegistry()
+        registry.register(_Collector(self._context))
+        try:
+            self._server = make_server(LOOPBACK, self._port, make_wsgi_app(registry), _Server, _Handler)
+        except OSError as error:
+            raise ConfigError(f"metrics.port: {self._port}: {error.strerror}") from None
+        threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True).start()
+
+    def close(self) -> None:
+        """Stop listening; safe to call twice."""
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+
+
+class _Collector:
+    def __init__(self, context: Watched) -> None:
+        self._context = context
+
+    def collect(self) -> Iterator[Any]:
+        """Every metric as it is now."""
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+        context = self._context
+        state = context.cycle.status()
+        now = context.hardware.clock()
+        for name, key, text in (("picked", "picked", "parts picked"), ("failed", "failed", "picks that failed")):
+            yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[key]))  # type: ignore[arg-type]
+        gauges = {
+            "facetd_fault": ("1 while a fault stands", state["fault"] is not None),
+            "facetd_enabled": ("1 while the arm may move", state["enabled"]),
+            "facetd_busy": ("1 while something is being done", state["doing"] is not None),
+            "facetd_troubles": ("troubles that stand", len(context.troubles.standing)),
+            "facetd_up_seconds": ("seconds since start", time.monotonic() - context.started_s),
+            "facetd_camera_silence_seconds": ("since the last pair", _since(now, context.hardware.eyes.heard_s)),
+            "facetd_controller_silence_seconds": ("since its last answer", _since(now, context.hardware.robot.heard_s)),
+            "facetd_parts_taught": ("labels the model in use knows", len(context.trainer.model.labels)),
+        }
+        for name, (text, value) in gauges.items():
+            yield GaugeMetricFamily(name, text, value=float(value))  # type: ignore[arg-type]
+
+
+def _since(now: float, heard_s: float | None) -> float:
+    return float("nan") if heard_s is None else now - heard_s

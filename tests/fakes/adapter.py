@@ -1,0 +1,121 @@
+"""A USB adapter between the daemon and its simulated controller, as adapters are: it goes and comes back under another
+name (the one under by-id stays), lets a motor's start be heard as noise, echoes by itself.
+
+`python -m tests.fakes.adapter --config ...` is facetd --sim behind one; what shall befall it is written into the file
+`adapter` beside its configuration: `pull`, `plug`, `noise` (once, as the next motor
+starts), `echo`. How many of them were, stands in `adapter.done`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import threading
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+BY_ID = "usb-Prolific_USB-Serial_Controller-if00-port0"
+NOISE_BYTES = 5
+LOOK_S = 0.05
+
+
+class Adapter:
+    """Carries bytes between a terminal of its own, which `name` points to, and the controller's port."""
+
+    def __init__(self, far: str, name: Path) -> None:
+        self._far = os.open(far, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._far)
+        self._name, self._rng = name, np.random.default_rng(1)
+        self._near: tuple[int, int] | None = None
+        self.noisy = self.echoes = False
+        self._typed, self._was = b"", ""
+        self.plug()
+        threading.Thread(target=self._carry, daemon=True).start()
+
+    def plug(self) -> None:
+        """In, as a device of another name than before."""
+        refused = []
+        while os.ttyname((near := os.openpty())[1]) == self._was:
+            refused.append(near)
+        for end in (end for ends in refused for end in ends):
+            os.close(end)
+        tty.setraw(near[1])
+        self._near, self._was = near, os.ttyname(near[1])
+        self._name.symlink_to(self._was)
+
+    def pull(self) -> None:
+        """Out: whoever has it open is told, and what the controller says is heard by nobody."""
+        near, self._near = self._near, None
+        self._name.unlink()
+        for end in near or ():
+            os.close(end)
+
+    def _carry(self) -> None:
+        while True:
+            near = self._near
+            with contextlib.suppress(OSError, ValueError):  # pulled at this moment
+                ends = [self._far] if near is None else [self._far, near[0]]
+                for end in select.select(ends, [], [], LOOK_S)[0]:
+                    self._pass(end, near)
+
+    def _pass(self, end: int, near: tuple[int, int] | None) -> None:
+        data = os.read(end, 4096)
+        if near is None:
+            return
+        if end == self._far:
+            os.write(near[0], data)
+            return
+        if self.echoes:
+            os.write(near[0], data)
+        os.write(self._far, data)
+        self._typed += data
+        if b"\r" in self._typed:
+            if self.noisy and b"DO " in self._typed:  # a motor starts
+                self.noisy = False
+                os.write(near[0], self._rng.integers(0, 256, NOISE_BYTES, dtype=np.uint8).tobytes())
+            self._typed = self._typed.rpartition(b"\r")[2]
+
+
+def _obey(orders: Path, adapter: Adapter) -> None:
+    done = 0
+    does: dict[str, Callable[[], Any]] = {
+        "pull": adapter.pull, "plug": adapter.plug, "echo": lambda: setattr(adapter, "echoes", True),
+        "noise": lambda: setattr(adapter, "noisy", True),
+    }  # fmt: skip
+    while True:
+        words = orders.read_text().split() if orders.exists() else []
+        for word in words[done:]:
+            does[word]()
+            done += 1
+            orders.with_suffix(".done").write_text(str(done))
+        time.sleep(LOOK_S)
+
+
+def main(arguments: list[str]) -> int:
+    """facetd behind an adapter."""
+    from daemon import main as program
+    from daemon.cell import build
+
+    folder = Path(arguments[arguments.index("--config") + 1]).parent
+    made = build.arm_on_link
+
+    def behind(port: str, *more: Any) -> Any:
+        adapter = Adapter(port, folder / BY_ID)
+        orders = folder / "adapter"
+        adapter.echoes = orders.exists() and "echo" in orders.read_text().split()
+        threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
+        return made(str(folder / BY_ID), *more)
+
+    build.arm_on_link = behind  # type: ignore[assignment]
+    return program.main(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

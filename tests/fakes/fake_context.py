@@ -1,0 +1,215 @@
+"""A context for console tests: a cycle that remembers what it was told, a trainer on a real folder, no hardware."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+
+from daemon.arm.hold import Waiting
+from daemon.arm.operators import Let, RefusedError
+from daemon.arm.workcell import StopRefusedError
+from daemon.console.notices import Notices
+from daemon.maintenance.watched import Troubles
+from daemon.pick.order import PickOrder
+
+
+@cache
+def _waiting(text: str) -> Waiting:
+    return Waiting(text, Mock(), 0.0)
+
+
+@dataclass
+class FakeCycle:
+    """Says yes to everything and keeps count; `doing` until released when told to be slow."""
+
+    told: list[str] = field(default_factory=list)
+    fault: str | None = None
+    doing: str | None = None
+    pending: str | None = None
+    pending_s: float = 60.0
+    refuse_with: str | None = None
+    stop_refused_with: str | None = None
+    slow: bool = False
+    pick_order: PickOrder | None = None
+    held: bool | None = False
+    by_word: bool = True
+    stops: int = 0
+    pauses: int = 0
+    paused: bool = False
+    auto: bool = False
+    skipped: list[dict[str, Any]] = field(default_factory=list)
+    at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
+
+    @property
+    def supervisor(self) -> FakeCycle:
+        """Who has the arm: told the same."""
+        return self
+
+    @property
+    def hold(self) -> FakeCycle:
+        """What holds its moves: told the same."""
+        return self
+
+    @property
+    def waiting(self) -> Any:
+        """The move that waits: the same one as long as its words are."""
+        return None if self.pending is None else _waiting(self.pending)
+
+    def status(self) -> dict[str, Any]:
+        return {
+            "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
+            "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
+            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
+            "picked": 2, "failed": 1, "skipped": self.skipped, "last": None,
+        }  # fmt: skip
+
+    async def move_to(self, world_from_tool: Any, purpose: str) -> None:
+        self.told.append(f"move to {purpose}: {world_from_tool[:3, 3].round(3).tolist()}")
+
+    async def go_down(self, over: Any, down: Any, purpose: str) -> None:
+        self.told.append(f"{purpose}, from over it: {over[:3, 3].round(3).tolist()}")
+        self.at = down
+
+    async def rest(self) -> Any:
+        return self.at
+
+    async def jog(self, there: Callable[[Any], Any], purpose: str) -> Any:
+        self.told.append(purpose)
+        self.at = there(self.at)
+        return self.at
+
+    async def hand(self, closed: bool) -> None:
+        self.told.append("hand close" if closed else "hand open")
+
+    def places(self) -> dict[str, Any]:
+        return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
+
+    def not_after(self, stops: int, word: str) -> None:
+        if stops != self.stops:
+            raise RefusedError("stopped again")
+
+    def not_while_stopping(self, word: str, busy: bool = False) -> None:
+        """No stop of this one takes time."""
+
+    async def prove_stop(self) -> None:
+        if self.stop_refused_with:
+            raise StopRefusedError(self.stop_refused_with)
+
+    def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
+        if stops not in (None, self.stops):
+            raise RefusedError("stopped again")
+        self.told.append("enable" if let is Let.ALL else f"enable {let}")
+
+    def between_jobs(self, what: str) -> None:
+        """Nothing is being done here for long."""
+
+    def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
+        if stops not in (None, self.stops):
+            raise RefusedError("stopped again")
+        self.told.append("resume")
+        self.fault = None
+
+    def holding(self, held: bool) -> None:
+        self.held = held
+
+    def pause(self, by: str) -> None:
+        self.told.append("pause")
+
+    async def stop(self, why: str) -> None:
+        self.told.append(f"stop {why}")
+        self.fault, self.doing = f"stopped {why}", None
+        self.stops += 1
+
+    async def disable(self) -> None:
+        self.told.append("disable")
+        self.doing = None
+        self.stops += 1
+
+    async def go(self, place: str) -> None:
+        if self.refuse_with:
+            raise RefusedError(self.refuse_with)
+        self.told.append(f"go {place}")
+        if self.slow:
+            self.doing = place
+            while self.doing:
+                await asyncio.sleep(0.01)
+
+    def confirm(self) -> None:
+        self.told.append("confirm")
+        self.pending = self.doing = None
+
+    def refuse(self) -> None:
+        self.told.append("refuse")
+        self.pending = self.doing = None
+
+
+@dataclass
+class FakeLog:
+    """Keeps records."""
+
+    records: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+
+    def record(self, kind: str, /, **fields: Any) -> None:
+        self.records.append((kind, fields))
+
+
+@dataclass
+class FakeDoor:
+    """An operator who answers questions in turn."""
+
+    name: str = "test"
+    who: str = "tester"
+    may: Any = "all"
+    answers: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+    shown: int | None = None
+    columns: int = 80
+    rows: int | None = None
+
+    @property
+    def asks(self) -> bool:
+        return bool(self.answers)
+
+    async def say(self, text: str) -> None:
+        self.said.append(text)
+
+    async def ask(self, question: str) -> str:
+        self.asked.append(question)
+        return self.answers.pop(0) if self.answers else ""
+
+
+def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
+    """A CommandContext as far as commands look at it."""
+    trainer = SimpleNamespace(
+        parts={"cube": None, "pyramid": None},
+        model=SimpleNamespace(labels=("cube",), metric={}),
+        model_store=SimpleNamespace(current=3, candidate=None, labels=lambda: ["cube"], views=lambda *_: []),
+    )
+    return SimpleNamespace(
+        cycle=FakeCycle(),
+        log=FakeLog(),
+        trainer=trainer,
+        troubles=Troubles(),
+        notices=Notices(),
+        hardware=SimpleNamespace(kind="real", seed=None, hand=None, eyes=SimpleNamespace(alone=None)),
+        run_log=SimpleNamespace(folder=folder),
+        calibration=SimpleNamespace(tool_from_cyclopean=1, alone=None),
+        config=SimpleNamespace(
+            calibration=folder / "calibration.yaml",
+            state=folder / "state",
+            kind="real",
+            values=SimpleNamespace(cameras={"left": "a", "right": "b"}),
+        ),
+        parts=["cube", "pyramid"],
+        started_s=0.0,
+        reload=reload,
+    )

@@ -1,0 +1,39 @@
+"""A pick taken state by state on the fake cell, so that a handler can be tested where it stands."""
+
+from __future__ import annotations
+
+import asyncio
+
+from daemon.pick.cycle import HANDLERS
+from daemon.pick.settings import Settings
+from daemon.pick.transitions import Event, State, follows
+from daemon.pick.world import PickContext, WorldModel
+from tests.fakes.fake_cell import World, cycle_of
+
+
+def begun(fake: World, settings: Settings | None = None) -> tuple[PickContext, WorldModel]:
+    """A pick before its survey, the arm enabled and its place known."""
+    cycle = cycle_of(fake, settings)
+    mover = cycle.supervisor.mover
+    asyncio.run(mover.rest())
+    assert cycle.recogniser is not None
+    return PickContext(cycle.cell, mover, cycle.recogniser, cycle.settings, None, cycle=1), WorldModel([])
+
+
+def step(context: PickContext, world: WorldModel, state: State) -> Event:
+    """What the state's handler returns."""
+
+    async def handled() -> Event:
+        return await HANDLERS[state](context, world)
+
+    return asyncio.run(handled())
+
+
+def brought_to(state: State, context: PickContext, world: WorldModel) -> None:
+    """Go on from the survey until the state is entered."""
+    here = State.SURVEY
+    for _ in range(40):
+        if here is state:
+            return
+        here = follows(here, step(context, world, here), State.IDLE)
+    raise AssertionError(f"{state} was not reached")

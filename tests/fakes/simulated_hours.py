@@ -1,0 +1,82 @@
+"""The simulated cell in simulated time, with the daemon's own parts and commands on top: hours of it in minutes.
+
+Nothing here decides or judges. Time is the arm's and the cameras'; what computing takes is not in it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from daemon.arm import EyeName
+from daemon.calibration.file import load_calibration
+from daemon.cell.arm_on_link import ArmOnLink, belongs_together
+from daemon.cell.build import Hardware
+from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.pick_cell import pick_cell
+from daemon.cell.sections import arm_geometry, dialect, truth
+from daemon.config import load_config
+from daemon.console.context import CommandContext
+from daemon.maintenance.watched import Troubles
+from daemon.pick.cycle import Cycle
+from daemon.store.library import load_facets
+from daemon.teaching.trainer import Recogniser
+from daemon.vision.model.model import Model, empty_model
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.link import Link
+from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_judge
+
+
+@dataclass(eq=False)
+class Hours(Rig):
+    """The cell, the cycle, and what commands work with."""
+
+    context: CommandContext
+
+    @property
+    def now_s(self) -> float:
+        """The cell's time."""
+        return asyncio.get_running_loop().time()
+
+
+@contextlib.asynccontextmanager
+async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | None = None) -> AsyncIterator[Hours]:
+    """Build, open, enable, on the running SimulatedLoop; close at the end, where the judge must have found nothing."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, SimulatedLoop)
+    config = load_config(CONFIG, simulated=True)
+    calibration = load_calibration(config.calibration)
+    cell, log = SimulatedCell(truth(config), seed, loop=loop), ListLog()
+    geometry: Any = arm_geometry(config)
+    checked: Any = partial(belongs_together, geometry)
+    opens: Any = cell.server.open  # type: ignore[union-attr]
+    link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
+    cell.camera.use(alone)
+    eyes = ThreadedEyes(cell.camera, loop.time, alone)
+    hardware = Hardware("simulated", ArmOnLink(link, geometry), eyes, loop.time, "memory", seed)
+    try:
+        await hardware.open()
+        start = model or empty_model(load_facets(config.file(config.values.files.facets)))
+        sight = Recogniser(start, calibration.rig, config.values.vision)
+        cycle = Cycle(*pick_cell(config, calibration, hardware, log), sight)
+        tell_the_judge(cell, cycle, log)
+        await cycle.supervisor.prove_stop()
+        cycle.supervisor.enable()
+        trainer: Any = None
+        context = CommandContext(
+            config, calibration, hardware, cycle, trainer, trainer, log, Troubles(), trainer, started_s=0.0
+        )
+        try:
+            yield Hours(cell, cycle, log, hardware.robot, context)
+        finally:
+            await cycle.supervisor.close()
+        found = cell.violations()
+        assert not found, "\n".join(map(str, found))
+    finally:
+        await hardware.close()
+        cell.stop()

@@ -1,0 +1,458 @@
+"""Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a judge.
+
+A hypothesis state machine over tests/fakes/whole_daemon.py. What a story does is kept as calls of the rules below: of
+one that fails, calls are left out as long as it still fails alike (a few dozen stories; hypothesis, which knows only
+the draws behind them, took minutes for less), and the rest is told. Run by tests/unit/service/test_whole_daemon.py and
+tests/bench/long/surprises.py.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from functools import wraps
+from typing import Any
+
+import yaml
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    rule,
+    run_state_machine_as_test,
+)
+
+from daemon.commands import every_command
+from drivers.simcell.controller import LineFault, Mishap
+from tests.fakes.whole_daemon import FASTEST, SLOWEST, Story
+
+STEPS = 100
+"""Of one story."""
+HOUSE = settings(
+    stateful_step_count=STEPS, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate],
+    report_multiple_bugs=False, database=None,
+)  # fmt: skip
+LEAVING_OUT_S = 120.0
+"""How long calls are left out of a story that fails."""
+NAMES = sorted({command.name for command in every_command("simulated")} | {"help"})
+LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+USUAL = (
+    *["enable", "resume", "go home", "go bin", "go survey", "pick", "auto on", "hand open", "hand close"] * 3,
+    *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
+    "pick cube", "look around", "eyes left", "eyes both", "auto on 2", "auto on every 9",
+    "auto off", "auto resume", "holding no", "holding yes", "dry on",
+    "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
+)  # fmt: skip
+GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
+MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
+           "CAL", "CALI", "D MOVE TRANS(420,0,60,0,90,0)", "DO MOVE TRANS(420,0,0,0,90,0)", "EXEC PROG", "ABORT",
+           "DO BREAK", "Y", "DO DRIVE 1,20,100", "DO SPEED 300 ALWAYS", "BASE 0,0,100", "!!")  # fmt: skip
+KEYS = (*[line + "\r" for line in MONITOR if line != "!!"], *["y", "Y\r"] * 8, "n", "N\r", "DO READY", "\x15", "\x7f",
+        "\r", "Y")  # fmt: skip
+LEAVES = "\x1d"
+"""Control-]."""
+ARGUMENTS = ("", "", "on", "off", "home", "bin", "survey", "cube", "open", "close", "yes", "no", "wait", "2", "every 3",
+             "resume", "monitor WHERE", "x", "'", "\\", "# stop", "; enable")  # fmt: skip
+SLOW = ("train", "bundle", "doctor", "calibrate", "preview")
+"""Of the command table, what takes seconds of this computer and moves nothing that others do not."""
+HEARD_S = 0.02
+"""After control-C an operator first reads whether there was anything to stop."""
+CAL_S = 20.0
+"""How long CAL takes at most."""
+SECONDS = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.7, 1.5, 4.0, 10.0])
+ODD = (b"\x00", b"\x15", b"\x1b[A", b"\xff\xfe", b"{", b'{"do"', b"[]\n", b"null\n", b'{"answer": 1}\n',
+       b'{"keys": "DO READY\\r"}\n', b'{"do": "stop \\u0000"}\n', b"\x1d", b"\t", b"\r\r")  # fmt: skip
+
+
+def words() -> st.SearchStrategy[str]:
+    """A line as an operator types it: mostly what is usual, else any word of the table, its beginning, or near it."""
+    table = st.builds(
+        "{} {}".format, st.sampled_from([n for n in NAMES if n not in SLOW]), st.sampled_from(ARGUMENTS)
+    ).map(str.strip)
+    begun = st.builds(lambda name, n: name[:n], st.sampled_from([n for n in NAMES if n not in SLOW]), st.integers(1, 6))
+    monitor = st.sampled_from(MONITOR).map("robot monitor {}".format)
+    shouted = st.sampled_from(USUAL).map(str.upper)
+    spoiled = st.builds(
+        "{}{}".format, st.sampled_from(USUAL), st.sampled_from(["'", " \u0000", "\u00e9", " # x", "\\", '"'])
+    )
+    usual = st.sampled_from(USUAL)
+    return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
+
+
+BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "")
+"""What another terminal types: nothing that moves by itself."""
+DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
+GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
+"""What the arm was sent to do, and how long ago."""
+STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
+
+
+Call = tuple[str, dict[str, Any]]
+Going = tuple[str, float] | None
+
+
+def kept(act: Callable[..., None]) -> Callable[..., None]:
+    """A rule whose calls are kept in the story's script."""
+
+    @wraps(act)
+    def keeping(machine: Surprises, **values: Any) -> None:
+        machine.script.append((act.__name__, values))
+        act(machine, **values)
+
+    return keeping
+
+
+class Surprises(RuleBasedStateMachine):
+    """See the module. Doors 0 to 2 are at the socket, 3 is the serial terminal."""
+
+    story: Story | None = None
+    steps = 0
+    """Of all stories together."""
+    last: list[Call]
+    """What the last story did."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        type(self).last = self.script = []
+
+    @initialize(
+        may=st.sampled_from(["all", "all", "look"]), holds=st.booleans(), parts=st.integers(0, 9), at_end=st.booleans(),
+        ready=st.booleans(),
+    )  # fmt: skip
+    @kept
+    def begin(self, may: str, holds: bool, parts: int, at_end: bool, ready: bool) -> None:
+        """A cell and a daemon; ready: enabled already."""
+        self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
+        if ready:
+            self.there.doors[0].say("enable")
+            self.there.wait(0.5)
+
+    @rule(door=DOOR, text=words(), seconds=SECONDS, first=AT_WORK)
+    @kept
+    def do(self, door: int, text: str, seconds: float, first: bool) -> None:
+        """An operator types a line."""
+        self.set_to_work(first)
+        self.there.doors[door].say(text)
+        self.there.wait(seconds)
+
+    @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS, first=AT_WORK)
+    @kept
+    def do_at_once(self, door: int, texts: list[str], seconds: float, first: bool) -> None:
+        """Lines typed ahead."""
+        self.set_to_work(first)
+        for text in texts:
+            self.there.doors[door].say(text)
+        self.there.wait(seconds)
+
+    @rule(door=DOOR, how=st.sampled_from(STOPS), going=GOING)
+    @kept
+    def stop_on_the_way(self, door: int, how: str, going: Going) -> None:
+        """The arm goes somewhere and is stopped, mostly before it is there."""
+        self.send_off(going)
+        if how == "control-C":
+            self.there.doors[door].interrupt()
+            self.there.wait(HEARD_S)
+        elif how == "SIGTERM":
+            self.end_and_start()
+        else:
+            self.there.doors[door].say(how)
+        self.there.wait(1.0)
+
+    @rule(
+        door=st.integers(0, 1), keys=st.lists(st.sampled_from(KEYS), min_size=1, max_size=8), seconds=SECONDS,
+        first=AT_WORK, leaves=AT_WORK,
+    )  # fmt: skip
+    @kept
+    def talk_to_the_controller(self, door: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
+        """An operator takes the controller's own terminal, mostly until he comes back from it."""
+        self.set_to_work(first)
+        self.there.cell.controller.faults.line.clear()  # what is spoiled is no line that anybody typed
+        here = self.there.sockets[door]
+        here.say("robot monitor")
+        for pressed in keys:
+            self.there.wait(0.4)
+            here.press(pressed)
+        self.there.wait(seconds)
+        if leaves:
+            here.press(LEAVES)
+            self.there.wait(0.1)
+
+    @rule(
+        door=DOOR,
+        text=st.sampled_from(["y", "y", "y", "n", "", "stop", "stop now", "yes", "maybe", "disable", "abort"]),
+        seconds=SECONDS,
+    )
+    @kept
+    def answer(self, door: int, text: str, seconds: float) -> None:
+        """An operator answers what is asked, or what is not."""
+        self.there.doors[door].answer(text)
+        self.there.wait(seconds)
+
+    @rule(door=DOOR, seconds=SECONDS, going=GOING)
+    @kept
+    def interrupt(self, door: int, seconds: float, going: Going) -> None:
+        """Control-C."""
+        self.send_off(going)
+        self.there.doors[door].interrupt()
+        self.there.wait(max(seconds, HEARD_S))
+
+    @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)), going=GOING)
+    @kept
+    def odd_bytes(self, door: int, data: bytes, going: Going) -> None:
+        """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
+        self.send_off(going)
+        if b"\x03" not in data:
+            self.there.doors[door].throw(data + (b"\n" if door < 3 else b"\x15"))
+            self.there.wait(0.02)
+
+    @rule(door=st.integers(0, 2), going=GOING)
+    @kept
+    def come_again(self, door: int, going: Going) -> None:
+        """An operator leaves, and comes again."""
+        self.send_off(going)
+        self.there.doors[door].close()
+        self.there.wait(0.05)
+        self.there.doors[door].open()
+
+    @rule(
+        way=st.sampled_from(["to_host", "to_controller"]),
+        harm=st.sampled_from(["drop", "double", "flip", "insert"]),
+        after=st.integers(0, 40),
+        count=st.integers(1, 3),
+        going=GOING,
+    )
+    @kept
+    def spoil(self, way: Any, harm: Any, after: int, count: int, going: Going) -> None:
+        """Some bytes of the line will be harmed."""
+        self.send_off(going)
+        self.there.harm(lambda: self.there.cell.controller.faults.line.append(LineFault(way, harm, after, count)))
+
+    @rule(seed=st.integers(0, 99), seconds=st.sampled_from([1.0, 5.0]), going=GOING)
+    @kept
+    def noise(self, seed: int, seconds: float, going: Going) -> None:
+        """Noise on the line for a while."""
+        self.send_off(going)
+        faults = self.there.cell.controller.faults
+        self.there.harm(lambda: faults.seed_noise(seed, 0.01))
+        self.there.wait(seconds)
+        faults.noise_rate = 0.0
+
+    @rule(what=st.sampled_from(list(Mishap)), share=st.sampled_from([None, 0.1, 0.5, 0.9]), going=GOING)
+    @kept
+    def mishap(self, what: Mishap, share: float | None, going: Going) -> None:
+        """Power, emergency stop, controller: now, or in the next move."""
+        self.send_off(going)
+        if share is None:
+            self.there.mishap(what)
+        else:
+            faults = self.there.cell.controller.faults
+            self.there.harm(lambda: faults.in_move.append((share, what)))
+
+    @rule(text=st.sampled_from(BESIDE), going=GOING)
+    @kept
+    def type_beside(self, text: str, going: Going) -> None:
+        """Another terminal is on the arm's line: what it types is echoed and answered to us."""
+        self.send_off(going)
+        server = self.there.cell.server
+        assert server is not None
+
+        def typed() -> None:
+            with server.controller() as controller:
+                controller.receive(f"{text}\r".encode(), controller.now_s)
+
+        self.there.harm(typed)
+
+    @rule(what=st.sampled_from(["refusal", "mute", "split"]), going=GOING)
+    @kept
+    def odd_controller(self, what: str, going: Going) -> None:
+        """The controller refuses the next motion, or its next answer is lost, or its prompt comes in two halves."""
+        self.send_off(going)
+        faults = self.there.cell.controller.faults
+        if what == "refusal":
+            faults.refusals.append("*Location out of range*")
+        else:
+            self.there.harm(
+                lambda: setattr(faults, *(("mute_answers", 1) if what == "mute" else ("split_prompt_s", 0.3)))
+            )
+
+    @rule(going=GOING)
+    @kept
+    def unplug(self, going: Going) -> None:
+        """The line's adapter is pulled out."""
+        self.send_off(going)
+        self.there.harm(self.there.cell.server.unplug)  # type: ignore[union-attr]
+
+    @rule()
+    @kept
+    def repair(self) -> None:
+        """Somebody puts line and controller right, and says what is to be said then; where nothing is wrong, nothing.
+        A rule that could not be chosen then would leave other draws to a story lived again, in which a terminal was
+        slower by a moment."""
+        self.set_to_work()
+
+    def send_off(self, going: Going) -> None:
+        """The arm is put to work, and sent off some time ago."""
+        if going is not None:
+            self.set_to_work()
+            self.there.doors[0].say(going[0])
+            self.there.wait(going[1])
+
+    def set_to_work(self, wanted: bool = True) -> None:
+        """See repair."""
+        if not wanted or self.there.at_work:
+            return
+        self.there.repair()
+        door, machine = self.there.sockets[0], self.there.cell.controller.machine
+        for text in ("refuse", "robot power-up", "resume", "enable", "robot cal", "step off", "dry off"):
+            if text == "robot cal" and machine.calibrated:
+                continue
+            door.say(text)
+            self.there.wait_for(door, 2.0)
+            door.answer("y")
+            self.there.wait_for(door, CAL_S if text == "robot cal" else 2.0)
+
+    @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]), going=GOING)
+    @kept
+    def hang(self, seconds: float, going: Going) -> None:
+        """The computer stands still for a while."""
+        self.send_off(going)
+        self.there.hang(seconds)
+
+    @rule(seconds=st.sampled_from([-1e5, -3.0, 3.0, 1e5]), going=GOING)
+    @kept
+    def set_clock(self, seconds: float, going: Going) -> None:
+        """Somebody sets the computer's clock."""
+        self.send_off(going)
+        self.there.set_by_s += seconds
+
+    @rule(
+        what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans(), going=GOING
+    )
+    @kept
+    def reload(self, what: str, signal: bool, going: Going) -> None:
+        """Another configuration or calibration is read."""
+        self.send_off(going)
+        story = self.there
+        changes: dict[str, Any] = {
+            "slow": {"travel_pct": SLOWEST},
+            "tool": {"gripper": {"opening_mm": 80}},
+            "box": {"limits": {"box_low_mm": [0, -600, -300], "max_speed_pct": FASTEST}},
+            "bad": {"order": "biggest"},
+        }.get(what, {})
+        story.write_config(**changes)
+        calibration = story.folder / "calibration.yaml"
+        good = calibration.read_bytes()
+        if what == "no hand-eye":
+            content = yaml.safe_load(good)
+            del content["hand_eye"]
+            calibration.write_bytes(yaml.safe_dump(content).encode())
+        if signal:
+            story.hang_up()
+        else:
+            story.doors[0].say("reload")
+        story.wait(0.3)
+        calibration.write_bytes(good)
+        if what == "bad":
+            story.write_config()
+
+    @rule(going=GOING)
+    @kept
+    def terminate(self, going: Going) -> None:
+        """SIGTERM, its end, and another start."""
+        self.send_off(going)
+        self.end_and_start()
+
+    def end_and_start(self) -> None:
+        """See terminate."""
+        status = self.there.terminate()
+        assert status in (0, 2), f"it ended with status {status}"
+        self.there.repair()
+        self.there.start()
+        assert self.there.alive, "it does not start again"
+
+    @rule(seconds=st.sampled_from([1.0, 5.0, 20.0]))
+    @kept
+    def wait(self, seconds: float) -> None:
+        """Nobody does anything."""
+        self.there.wait(seconds)
+
+    @property
+    def there(self) -> Story:
+        """The story so far."""
+        assert self.story is not None
+        return self.story
+
+    @invariant()
+    def nothing_surprises(self) -> None:
+        """The judge's word, after every step."""
+        type(self).steps += 1
+        if self.story is not None:
+            found = self.story.violations()
+            assert not found, "\n".join(map(str, found))
+            assert self.story.alive, "the daemon is no more"
+
+    def teardown(self) -> None:
+        """The end of the story, judged as well."""
+        if self.story is not None:
+            story, self.story = self.story, None
+            found = story.close()
+            assert not found, "\n".join(map(str, found))
+
+
+def live(machine: type[Surprises], options: settings) -> None:
+    """Stories up to the first that surprises. Raises AssertionError with the shortest script that shows it."""
+    try:
+        run_state_machine_as_test(machine, settings=options)  # type: ignore[arg-type]
+    except Exception as error:
+        script, once = machine.last, _told(error)
+    else:
+        return
+    told = surprise(script)
+    if told:
+        script = shortest(script, lambda tried: kind(surprise(tried)) == kind(told))
+        told = surprise(script)
+    calls = "\n".join(f"    ({name!r}, {values})," for name, values in script)
+    raise AssertionError(f"{told or f'once, and not when it was lived again: {once}'}\n{calls}")
+
+
+def surprise(script: list[Call]) -> str:
+    """What is wrong with a story of these calls, "" for nothing."""
+    machine = Surprises()
+    try:
+        try:
+            for name, values in script:
+                getattr(machine, name)(**values)
+                machine.nothing_surprises()
+        finally:
+            machine.teardown()
+    except Exception as error:
+        return _told(error)
+    return ""
+
+
+def _told(error: Exception) -> str:
+    return "".join(traceback.format_exception_only(error)).strip()
+
+
+def kind(told: str) -> str:
+    """What stays alike when moments and lengths do not."""
+    return told.partition(" at ")[0]
+
+
+def shortest(script: list[Call], fails: Callable[[list[Call]], bool]) -> list[Call]:
+    """Calls left out as long as it still fails, halves first, single ones last; the first call makes the cell."""
+    until_s, size = time.monotonic() + LEAVING_OUT_S, len(script) // 2
+    while size and time.monotonic() < until_s:
+        start, before = 1, len(script)
+        while start < len(script) and time.monotonic() < until_s:
+            without = script[:start] + script[start + size :]
+            if fails(without):
+                script = without
+            else:
+                start += size
+        if size > 1 or len(script) == before:
+            size //= 2
+    return script

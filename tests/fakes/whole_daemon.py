@@ -1,0 +1,873 @@
+"""The whole daemon in one process on a simulated clock: its cell, its operators, and what may happen to all of them.
+
+The daemon is daemon/service.py's own, its socket and serial terminal are real ones; only the controller's line is in
+memory, because a pty has a clock of its own. The cell outlives the daemon, as a real one does.
+
+Who knows what is allowed: what lets the arm move is known from the operators' words alone (Words), as they were typed
+here; what forbids it, from their words, too, and from what the daemon said at its doors: its word counts only against
+it. The rest of the truth is the machine's own history (drivers/simcell/judge.py).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import pty
+import select
+import shlex
+import shutil
+import signal
+import socket
+import tempfile
+import time
+import tty
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import yaml
+
+from daemon import service
+from daemon.calibration.file import load_calibration
+from daemon.cell import build as build_room
+from daemon.cell.arm_on_link import ArmOnLink, belongs_together
+from daemon.cell.build import Hardware
+from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.sections import arm_geometry, dialect
+from daemon.cell.simulated_hand import SimulatedHand
+from daemon.cli.demo import VIEWS
+from daemon.commands import moving
+from daemon.config import Config
+from daemon.maintenance import journal
+from daemon.service import NO_DEVICE, Service
+from daemon.store import model as models
+from daemon.store import runlog
+from daemon.store.library import load_facets
+from daemon.teaching.trainer import Recogniser
+from daemon.vision.model.model import empty_model, learn_view
+from drivers.simcell.boards import BoardPrint
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.controller import Manners, Mishap
+from drivers.simcell.judge import Violation
+from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.simcell.stand import VIEWS as STANDS
+from drivers.val2.link import Link
+
+ETC = Path(__file__).resolve().parents[2] / "etc"
+PIXELS = 0.5
+"""The simulated images are so much smaller than the cell's, each way, and so much sooner seen."""
+SLOWEST, FASTEST = 25.0, 40.0
+"""Percent: what the configuration allows, by turns; the judge allows no more."""
+POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
+"""A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
+arm."""
+SPARE_MM = 3.0
+MOMENT_S = 1e-7
+"""What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
+before."""
+SLICE_S = 0.25
+"""How often somebody looks whether the line is clear, and how often a command that may ask looks whether it must. What
+the daemon says at its sockets is read as it comes."""
+TAUGHT = ("cube", "pentagonal_prism")
+STARTS, TRIES = 5, 4
+"""How often a view is shown again that was not seen whole."""
+END_S = 9.0
+"""The unit's TimeoutStopSec, less what the disk may take."""
+HARMED_S = 8.0
+"""How long the arm's stop may take where the line carried it spoiled: all its attempts."""
+STOPPED_S = 2.0
+"""How long a stop typed at a terminal may be on the line."""
+AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
+"""How an answer begins that says so."""
+READERS = ("load_calibration", "load_facets", "load_parts", "load_model")
+MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
+         "resume", "enable")  # fmt: skip
+"""After a word of these the arm may go on after a stop that left no fault."""
+
+
+Key = tuple[object, object]
+"""The door and which of its lines."""
+
+
+class Words:
+    """What operators said, and so what is allowed at most, told to the judge as it is said."""
+
+    def __init__(self, story: Story) -> None:
+        self._story = story
+        self.enabled, self._stopped = False, False
+        self._in_doubt = 0
+        """How often control-C was pressed, and nobody has said yet whether there was anything to stop."""
+        self._enabling: dict[Key, str] = {}
+        self._resuming: set[Key] = set()
+        self._stopping: set[Key] = set()
+        """Stops that are not answered yet: the line carries them more than once."""
+        self._dry, self._resumed = False, 0
+        self._typed: dict[Key, tuple[str, int]] = {}
+        """Lines that are not done yet, and how often somebody had let go what was held when they were typed."""
+        self._by_hand: dict[Key, int | None] = {}
+        """What may open the hand: lines that are not done yet, and those (with their status) that failed: they may yet
+        be carried out."""
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the arm may move as far as people know."""
+        stopped = self._in_doubt or (self._stopped and not self._resuming)
+        return (self.enabled or bool(self._enabling)) and not stopped and not self._dry
+
+    @property
+    def _sent_off(self) -> bool:
+        """Whether somebody waits for a motion: a line that was opened meanwhile has its stop tried before it."""
+        lines = (text for key, (text, _) in self._typed.items() if isinstance(key[0], SocketDoor))
+        return any(is_word(first_word(line), known) for line in lines for known in MOVES)
+
+    def said(self, text: str, key: Key, may: str) -> None:
+        """A line was typed at a door that may do so much; key: of the answer to come."""
+        word = first_word(text)
+        judge, now_s = self._story.cell.judge, self._story.stamp_s()
+        if is_word(word, "stop"):
+            self.stop(f"`{text}`")
+        alone = len(text.split()) == 1
+        aborts = alone and is_word(word, "abort")
+        if aborts:
+            judge.stop_received(now_s, f"`{text}`")
+        if aborts or is_word(word, "stop"):
+            self._stopping.add(key)
+            self._tell(False)
+            if not isinstance(key[0], SocketDoor):  # a terminal tells no answers apart
+                self._story.loop.call_later(STOPPED_S, self._stop_over, key)
+        if may == "look":
+            return
+        self._held_or_not(text, key, now_s)
+        if alone and is_word(word, "disable"):
+            self.enabled = False
+        if is_word(word, "enable"):
+            self._enabling[key] = text
+        if is_word(word, "resume"):
+            self._resuming.add(key)
+        if is_word(word, "hand") or is_word(word, "robot"):
+            self._by_hand[key] = None
+            judge.may_drop(now_s)
+        elif any(is_word(word, known) for known in MOVES):
+            self._by_hand = {line: status for line, status in self._by_hand.items() if status is None}
+            judge.may_drop(now_s, bool(self._by_hand))
+        if is_word(word, "robot"):
+            judge.by_hand(now_s, text.partition("onitor")[2].strip())
+        self._tell(any(is_word(word, known) for known in MOVES))
+
+    def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
+        """What lets moves go counts as it is typed, and as it is done; what holds them, when it is done."""
+        self._typed[key] = text, self._resumed
+        self._let_go(text, now_s)
+        if is_word(first_word(text), "confirm") or text.lower().startswith("y"):
+            self._story.cell.judge.yes(now_s)
+
+    def _let_go(self, text: str, now_s: float) -> None:
+        word, judge = first_word(text), self._story.cell.judge
+        if is_word(word, "resume"):
+            self._resumed += 1
+            judge.held(now_s, False)
+        if is_word(word, "step") and "on" not in text.split():
+            self._resumed += 1
+            judge.each_asked(now_s, False)
+        if is_word(word, "dry") and "on" not in text.split():
+            self._resumed += 1
+            self._dry = False
+
+    def _holds(self, key: Key) -> None:
+        """A line is done that may hold what moves."""
+        text, resumed = self._typed.get(key, ("", 0))
+        word, judge, now_s = first_word(text), self._story.cell.judge, self._story.stamp_s()
+        self._let_go(text, now_s)
+        if resumed != self._resumed:  # which was done first nobody knows
+            return
+        if is_word(word, "pause"):
+            judge.held(now_s, True)
+        if is_word(word, "step") and "on" in text.split():
+            judge.each_asked(now_s, True)
+        if is_word(word, "dry") and "on" in text.split():
+            self._dry = True
+
+    def answered(self, key: Key, text: str, status: int) -> None:
+        """What came of a line."""
+        if status == 0:
+            self._holds(key)
+        self._typed.pop(key, None)
+        self._stopping.discard(key)
+        if self._enabling.pop(key, None) is not None and status == 0:
+            self.enabled = True
+        if key in self._by_hand:
+            self._by_hand[key] = status
+            if status == 0:
+                del self._by_hand[key]
+                self._story.cell.judge.may_drop(self._story.stamp_s(), bool(self._by_hand))
+        if key in self._resuming:
+            self._resuming.discard(key)
+            if status == 0:
+                self._stopped = False
+        if status == 0 and "Going on; `auto off`" in text:
+            self.enabled = True
+        self._tell("Going on; `auto off`" in text)
+
+    def agreed(self, question: str) -> None:
+        """A yes to a question."""
+        self._story.cell.judge.yes(self._story.stamp_s())
+        if "Let the arm move" in question:
+            self.enabled = True
+        self._tell(True)
+
+    def pressed(self, keys: str) -> None:
+        """What a person types to the controller is theirs, and so is a line of which something was rubbed out."""
+        judge, now_s, line = self._story.cell.judge, self._story.stamp_s(), keys.strip()
+        for end in range(1, len(line) + 1):
+            judge.by_hand(now_s, line[:end])
+        judge.yes(now_s)
+        judge.may_drop(now_s)
+        self._tell(True)
+
+    def stop(self, why: str) -> None:
+        """Somebody wants it to stop, or the daemon says that a fault stands."""
+        self._stopped = True
+        self._resuming.clear()
+        self._received(why)
+
+    def interrupted(self) -> None:
+        """Control-C: a stop, until it is known that there was nothing to stop."""
+        self._in_doubt += 1
+        self._received("control-C")
+
+    def settled(self, stopped: str | None) -> None:
+        """What came of a control-C; None: it found nothing to stop, and left no fault."""
+        self._in_doubt -= 1
+        if stopped is None:
+            self._tell(True)
+        else:
+            self.stop(stopped)
+
+    def _received(self, why: str) -> None:
+        self._by_hand = dict.fromkeys(self._by_hand, 1)
+        self._story.cell.judge.stop_received(self._story.stamp_s(), why)
+        self._tell(False)
+
+    def _stop_over(self, key: Key) -> None:
+        self._stopping.discard(key)
+        self._tell(False)
+
+    def gone(self, door: SocketDoor) -> None:
+        """Nobody is there any more who could read what came of a stop."""
+        self._stopping = {key for key in self._stopping if key[0] is not door}
+        self._tell(False)
+
+    def over(self) -> None:
+        """The daemon ends, and what was said to it with it."""
+        self.enabled = self._dry = False
+        self._enabling.clear()
+        self._resuming.clear()
+        self._stopping.clear()
+        self._typed.clear()
+        self._story.cell.judge.held(self._story.stamp_s(), False)
+        self._story.cell.judge.each_asked(self._story.stamp_s(), False)
+        self._tell(False)
+
+    def _tell(self, wanted: bool) -> None:
+        tries = self.allowed and (bool(self._enabling) or self._sent_off)
+        self._story.cell.judge.stop_tried(self._story.stamp_s(), bool(self._stopping) or tries)
+        self._story.may_move(self.allowed, wanted)
+
+
+def first_word(text: str) -> str:
+    """What the daemon may take for the command, however it is quoted."""
+    try:
+        words = shlex.split(text, comments=True)
+    except ValueError:
+        words = text.split()
+    return words[0].lower() if words else ""
+
+
+def is_word(typed: str, name: str) -> bool:
+    """Whether what was typed may be taken for a command: all of it, or its beginning."""
+    return typed == name or (len(typed) >= 3 and name.startswith(typed))
+
+
+@dataclass(eq=False)
+class SocketDoor:
+    """One operator at the daemon's socket."""
+
+    story: Story
+    asks: bool
+    may = "all"
+    line: socket.socket | None = None
+    question: tuple[int, str] | None = None
+    heard: bytes = b""
+    at_controller: bool = False
+    """Whether what is typed here goes to the controller."""
+    number: int = 0
+    answered: int = 0
+    interrupts: int = 0
+    stops: int = 0
+    """Control-Cs, and stops typed as answers, of which nothing was said yet."""
+    withdrawn: list[Key] = field(default_factory=list)
+    """What else was typed as an answer and takes the leave to move, of which nothing was said yet."""
+
+    def open(self) -> None:
+        """Connect, where there is a daemon."""
+        self.close()
+        line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            line.connect(str(self.story.folder / "facetd.sock"))
+        except OSError:
+            line.close()
+            return
+        line.setblocking(False)
+        self.line = line
+        self.story.loop.add_reader(line, self.hear)
+        self.send({"notices": True})
+
+    def close(self) -> None:
+        """Hang up."""
+        if self.line is not None:
+            self.story.loop.remove_reader(self.line)
+            self.line.close()
+        self.line, self.question, self.heard, self.at_controller = None, None, b"", False
+        self.story.words.gone(self)
+        while self.interrupts > 0:  # nobody reads what came of it; where there was a stop, its fault is told all
+            self._settled(None)
+        self.stops, self.withdrawn = 0, []
+
+    @property
+    def waits(self) -> bool:
+        """Whether something typed here is not answered yet."""
+        return self.line is not None and self.answered < self.number
+
+    def say(self, text: str) -> None:
+        """Type a command."""
+        self.number += 1
+        if self.send({"do": text, "id": self.number, "asks": self.asks, "waits": True}):
+            self.story.words.said(text, (self, self.number), self.may)
+
+    def answer(self, text: str) -> None:
+        """Type an answer to what is asked; where nothing is, to nothing."""
+        number, question = self.question or (None, "")
+        if self.send({"answer": text, "id": number}):
+            word = first_word(text)
+            if is_word(word, "stop"):
+                self.stops += 1
+                self.story.words.stop("an answer")
+            elif len(text.split()) == 1 and (is_word(word, "disable") or is_word(word, "abort")):
+                self.withdrawn.append((self, f"{text} {self.number}"))
+                self.story.words.said(text, self.withdrawn[-1], self.may)
+            elif text.lower().startswith("y"):
+                self.story.words.agreed(question)
+
+    def throw(self, data: bytes) -> None:
+        """What nobody types; at the controller's own terminal it may be keys all the same."""
+        self.send_bytes(data)
+        if self.at_controller and b'"keys"' in data:
+            self.story.words.pressed(json.loads(data)["keys"])
+
+    def press(self, keys: str) -> None:
+        """Keys at the controller's own terminal; where it is not open, to nobody."""
+        if self.send({"keys": keys}):
+            self.story.words.pressed(keys)
+
+    def interrupt(self) -> None:
+        """Control-C."""
+        if self.send({"interrupt": True}):
+            self.interrupts += 1
+            self.story.words.interrupted()
+
+    def _settled(self, stopped: str | None) -> None:
+        self.interrupts -= 1
+        self.story.words.settled(stopped)
+
+    def send(self, message: dict[str, Any]) -> bool:
+        """One message; False where nobody is there."""
+        return self.send_bytes(json.dumps(message).encode() + b"\n")
+
+    def send_bytes(self, data: bytes) -> bool:
+        """Any bytes."""
+        if self.line is None:
+            return False
+        try:
+            self.line.send(data)
+        except OSError:
+            self.close()
+            return False
+        return True
+
+    def hear(self) -> None:
+        """Read what was said."""
+        while self.line is not None:
+            try:
+                data = self.line.recv(1 << 16)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self.close()
+                return
+            self.heard += data
+        *lines, self.heard = self.heard.split(b"\n")
+        for line in lines:
+            self._take(json.loads(line))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "ask" in message:
+            self.question = message["id"], message["ask"]
+        elif "unasked" in message:
+            self.question = None
+        elif "terminal" in message:
+            self.at_controller = bool(message["terminal"])
+        elif "fetch" in message:
+            self.send({"no_file": "there is none"})
+        elif "stopped" in message:
+            self.story.told(message["stopped"], AT_REST)
+            if message["stopped"] == "Nothing moves.":
+                self._settled(None)
+            elif self.withdrawn:  # one that was typed as an answer
+                self.story.words.answered(self.withdrawn.pop(0), message["stopped"], 0)
+            elif self.stops:  # and so was this
+                self.stops -= 1
+            else:
+                self._settled(message["stopped"])
+        elif "done" in message:
+            done = message["done"]
+            self.story.told(done["text"], AT_REST if done["status"] == 0 else ())
+            if "id" in message:  # what is no message has none, and says nothing of a line typed before it
+                self.answered = max(self.answered, message["id"])
+                self.story.words.answered((self, message["id"]), done["text"], done["status"])
+        elif "notice" in message:
+            self.story.told(message["notice"])
+            if message["notice"].startswith("FAULT"):
+                self.story.words.stop(message["notice"])
+
+
+@dataclass(eq=False)
+class SerialDoor:
+    """An operator at the serial terminal, of which the daemon has the other end."""
+
+    story: Story
+    may: str
+    question = None
+
+    def __post_init__(self) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+
+    def say(self, text: str) -> None:
+        """Type a line, and words typed ahead in it."""
+        for line in text.splitlines():
+            self.story.words.said(line, (self, line), self.may)
+        self.send_bytes(text.encode("latin-1", "replace") + b"\r")
+
+    answer = say
+
+    def interrupt(self) -> None:
+        """Control-C: here it is not told whether there was anything to stop; so only what is said of it counts."""
+        self.send_bytes(b"\x03")
+
+    def send_bytes(self, data: bytes) -> bool:
+        """Type, and see that it arrived: a terminal takes its own time for that."""
+        while True:
+            try:
+                os.write(self._master, data)
+                break
+            except BlockingIOError:
+                self.hear()
+        if self.story.alive:
+            select.select([self._slave], [], [], 0.2)
+        return True
+
+    def throw(self, data: bytes) -> None:
+        """What nobody types."""
+        self.send_bytes(data)
+
+    def open(self) -> None:
+        """It is never away."""
+
+    def hear(self) -> None:
+        """Take from the line what is shown. Nothing is concluded from it, because a terminal shows it when it likes:
+        what is typed here counts as being done until the next stop."""
+        while True:
+            try:
+                os.read(self._master, 1 << 16)
+            except BlockingIOError:
+                return
+
+    def close(self) -> None:
+        """Take the terminal away."""
+        os.close(self._master)
+        os.close(self._slave)
+
+
+class AtOnce:
+    """The run log's writer without a thread, for which nobody here waits either."""
+
+    waiting = 0
+
+    def __init__(self, name: str) -> None:
+        pass
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do it."""
+        job()
+
+    def end(self, timeout_s: float) -> bool:
+        """Nothing is left to do."""
+        return True
+
+
+class NoSyncer:
+    """What is written is on the disk, without a thread that sees to it."""
+
+    def __init__(self, every_s: float, done: object) -> None:
+        pass
+
+    def take(self, file: object) -> None:
+        """It is there."""
+
+    def hurry(self) -> None:
+        """It is there."""
+
+    def settled(self, timeout_s: float) -> bool:
+        """It is."""
+        return True
+
+    def stop(self) -> None:
+        """Nothing is left to do."""
+
+
+class BareTable(SimulatedHand):
+    """Strews no parts when the daemon starts."""
+
+    def scatter(self, labels: Sequence[str] = ()) -> None:
+        """Strew those told by name."""
+        super().scatter(labels)
+
+
+_READ: dict[tuple[str, bytes], Any] = {}
+
+
+def read_once(load: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """A reader that remembers what the same bytes held: the daemon is started every few steps, on files that seldom
+    change. What it cannot read is read each time."""
+
+    def reading(path: Path) -> Any:
+        key = load.__qualname__, path.read_bytes()
+        if key not in _READ:
+            _READ[key] = load(path)
+        return _READ[key]
+
+    return reading
+
+
+class Story:
+    """A daemon, its cell and its operators, from the first to the last of what happens to them."""
+
+    def __init__(self, may: str = "all", holds: bool = False, parts: bool = False, prompt_at_end: bool = False) -> None:
+        """may: of the terminal; holds: a part is in the hand to begin with; parts: some lie on the table."""
+        base = "/dev/shm" if os.path.isdir("/dev/shm") else None
+        self.folder = Path(tempfile.mkdtemp(prefix="facetd-", dir=base))
+        self.loop, self.set_by_s, self._parts = SimulatedLoop(), 0.0, parts
+        self._patches = [
+            patch.object(time, "monotonic", self.loop.time),
+            patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
+            patch.object(build_room, "build", self._build),
+            patch.object(journal, "tell", lambda *_, **__: None),
+            patch.object(moving, "POLL_S", SLICE_S),
+            patch.object(runlog, "_Worker", AtOnce),
+            patch.object(runlog, "Syncer", NoSyncer),
+            *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
+        ]
+        for each in self._patches:
+            each.start()
+        asyncio.set_event_loop(self.loop)
+        self.terminal = SerialDoor(self, may)
+        self.sockets = [SocketDoor(self, asks) for asks in (True, True, False)]
+        self.doors: list[SocketDoor | SerialDoor] = [*self.sockets, self.terminal]
+        _write_files(self.folder, self.terminal)
+        manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
+        self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
+        self.cell.judge.no_faster_than(0.0, FASTEST)
+        self.words, self._stamp_s = Words(self), 0.0
+        self._deaf, self._clear_s = False, 0.0
+        self._live: asyncio.Task[int] | None = None
+        self.texts: list[str] = []
+        self.start()
+        if holds:
+            tool = self.cell.world_from_tool()
+            self.cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+            self.cell.world.close_hand(tool)
+            self.cell.controller.machine.hand_closed = True
+            self.sockets[0].say("holding yes")
+            self.wait(0.1)
+
+    @property
+    def now_s(self) -> float:
+        """The cell's time."""
+        return self.loop.time()
+
+    def stamp_s(self) -> float:
+        """The moment of what is typed now: after all that was typed before."""
+        self._stamp_s = max(self.now_s, self._stamp_s) + MOMENT_S
+        return self._stamp_s
+
+    @property
+    def alive(self) -> bool:
+        """Whether a daemon runs."""
+        return self._live is not None and not self._live.done()
+
+    @property
+    def at_work(self) -> bool:
+        """Whether the arm would go where it is sent. Nothing is judged by this."""
+        context, machine = self._service.context, self.cell.controller.machine
+        if not self.alive or context is None or self.cell.controller.question is not None:
+            return False
+        state = context.cycle.status()
+        held = any(state[name] for name in ("fault", "stopping", "paused", "step", "dry", "pending"))
+        return bool(state["enabled"]) and not held and machine.arm_power and machine.calibrated
+
+    def start(self) -> None:
+        """Start the daemon, as systemd would: again, where a device could not be had."""
+        if self.alive:
+            return
+        for _ in range(STARTS):
+            self._service = Service(self.folder / "facetd.yaml", simulated=True)
+            self._live = self.loop.create_task(self._service.run())
+            while self.alive and self.sockets[0].line is None:
+                self._run(0.5)
+                self.sockets[0].open()
+            if self.alive:
+                break
+            assert self._live.result() == NO_DEVICE
+            self._run(5.0)
+        for door in self.sockets[1:]:
+            door.open()
+        if not self._parts:
+            self.cell.clear()
+
+    def wait(self, seconds: float) -> None:
+        """Time passes."""
+        until_s = self.now_s + seconds
+        while True:
+            left_s = max(0.0, until_s - self.now_s)
+            self._run(min(SLICE_S, left_s) if self._may_be_deaf else left_s)
+            self.terminal.hear()
+            self._see_the_line()
+            if self.now_s >= until_s - 1e-6:
+                return
+
+    def wait_for(self, door: SocketDoor, seconds: float) -> None:
+        """Time passes until what was typed at a door is answered, or it asks; no more than so much."""
+        until_s = self.now_s + seconds
+        while door.waits and door.question is None and self.now_s < until_s:
+            self.wait(SLICE_S)
+
+    def hang(self, seconds: float) -> None:
+        """The computer does nothing for a while."""
+        self.harm()
+        self.loop.sleep(seconds)
+        self.wait(0.0)
+
+    def may_move(self, allowed: bool, wanted: bool) -> None:
+        """What the operators' words come to; wanted: somebody asked for motion now."""
+        if allowed != self._allowed or (allowed and wanted):
+            self.cell.judge.may_move(self.stamp_s(), allowed)
+        self._allowed = allowed
+
+    _allowed = False
+
+    def told(self, text: str, at_rest: tuple[str, ...] = ()) -> None:
+        """Somebody was told something; at_rest: with which words it would say that the arm is at rest."""
+        if text.startswith(at_rest):
+            self.cell.judge.said_to_rest(self.now_s, text)
+        self.texts = [*self.texts[-20:], text]
+
+    def harm(self, act: Callable[[], object] = lambda: None) -> None:
+        """Something happens to the line or the controller: for a while a stop may not get through."""
+        if not self._deaf:
+            self.cell.judge.line(self.now_s, hears=False)
+        self._deaf, self._clear_s = True, self.now_s
+        act()
+
+    def mishap(self, what: Mishap) -> None:
+        """Something happens to the controller."""
+        with self.cell.server.controller() as controller:
+            self.harm(lambda: controller.mishap(what))
+
+    def repair(self) -> None:
+        """Somebody goes and puts line, power and controller right."""
+        faults = self.cell.controller.faults
+        faults.line.clear()
+        faults.in_move.clear()
+        faults.refusals.clear()
+        faults.noise_rate = faults.split_prompt_s = 0.0
+        faults.mute_answers = 0
+        self.cell.server.unplugged = False  # type: ignore[union-attr]
+        with self.cell.server.controller() as controller:
+            controller.machine.alive = True
+            controller.machine.switch_arm_power_on()
+
+    def write_config(self, **changes: Any) -> None:
+        """Another configuration, which nobody has read yet."""
+        _write_config(self.folder, self.terminal, **changes)
+
+    def hang_up(self) -> None:
+        """SIGHUP: read the configuration."""
+        if self.alive:
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    def terminate(self) -> int:
+        """SIGTERM, and the daemon's whole end; its exit status."""
+        if not self.alive:
+            return 0
+        assert self._live is not None
+        os.kill(os.getpid(), signal.SIGTERM)
+        self.cell.judge.stop_received(self.stamp_s(), "SIGTERM")
+        self.words.over()
+        began_s = self.now_s
+        while self.alive and self.now_s < began_s + 3 * END_S:
+            self.wait(SLICE_S)
+        assert not self.alive, "it does not end"
+        assert self.now_s - began_s <= END_S, f"it took {self.now_s - began_s:.1f} s to end"
+        return self._live.result()
+
+    def violations(self) -> tuple[Violation, ...]:
+        """What the arm did that it must never do."""
+        return self.cell.violations()
+
+    def close(self) -> tuple[Violation, ...]:
+        """The end of the story, and what was found up to it."""
+        try:
+            self.repair()
+            status = self.terminate()
+            for task in asyncio.all_tasks(self.loop):
+                task.cancel()
+            self._run(0.0)
+            assert status in (0, 2), f"it ended with status {status}"
+            return self.violations()
+        finally:
+            for door in self.doors:
+                door.close()
+            for each in self._patches:
+                each.stop()
+            self.loop.close()
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _run(self, seconds: float) -> None:
+        self.loop.call_later(seconds, self.loop.stop)
+        self.loop.run_forever()
+
+    @property
+    def _may_be_deaf(self) -> bool:
+        return self._deaf or bool(self.cell.controller.faults.in_move)
+
+    def _see_the_line(self) -> None:
+        faults, machine = self.cell.controller.faults, self.cell.controller.machine
+        harmed = bool(faults.line or faults.noise_rate or faults.mute_answers or faults.split_prompt_s)
+        if harmed or self.cell.server.unplugged or not machine.alive:  # type: ignore[union-attr]
+            self.harm()
+        elif self._deaf and self.now_s > self._clear_s + HARMED_S:
+            self._deaf = False
+            self.cell.judge.line(self.now_s, hears=True)
+
+    def _build(self, config: Config, on_wire: Any, clock: Any = None) -> Hardware:
+        """daemon/cell/build.py's simulated hardware, but for the line and the clock."""
+        geometry, manners = arm_geometry(config), dialect(config)
+        link = Link(
+            "memory",
+            manners,
+            self.loop.time,
+            on_wire,
+            partial(belongs_together, geometry),
+            self.cell.server.open,  # type: ignore[union-attr]
+        )
+        kind = SimulatedHand if self._parts else BareTable
+        hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
+        eyes = ThreadedEyes(self.cell.camera, self.loop.time)
+        return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
+
+
+def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
+    keep_out = [{"name": "post", "low_mm": [v - SPARE_MM for v in POST["low_mm"]],
+                 "high_mm": [v + SPARE_MM for v in POST["high_mm"]]}]  # fmt: skip
+    room = _shipped_room()
+    limits = {"max_speed_pct": FASTEST, "keep_out": keep_out, **room, **pick.pop("limits", {})}
+    values = {
+        "version": 1,
+        "folders": {"state": "state", "runtime": "."},
+        "files": {"model": "model.npz"},
+        "simulated": {"truth": "simcell.yaml", "seed": 7},
+        "pick": {"travel_pct": FASTEST, "near_pct": SLOWEST, **pick, "limits": limits},
+        "console": {"tty": {"device": terminal.device, "may": terminal.may}},
+        "health": {"camera_silence_s": 600},
+        "log": {"keep_free_mb": 0, "sync_s": 60},
+    }
+    (folder / "facetd.yaml").write_bytes(yaml.dump(values, Dumper=yaml.CSafeDumper, encoding="utf-8"))
+
+
+@cache
+def _shipped_room() -> dict[str, list[float]]:
+    """Walls and ceiling of the cell of etc/, as its configuration has them."""
+    limits = yaml.safe_load((ETC / "facetd.yaml").read_text(encoding="utf-8"))["pick"]["limits"]
+    return {name: limits[name] for name in ("room_low_mm", "room_high_mm")}
+
+
+def _write_files(folder: Path, terminal: SerialDoor) -> None:
+    for name, content in cell_files().items():
+        (folder / name).write_bytes(content)
+    _write_config(folder, terminal)
+
+
+@cache
+def cell_files() -> dict[str, bytes]:
+    """The cell of etc/ with smaller images, a post in it, and the parts of the demo taught."""
+    truth = yaml.safe_load((ETC / "simcell.yaml").read_text(encoding="utf-8"))
+    believed = yaml.safe_load((ETC / "calibration.yaml").read_text(encoding="utf-8"))
+    for eyes in (truth, believed):
+        eyes["image_size"] = [round(PIXELS * n) for n in eyes["image_size"]]
+        for eye in (eyes["left"], eyes["right"]):
+            matrix = PIXELS * np.array(eye["camera_matrix"])
+            matrix[:2, 2] += (PIXELS - 1) / 2
+            matrix[2] = 0.0, 0.0, 1.0
+            eye["camera_matrix"] = matrix.tolist()
+    truth["safety"]["keep_out"] = [POST]
+    files = {name: (ETC / name).read_bytes() for name in ("facets.yaml", "parts.yaml")}
+    files["simcell.yaml"] = yaml.safe_dump(truth).encode()
+    files["calibration.yaml"] = yaml.safe_dump(believed).encode()
+    with tempfile.TemporaryDirectory() as place:
+        for name, content in files.items():
+            (Path(place) / name).write_bytes(content)
+        files["model.npz"] = models.to_bytes(_taught(Path(place)))
+    return files
+
+
+def _taught(folder: Path) -> Any:
+    loop = SimulatedLoop()
+    cell = SimulatedCell(folder / "simcell.yaml", 7, loop=loop)
+    cell.camera.open()
+    rig = load_calibration(folder / "calibration.yaml").rig
+    model = empty_model(load_facets(folder / "facets.yaml"))
+    for label, view, facets in VIEWS:
+        if label not in TAUGHT:
+            continue
+        cell.place_for_teaching(label, view)
+        for _ in range(TRIES):
+            loop.sleep(0.1)
+            pair = cell.camera.grab(loop.time(), 1.0)
+            groups = Recogniser(model, rig).see(pair.left.pixels, pair.right.pixels).view.groups
+            group = max(groups, key=lambda g: len(g.facets), default=None)
+            if group is not None and len(group.facets) == len(facets):
+                model = learn_view(model, group, label)
+                break
+    cell.stop()
+    loop.close()
+    return model

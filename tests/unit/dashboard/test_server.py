@@ -1,0 +1,139 @@
+"""The live page in a browser, from its own server: shown, changing as it happens, away and back with the daemon."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daemon.dashboard import server
+from daemon.dashboard.follow import RunFollower
+from daemon.dashboard.now import Now
+from tests.fakes.made_run import MadeRun, part
+from tests.fakes.told_daemon import ToldDaemon
+
+pytestmark = pytest.mark.slow
+uvicorn = pytest.importorskip("uvicorn", reason="the extra `live` is not installed")
+pytest.importorskip("starlette", reason="the extra `live` is not installed")
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[int]:
+    """A page served in a thread, following tmp_path/sock."""
+    from daemon.dashboard.server import LOOPBACK, app
+
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        number = int(free.getsockname()[1])
+    config = uvicorn.Config(
+        app(tmp_path / "sock"), LOOPBACK, number, log_level="error", timeout_graceful_shutdown=1, lifespan="on"
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        time.sleep(0.02)
+    yield number
+    server.should_exit = True
+    thread.join(5)
+
+
+@pytest.fixture
+def do() -> Iterator[Callable[[Any], None]]:
+    """Does something in a loop that goes on in a thread of its own."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    yield lambda work: asyncio.run_coroutine_threadsafe(work, loop).result(5)
+    asyncio.run_coroutine_threadsafe(_end_others(), loop).result(5)
+    loop.call_soon_threadsafe(loop.stop)
+    thread.join(5)
+    loop.close()
+
+
+async def _end_others() -> None:
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 15
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_person_watches_a_pick_and_the_daemons_restart(
+    port: int, tmp_path: Path, browser: Any, do: Callable[[Any], None]
+) -> None:
+    made = MadeRun(tmp_path / "20260101T000000Z")
+    made.pick(label="pyramid")
+    made.log.settle()
+
+    def text() -> str:
+        return str(browser.find_element("tag name", "body").text)
+
+    daemon = ToldDaemon(tmp_path / "sock", made.folder)
+    do(daemon.open())
+    browser.get(f"http://127.0.0.1:{port}/")
+    until(lambda: "pyramid" in text() and "2 picked" in text())
+    until(lambda: browser.execute_script("return [...document.images].filter(i => i.naturalWidth).length") == 2)
+    assert len(browser.find_elements("css selector", ".eye polygon.facet")) == 2
+    made.cycle += 1
+    made.look("approach", part("pentagonal_prism"), stop=1)
+    until(lambda: "pentagonal_prism" in text())
+    do(daemon.close())
+    until(lambda: "No daemon answers" in text())
+    assert "pentagonal_prism" in text()
+    again = ToldDaemon(tmp_path / "sock", made.folder)
+    do(again.open())
+    until(lambda: "idle" in text())
+    assert browser.get_log("browser") == []
+    browser.get("about:blank")
+    do(again.close())
+    made.close()
+
+
+def test_it_answers_this_machine_alone_and_takes_nothing(port: int) -> None:
+    def ask(path: str, **how: Any) -> int:
+        try:
+            request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", **how)
+            with urllib.request.urlopen(request, timeout=5) as answer:
+                return int(answer.status)
+        except urllib.error.HTTPError as error:
+            return error.code
+
+    assert ask("/") == 200
+    assert ask("/", headers={"Host": "evil.example"}) == 400
+    assert ask("/", method="POST", data=json.dumps({"do": "enable"}).encode()) == 405
+    assert ask("/picture/0/..%2f..%2fetc%2fpasswd") == 404
+
+
+def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "SEND_S", 0.01)
+    now = Now()
+    now.pictures = {7: {"left": "left.png"}}
+    run = RunFollower(now)
+    run.folder = tmp_path
+
+    async def story() -> tuple[bytes | None, bytes | None]:
+        asking = asyncio.create_task(server.written(run, 7, "left"))
+        await asyncio.sleep(0.05)
+        assert not asking.done()
+        (tmp_path / "left.png").write_bytes(b"a picture")
+        return await asking, await server.written(run, 7, "right")
+
+    assert asyncio.run(story()) == (b"a picture", None), "what nobody told of is not waited for"
