@@ -25,7 +25,6 @@ STRANGER = 0.5  # how often something never taught lies in view
 REGULAR = 0.5  # how often it is as regular as the facets' types say; else its right angles are all that is regular
 SPAN = np.log(8.0)  # sizes of parts are spread over a factor of eight, evenly in their logarithm
 NOISE_SIGMA, NOISE_DOF = 1.1, 12.0  # corner errors over predicted ones: what they usually are, worth so many measured
-ASTRAY = 0.05  # how often a corner is measured quite wrongly
 
 
 def ways_tried(seen: Polyhedron, metric: Mapping[str, MetricModel], types: Sequence[str] = ()) -> int:
@@ -51,15 +50,12 @@ def _places(solid: Polyhedron, typed: bool) -> Counter[tuple[str, ...]]:
 def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[float]:
     """Probability of each of the fits, which explain every facet: against each other and against strangers, whose it is
     what is left."""
-    best = min(fits, key=lambda h: (h.astray >= 0, h.chi2))
+    best = min(fits, key=lambda h: h.chi2)
     stranger, noise2 = by_chance(seen, best, model)
     odds = list[float]()
     for h in fits:
-        better = (best.chi2 - h.chi2) / (2 * noise2) if (h.astray >= 0) == (best.astray >= 0) else np.log(ASTRAY)
         as_many = len(symmetries(model.metric[h.label].solid)[0])
-        odds.append(as_many * float(np.exp(min(better, 0.0))))
-    if best.astray >= 0:
-        stranger *= len(seen.corners_mm) / ASTRAY
+        odds.append(as_many * float(np.exp((best.chi2 - h.chi2) / (2 * noise2))))
     stranger *= STRANGER / (1 - STRANGER)
     total = sum(odds) + stranger
     return [weight / total for weight in odds]
@@ -82,9 +78,6 @@ def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, f
     there = frames.apply(fit.pose, taught.corners_mm[fit.corners])
     doubt = seen.covariance_mm2 + turn @ taught.covariance_mm2[fit.corners] @ turn.T + tolerance_mm**2 * np.eye(3)
     weight = np.asarray(np.linalg.inv(doubt))
-    used = len(there)
-    if fit.astray >= 0:
-        weight[fit.astray], used = 0.0, used - 1
     residual = seen.corners_mm - there
     types = [taught.types[k] for k in fit.facets] if taught.types else [""] * len(fit.facets)
     corner, following, _ = seen.steps
@@ -92,7 +85,7 @@ def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, f
     free, regular = (
         FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(there, seen, types, model.library)
     )
-    dof = 3 * used - len(free.covariance) - 6
+    dof = 3 * len(there) - len(free.covariance) - 6
     noise2 = (NOISE_DOF * NOISE_SIGMA**2 + free.least) / (NOISE_DOF + max(dof, 0))
     return sum(
         share * ways_tried(seen, model.metric, kinds) * float(np.exp(-sizes.nats(noise2, range_mm)))

@@ -7,7 +7,7 @@ believed is said in recognise.py.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -22,8 +22,6 @@ SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, ta
 CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
 SURE = 3.0  # how many predicted errors a distance may be off
 SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
-SECOND_CHANCES = 8  # how many hypotheses are tried again without one corner
-ASTRAY_MM = 12.0  # how far a corner may lie off that is left out: farther, and it is another shape
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
 
 
@@ -33,7 +31,6 @@ class Hypothesis:
 
     facets: the taught facet behind each seen one, or -1; corners (K,): the taught corner behind each seen one, or -1.
     tail: probability that a right hypothesis fits this badly or worse. rms_mm: distance of matched corners.
-    astray: the one seen corner that the fit leaves out because it was measured wrongly, or -1.
     """
 
     label: str
@@ -44,7 +41,6 @@ class Hypothesis:
     chi2: float
     dof: int
     rms_mm: float
-    astray: int = -1
 
     @property
     def explained(self) -> int:
@@ -162,32 +158,6 @@ def _distances(corners: Array) -> Array:
 def _pairs(count: int) -> tuple[Index, Index]:
     """Every two of so many."""
     return np.triu_indices(count, 1)
-
-
-def without_one_corner(
-    seen: Polyhedron, metric: Mapping[str, MetricModel], near: tuple[Hypothesis, ...], tolerance_mm: float
-) -> tuple[Hypothesis, ...]:
-    """The best hypotheses again, each without any one corner: a side fitted to the wrong edge spoils one corner.
-
-    Only corners without which every facet still has three, and that lie no farther off than a wrong edge would put
-    them. Those of each hypothesis that fit best come back, smallest chi-square first.
-    """
-    ways, left_out = [], []
-    for h in near[:SECOND_CHANCES]:
-        for k in np.nonzero(h.corners >= 0)[0]:
-            if all(len(ring) > 3 for ring in seen.facets if k in ring):
-                ways.append((h.label, Correspondence(h.facets, h.corners)))
-                left_out.append(int(k))
-    if not ways:
-        return ()
-    matched = _matched(seen, metric, ways)
-    used = matched[4].copy()
-    used[np.arange(len(ways)), left_out] = False
-    fits = fit_poses(*matched[:4], used, tolerance_mm)
-    turned = matched[2] @ fits.poses[:, :3, :3].transpose(0, 2, 1) + fits.poses[:, None, :3, 3]
-    off = np.linalg.norm(seen.corners_mm - turned, axis=2)[np.arange(len(ways)), left_out]
-    found = [replace(_hypothesis(way, fits, i), astray=left_out[i]) for i, way in enumerate(ways) if off[i] < ASTRAY_MM]
-    return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
 
 
 def _hypothesis(way: Way, fits: Fits, i: int) -> Hypothesis:

@@ -15,7 +15,7 @@ from daemon.vision.recognition.fits import Hypothesis
 def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: Hypothesis, tolerance_mm: float) -> Array:
     """(K, 3) mm: each measured corner drawn towards where the fitted model has it.
 
-    A corner without a counterpart stays where it was measured; one left out of the fit goes where the model has it.
+    A corner without a counterpart stays where it was measured.
     """
     matched = np.nonzero(fit.corners >= 0)[0]
     turn, shift = fit.pose[:3, :3], fit.pose[:3, 3]
@@ -23,7 +23,6 @@ def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: Hypothesis, t
     expected = taught.corners_mm[there] @ turn.T + shift
     doubt = turn @ taught.covariance_mm2[there] @ turn.T + tolerance_mm**2 * np.eye(3)
     gain = doubt @ np.linalg.inv(doubt + seen.covariance_mm2[matched])
-    gain[matched == fit.astray] = 0.0
     corners = seen.corners_mm.copy()
     corners[matched] = expected + (gain @ (seen.corners_mm[matched] - expected)[..., None])[..., 0]
     return corners

@@ -24,7 +24,6 @@ from daemon.vision.recognition.fits import (
     facet_poses,
     fitted,
     lone_ways,
-    without_one_corner,
 )
 from daemon.vision.recognition.likely_corners import most_likely_corners
 from daemon.vision.recognition.recall import Recalled, recalled
@@ -33,7 +32,6 @@ from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
 FARTHEST_MM = 2.5  # rms; a fit no closer than this proves nothing, however unsure the corners are
 SUSPECT_MM = 8.0  # rms; how badly a facet may have been measured of which a part is suspected
-LEAST_TAIL_ASTRAY = 1e-2  # the same where one corner was left out: what remains must fit well
 LEAST_PROBABILITY = 0.9  # below it a part is not named
 EPIPOLAR_PX = 0.25  # a corner farther off its epipolar line than this is less sure than predicted
 HOLLOW_MM = 2.0  # how far in front of a neighbour's plane a facet's middle lies that meets it in a hollow edge
@@ -194,7 +192,7 @@ def _doubted(facet: Facet) -> Facet:
 
 def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[Hypothesis, ...]]:
     """What the memory recalls, and those of its ways that could be, each in its best pose; where none stands that
-    agrees within the errors, of what the vigilance lets by; where none does then, also those without one corner."""
+    agrees within the errors, of what the vigilance lets by."""
     solid, tolerance = seen.group.polyhedron, model.parameters.tolerance_mm
     if len(seen.group.facets) == 1:
         return (), fitted(solid, model.metric, lone_ways(solid, model.metric), tolerance)
@@ -204,9 +202,7 @@ def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[H
         found = fitted(solid, model.metric, [(one.label, one.way) for one in proposed], tolerance)
         if any(_stands(h, seen.group) for h in found):
             return proposed, found
-    whole = tuple(h for h in found if h.explained == len(seen.group.facets))
-    again = without_one_corner(solid, model.metric, whole, tolerance)
-    return proposed, (*(h for h in again if h.tail > LEAST_TAIL_ASTRAY and _stands(h, seen.group)), *found)
+    return proposed, found
 
 
 def _stands(hypothesis: Hypothesis, seen: Group) -> bool:

@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import spread_from, symmetries
 from daemon.vision.model.merge import MetricModel
-from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, without_one_corner
+from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
@@ -105,23 +105,6 @@ def test_the_mirror_image_of_a_part_does_not_fit_it(label: str, seed: int) -> No
     taught = remembered({label: exact(body.corners_mm, body.facets)}, SETTINGS)
     seen = seen_of(body.mirrored(), pose(np.array(VIEWS[0]), 0.7), np.random.default_rng(seed))
     assert all(h.tail < 1e-6 for h in hypotheses(seen, taught, 0.8) if h.explained == len(seen.facets) > 2)
-
-
-def test_one_corner_spoilt_by_a_wrong_edge_is_found_and_left_out() -> None:
-    seen = seen_of(KNOWN["cube"], pose(np.array(VIEWS[0]), 0.4), None)
-    corners = seen.corners_mm.copy()
-    corners[2] += [6.0, -4.0, 3.0]
-    spoilt = Polyhedron(corners, seen.facets, seen.covariance_mm2)
-    near = hypotheses(spoilt, TAUGHT)
-    assert near[0].tail < 1e-6
-    mended = without_one_corner(spoilt, TAUGHT.metric, near, TAU_MM)[0]
-    assert (mended.label, mended.astray) == ("cube", 2)
-    assert mended.tail > 0.5
-    corners[2] += 30.0
-    far = Polyhedron(corners, seen.facets, seen.covariance_mm2)
-    there = hypotheses(far, TAUGHT, 0.8)
-    assert any(h.explained == 3 for h in there)
-    assert all(h.astray != 2 for h in without_one_corner(far, TAUGHT.metric, there, TAU_MM))
 
 
 def test_what_has_no_counterpart_at_all_has_no_hypothesis() -> None:
