@@ -151,14 +151,6 @@ def learn_solids(model: Model, drawn: Sequence[tuple[str, Polyhedron, str]]) -> 
     return known
 
 
-def forget(model: Model, label: str) -> Model:
-    """The model without a part; the others are as if it had never been taught. Raises TeachError for one not known."""
-    if label not in model.labels:
-        raise TeachError(f"no part called {label!r} was taught; known: {', '.join(model.labels) or 'none'}")
-    rest = tuple(v for v in model.views if v.label != label)
-    return relearnt(replace(model, views=rest, metric={k: m for k, m in model.metric.items() if k != label}))
-
-
 def relearnt(model: Model) -> Model:
     """The model with the patterns of its views learnt anew, one after the other; their shapes stay."""
     relations = [_relations(model, model.solid_of(view)) for view in model.views]

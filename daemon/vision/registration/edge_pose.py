@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, sides_of
+from daemon.arrays import Array, Flags
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes, OneEye, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.registration.corner_pose import Fit
 from daemon.vision.registration.edge_adjustment import adjusted
@@ -217,7 +217,7 @@ def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
         ring = shape.facets[index]
-        outlines = (_outline(ring, seen, *_sides_of(ring, seen.edges, seen.on_place)) for seen in observed)
+        outlines = (_outline(ring, seen) for seen in observed)
         found_facets.append(LaidFacet(index, *outlines))
     return found_facets
 
@@ -293,19 +293,11 @@ def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
     return np.asarray(seen.on_place & (sigmas > LEAST_SIGMAS))
 
 
-def _sides_of(ring: Sequence[int], edges: ExpectedEdges, good: Flags) -> tuple[Index, Flags, Flags]:
-    """Which edge each side of a facet is (any, where the eye should not see it), whether it runs the other way there,
-    and whether it is good."""
-    at = {(int(a), int(b)): k for k, (a, b) in enumerate(edges.ends)}
-    pairs = list(sides_of(ring))
-    which = np.array([at.get(p, at.get(p[::-1], -1)) for p in pairs], np.intp)
-    turned = np.array([p not in at and p[::-1] in at for p in pairs], bool)
-    return which, turned, (which >= 0) & np.append(good, False)[which]
-
-
-def _outline(ring: Sequence[int], seen: EdgeObservation, which: Index, turned: Flags, good: Flags) -> SeenCorners:
+def _outline(ring: Sequence[int], seen: EdgeObservation) -> SeenCorners:
     """Most likely corners given the model and the sides that were found."""
     assert seen.sides is not None
+    which, turned = seen.edges.of_ring(ring)
+    good = (which >= 0) & np.append(seen.on_place, False)[which]
     sides = seen.sides.chosen(which, turned)
     doubt_px = float(seen.edges.doubt_px[0])
     normal = across(sides.start, sides.end)

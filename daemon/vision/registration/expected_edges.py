@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, sides_of
 from daemon.vision.image import OneEye, Sides
 from daemon.vision.registration.pose_step import across, corners_in
 
@@ -106,6 +106,13 @@ class ExpectedEdges:
     def lengths_px(self) -> Array:
         """(E,) px."""
         return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    def of_ring(self, ring: Sequence[int]) -> tuple[Index, Flags]:
+        """Which edge each side of a facet is, -1 where none is expected, and which of them run the other way there."""
+        at = {(a, b): k for k, (a, b) in enumerate(self.ends.tolist())}
+        pairs = list(sides_of(ring))
+        which = np.array([at.get(pair, at.get(pair[::-1], -1)) for pair in pairs], np.intp)
+        return which, np.array([pair not in at and pair[::-1] in at for pair in pairs], bool)
 
     def only(self, own: Index, corners: slice) -> ExpectedEdges:
         """The edges of one placement, its corners counted from its first."""

@@ -104,14 +104,11 @@ def _expected(laid: Placements, stretches: Stretches, view: OneEye) -> Array:
 def _hands(solid: Polyhedron, stretches: Stretches, facing: Flags) -> Index:
     """(E, 2) the facing facet before each edge, as across() goes, and the one after it; -1 where there is none."""
     edges = stretches.edges
-    number = {tuple(sorted(pair)): k for k, pair in enumerate(edges.ends.tolist())}
     normal, middle = across(edges.start, edges.end), (edges.start + edges.end) / 2
     hand = np.full((len(normal), 2), -1, np.intp)
     for facet in np.flatnonzero(facing).tolist():
-        ring = solid.rings[facet]
-        centre = edges.corners_px[ring].mean(0)
-        for a, b in zip(ring.tolist(), np.roll(ring, -1).tolist(), strict=True):
-            k = number.get((min(a, b), max(a, b)))
-            if k is not None:
-                hand[k, int((centre - middle[k]) @ normal[k] > 0)] = facet
+        own = edges.of_ring(solid.facets[facet])[0]
+        own = own[own >= 0]
+        centre = edges.corners_px[solid.rings[facet]].mean(0)
+        hand[own, (((centre - middle[own]) * normal[own]).sum(1) > 0).astype(np.intp)] = facet
     return hand

@@ -28,7 +28,7 @@ from daemon.store.model import (
 from daemon.store.npz import unpack
 from daemon.store.outside import FileError
 from daemon.store.places import HOUSE
-from daemon.vision.model.model import Model, TeachError, empty_model, forget, learn_view
+from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise_group
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
@@ -88,10 +88,6 @@ def test_teaching_goes_on_from_a_file_as_from_memory(tmp_path: Path) -> None:
     assert to_bytes(learn_view(load(tmp_path / "model.npz"), view, "pyramid")) == to_bytes(
         learn_view(trained(), view, "pyramid")
     )
-
-
-def test_a_part_forgotten_leaves_the_bytes_it_was_not_in() -> None:
-    assert to_bytes(forget(trained(), "pentagonal_prism")) == to_bytes(trained(VIEWS[:2]))
 
 
 @settings(max_examples=150, deadline=None)
