@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo test test-long check rig bench bench-faults bench-soak clean
+.PHONY: all help setup demo docs test test-long check rig bench bench-faults bench-soak clean
 
 all: setup help
 
@@ -17,6 +17,7 @@ help:
 	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make test-long    10,000 random steps against the judge, whole first days, a hall of cells: minutes"
+	@echo "make docs         the references in docs/, made from the code"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators, first days and years, mutations: tables (a night)"
@@ -63,6 +64,9 @@ test: check
 
 test-long: $(VENV)/.dev
 	$(BIN)/pytest -n 4 --dist worksteal -m long $(TESTS) || [ $$? = 5 ]
+
+docs: $(VENV)/.dev
+	$(BIN)/python -m tests.manuals
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)

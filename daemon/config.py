@@ -41,119 +41,150 @@ GONE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """The simulated cell: its truth, how much faster than life it runs, the seed of its noise (None: a new one), and
-    whether its table has a pattern and the parts on it are printed on, and the file to which its judge writes what the
-    arm did that it must never do (None: nowhere).
-    """
+    """The simulated cell: what it is like, how fast it runs, what its table and parts look like."""
 
     truth: Name = "simcell.yaml"
+    """File that says what the simulated cell is really like: kinematics, lenses, noise, light."""
     time_scale: Annotated[float, Meta(gt=0, le=1000)] = 1.0
+    """How many seconds pass in the cell for each real second."""
     seed: Annotated[int, Meta(ge=0, le=10**15)] | None = None
+    """Seed of the noise and of how parts fall. Unset: a new seed at each start; `status` shows it."""
     table: Literal["plain", "patterned"] = "plain"
+    """What the parts lie on: a plain surface, or wood, a belt, bands and concrete."""
     parts: Literal["plain", "printed"] = "plain"
+    """What the parts look like: plain faces, or text, labels, stripes, dots and scratches."""
     verdict: Name | None = None
+    """File in which the independent motion monitor records when the arm set out and each forbidden motion. Unset:
+    none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """A folder of recorded pairs instead of cameras; nothing moves."""
+    """Recorded stereo pairs instead of cameras; nothing moves."""
 
     pairs: Name = "pairs"
+    """Folder of recorded pairs, each a folder with left.png and right.png."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arm:
-    """The arm's serial line. calibrate_answer: to CAL's question; dialect: its controller's ways;
-
-    flange_from_tool: where the tool centre point is, seen from the wrist centre, mm; VAL II's TOOL is set to it.
-    file: arm.yaml, as `facetctl arm introduce` writes it: the controller's ways and the arm's geometry (None: a PUMA
-    560 and the dialect's defaults); what dialect says here goes before it.
-    """
+    """The arm: its serial line, its controller's dialect, its tool."""
 
     port: Name = "/dev/facetd-arm"
+    """Serial port of the VAL II controller."""
     file: Name | None = None
+    """arm.yaml, as the first contact with the controller writes it: dialect and arm geometry. `arm.dialect` overrides
+    it. Unset: a PUMA 560 and the defaults of `arm.dialect`."""
     calibrate_answer: Literal["Y", "N"] = "Y"
+    """Answer to the question that the controller asks after CAL."""
     dialect: dict[str, Any] = field(default_factory=dict)
+    """How this controller speaks on the line."""
     flange_from_tool: Matrix4 = (
         (1.0, 0.0, 0.0, 0.0),
         (0.0, 1.0, 0.0, 0.0),
         (0.0, 0.0, 1.0, 130.0),
         (0.0, 0.0, 0.0, 1.0),
     )
+    """Pose of the tool centre point in the frame of the wrist centre, 4x4, mm. facetd sets VAL II's TOOL to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """calibration, facets, parts; model: what to start from while no model was accepted here yet (None: nothing)."""
+    """The files that the daemon reads at start, relative to facetd.yaml."""
 
     calibration: Name = "calibration.yaml"
+    """Calibration of the cameras and of the hand-eye pose, until a calibration made on this cell replaces it."""
     facets: Name = "facets.yaml"
+    """Library of 2-D facet types."""
     parts: Name = "parts.yaml"
+    """Names of the parts, their ART-b codes and how to grasp them."""
     model: Name | None = None
+    """Model to start from until one is accepted on this cell. Unset: none; begin by teaching."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Folders:
-    """state: runs, models, taught views; runtime: the socket. None: as daemon/store/places.py says.
-
-    runs: the run folders, where they are to lie elsewhere than in runs/ of the state.
-    """
+    """Where the daemon keeps its own files. Unset: as daemon/store/places.py says."""
 
     state: Name | None = None
+    """Folder of runs, models, taught views and calibrations. Unset: systemd's state directory, else var/ of the
+    checkout."""
     runtime: Name | None = None
+    """Folder of the operators' socket. Unset: systemd's runtime directory, else var/ of the checkout."""
     runs: Name | None = None
+    """Folder of the run folders. Unset: runs/ of the state folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Terminal:
-    """A serial console. may: what it is allowed, `look` (nothing moves, no model changes) or `all`."""
+    """A serial terminal for operators."""
 
     device: Name
+    """Serial port of the terminal."""
     baud: Baud = 9600
+    """Speed of the line, bits per second."""
     flow_control: bool = False
+    """Whether the terminal uses XON and XOFF."""
     may: Literal["look", "all"] = "all"
+    """What is allowed there: everything, or only commands that move nothing and change nothing (and those that
+    stop)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Console:
-    """The operators' doors: the socket's group (None: the daemon's own), a group whose members may only look (None:
-    nobody else comes in), and a serial terminal where there is one."""
+    """Who may give commands, and from where."""
 
     group: Name | None = None
+    """Group whose members may give every command at the socket. Unset: the daemon's own group."""
     look_group: Name | None = None
+    """Group whose members may only look, and stop the arm. Unset: nobody else is let in."""
     tty: Terminal | None = None
+    """Serial terminal for operators. Unset: none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """How runs are kept: quota, the disk's free floor, when a run goes on in a new folder (MB), sync interval."""
+    """How runs are kept."""
 
     quota_mb: Megabytes = 4000
+    """Most that all runs together may take, MB. The oldest runs are removed first, runs with failures last."""
     keep_free_mb: Annotated[int, Meta(ge=0, le=100_000_000)] = 500
+    """Least free space on the disk, MB. Below it the oldest runs are removed."""
     roll_mb: Megabytes = 500
+    """Size at which a run continues in a new folder, MB."""
     sync_s: Annotated[float, Meta(ge=0, le=3600)] = 1.0
+    """Longest time that records may wait to be synced to the disk, s. Faults and grasps are synced at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """When to worry: seconds without a frame, how often an idle arm is asked, days since the calibration."""
+    """When the daemon reports that a device or a calibration needs attention."""
 
     camera_silence_s: Silence = 10.0
+    """Time without a frame after which a camera counts as lost, s."""
     arm_check_s: Silence = 10.0
+    """How often an idle arm is asked where it is, s."""
     calibration_days: Annotated[float, Meta(gt=0, le=36_500)] = 90.0
+    """Age of a calibration from which `doctor` asks to verify it, days."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Metrics:
-    """Prometheus text on the loopback interface; off without a port."""
+    """Prometheus metrics on the loopback interface."""
 
     port: Annotated[int, Meta(ge=1024, le=65535)] | None = None
+    """Port on 127.0.0.1. Unset: no metrics. Needs the extra `metrics`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _File:
+    """The file's version, the kind of cell, and the sections."""
+
     version: Literal[1]
+    """Version of the file's format."""
     cell: Kind = "real"
+    """`real`: V4L2 cameras and a VAL II controller. `recorded`: pairs from a folder, nothing moves. `simulated`: all of
+    it simulated; `facetd --sim` does the same for one start."""
     simulated: Simulated = field(default_factory=Simulated)
     recorded: Recorded = field(default_factory=Recorded)
     cameras: dict[str, Any] = field(default_factory=dict)

@@ -21,18 +21,22 @@ from daemon.store.outside import fill_standard_files
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the daemon, or with --check only look at its files."""
-    parser = argparse.ArgumentParser(prog="facetd", description="Recognises parts by their facets and picks them.")
-    parser.add_argument(
-        "--config", type=Path, default=places.config_file(), metavar="FILE", help="default: %(default)s"
-    )
-    parser.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
-    parser.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
-    version = f"facetd {importlib.metadata.version('facetd')}"
-    parser.add_argument("--version", action="version", version=version, help="the program's version")
-    args = parser.parse_args(arguments)
+    args = parser().parse_args(arguments)
     if args.check:
         return check(args.config, args.sim)
     return serve(args.config, args.sim)
+
+
+def parser() -> argparse.ArgumentParser:
+    """What the daemon's command line takes."""
+    made = argparse.ArgumentParser(prog="facetd", description="Recognises parts by their facets and picks them.")
+    named = "the configuration (default: %(default)s)"
+    made.add_argument("--config", type=Path, default=places.config_file(), metavar="FILE", help=named)
+    made.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
+    made.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
+    version = f"facetd {importlib.metadata.version('facetd')}"
+    made.add_argument("--version", action="version", version=version, help="the program's version")
+    return made
 
 
 def check(config_path: Path, simulated: bool) -> int:

@@ -28,22 +28,30 @@ wrist centre, so that wrist and tool move as one."""
 
 @dataclass(frozen=True)
 class Capsule:
-    """name for people; from_mm, to_mm: the ends of its axis in the frame of its link."""
+    """A rounded cylinder around a piece of the arm or the gripper."""
 
     name: Name
+    """Name for people."""
     link: Link
+    """The link that carries it."""
     from_mm: Point
+    """One end of its axis, in the frame of its link, mm."""
     to_mm: Point
+    """The other end of its axis, in the frame of its link, mm."""
     radius_mm: Room
+    """Its radius, mm."""
 
 
 @dataclass(frozen=True)
 class KeepOut:
-    """A box of the world, mm, that nothing of the arm enters: a post, a light, a neighbour."""
+    """A box of the world that nothing of the arm may enter: a post, a light, a neighbour."""
 
     name: Name
+    """Name for people."""
     low_mm: Point
+    """Lowest corner, world frame, mm."""
     high_mm: Point
+    """Highest corner, world frame, mm."""
 
 
 ARM: tuple[Capsule, ...] = (

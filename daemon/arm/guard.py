@@ -32,24 +32,35 @@ BODY_MM: tuple[Point, ...] = (
 
 @dataclass(frozen=True)
 class Limits:
-    """The rules' numbers. Box: where the tool centre point may be, world, mm; room: what nothing of the arm leaves, its
-    walls and ceiling, as far away as they may be. capsules: what of hand and arm may strike; body_mm: points of the
-    tool that may as well; both stay `clearance_mm` from the table, the room's sides and each box of keep_out.
-    max_look_age_s: how old the look behind a computed location may be."""
+    """The limits that the guard keeps. Each refusal names its rule."""
 
     box_low_mm: Point = (0.0, -650.0, -300.0)
+    """Lowest corner of the box that the tool centre point may be in, world frame, mm."""
     box_high_mm: Point = (900.0, 650.0, 1100.0)
+    """Highest corner of that box, world frame, mm."""
     room_low_mm: Point = (-2000.0, -2000.0, -2000.0)
+    """Lowest corner of the room (walls, floor) that nothing of the arm leaves, world frame, mm."""
     room_high_mm: Point = (2000.0, 2000.0, 2000.0)
+    """Highest corner of the room (walls, ceiling), world frame, mm."""
     table_z_mm: Coordinate = -300.0
+    """Height of the table, world frame, mm."""
     clearance_mm: Length = 2.0
+    """Least distance of arm and gripper from the table, the room's sides and each box of `keep_out`, mm."""
     max_step_mm: Length = 450.0
+    """Longest move, mm."""
     max_turn_deg: Turn = 100.0
+    """Largest rotation of the tool in one move, degrees."""
     max_speed_pct: Percent = 100.0
+    """Highest monitor speed, %."""
     max_look_age_s: Seconds = 20.0
+    """Greatest age of the look that a location is computed from, s."""
     body_mm: tuple[Point, ...] = BODY_MM
+    """Points of the tool that may strike something, tool frame, mm."""
     capsules: tuple[Capsule, ...] = ARM
+    """Pieces of arm and gripper that may strike something. Default: a PUMA 560 with the gripper shown in
+    etc/facetd.yaml."""
     keep_out: tuple[KeepOut, ...] = ()
+    """Boxes of the world that nothing of the arm may enter."""
 
 
 @dataclass(frozen=True, eq=False)

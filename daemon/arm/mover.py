@@ -55,16 +55,20 @@ be; an arm that has turned over is far more off."""
 
 @dataclass(frozen=True)
 class Arrival:
-    """How far WHERE may be from what was asked, and how long a move may take before the arm is given up for lost:
-    slack_s besides the move itself, at no less than slowest_mm_s and slowest_deg_s (at a speed of 100 percent; half
-    of what the arm makes); timeout_s at most."""
+    """How far WHERE may be from the target, and how long a move may take before the arm counts as lost."""
 
     within_mm: Length = 0.5
+    """Largest distance of WHERE from the target, mm."""
     within_deg: Turn = 0.1
+    """Largest angle of WHERE from the target, degrees."""
     slack_s: Seconds = 4.0
+    """Time added to the expected time of each move, s."""
     slowest_mm_s: Length = 250.0
+    """Least speed expected of the tool at a monitor speed of 100 %, mm/s. Half of what the arm reaches."""
     slowest_deg_s: Turn = 50.0
+    """Least speed expected of a joint at a monitor speed of 100 %, degrees/s. Half of what the arm reaches."""
     timeout_s: Seconds = 60.0
+    """Longest time of any move, s."""
 
     def missed_by(self, off_mm: float, off_deg: float) -> bool:
         """Whether that is elsewhere."""

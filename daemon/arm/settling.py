@@ -21,13 +21,16 @@ class NotSettledError(FacetdError):
 
 @dataclass(frozen=True)
 class Settling:
-    """still_noise: how many times its own noise a block may change; floor_grey: what a change may always be, and
-    most_noise_grey: what can still be noise (all of the image may move), grey levels; timeout_s: when to give up."""
+    """When the images count as still after the arm came to rest."""
 
     still_noise: Annotated[float, Meta(gt=0, le=1000)] = 6.0
+    """Largest change of an image block, in multiples of the image's own noise."""
     floor_grey: Annotated[float, Meta(ge=0, le=255)] = 1.5
+    """Change of a block that is always allowed, grey levels."""
     most_noise_grey: Annotated[float, Meta(gt=0, le=255)] = 2.0
+    """Largest change of the whole image that can still be noise, grey levels."""
     timeout_s: Seconds = 5.0
+    """Time after which to give up, s."""
 
 
 @dataclass(frozen=True, eq=False)

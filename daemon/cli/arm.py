@@ -58,7 +58,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
                       help="more WHEREs, at places to which you bring the arm: they tell lengths exactly")  # fmt: skip
     meet.set_defaults(run=_introduce)
     replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
-    replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT")
+    replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT", help="transcript.jsonl of a first contact")
     replay.set_defaults(run=_replay)
 
 

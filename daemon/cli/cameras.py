@@ -34,7 +34,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--seconds", type=_number(0), default=3.0, help="how long to measure (default 3; 0: only list)"
     )
     snap = subparsers.add_parser("snap", help="save stereo pairs as left.png and right.png")
-    snap.add_argument("folder", type=Path, metavar="DIR")
+    snap.add_argument("folder", type=Path, metavar="DIR", help="the folder to write to")
     snap.add_argument("--count", type=_whole(1, 100_000), default=1, help="more than one: DIR/1, DIR/2, ...")
     snap.add_argument("--every", type=_number(0), default=1.0, metavar="SECONDS", help="time between them (default 1)")
     stream = subparsers.add_parser("stream", help="a live picture for a browser on this machine, facets drawn in")
@@ -42,7 +42,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     stream.add_argument("--fps", type=_number(0.1), default=5.0, help="pictures a second at most (default 5)")
     stream.add_argument("--plain", action="store_true", help="the bare images: nothing looked for, nothing drawn")
     for parser, run in ((cameras, _cameras), (snap, _snap), (stream, _stream)):
-        parser.add_argument("--config", type=Path, default=places.config_file(), metavar="FILE")
+        parser.add_argument(
+            "--config", type=Path, default=places.config_file(), metavar="FILE", help="the configuration"
+        )
         parser.add_argument("--sim", action="store_true", help="the simulated cell's cameras")
         parser.add_argument("--json", action="store_true", help="for machines")
         parser.set_defaults(run=_guarded(run))

@@ -40,7 +40,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add `recognise`, `train` and `model` to facetctl."""
     _register_recognise(subparsers)
     train = subparsers.add_parser("train", help="teach views from image files, and drawings, and write a model")
-    train.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    train.add_argument(
+        "--calibration", type=Path, required=True, metavar="FILE", help="calibration.yaml of the pictures"
+    )
     train.add_argument("--views", type=Path, metavar="YAML", help="a list of {left, right, label}")
     train.add_argument(
         "--mesh",
@@ -50,7 +52,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="a part's drawing, STL or OBJ; may be repeated",
     )
     train.add_argument("--unit", default="mm", help="of the drawings: mm (default), cm, m or inch")
-    train.add_argument("--out", type=Path, required=True, metavar="MODEL")
+    train.add_argument("--out", type=Path, required=True, metavar="MODEL", help="the model to write, .npz")
     train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
     train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
     train.set_defaults(run=_train)
@@ -69,7 +71,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def _register_recognise(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     recognise = subparsers.add_parser("recognise", help="name and locate parts in stored stereo pairs")
-    recognise.add_argument("--calibration", type=Path, required=True, metavar="FILE")
+    recognise.add_argument(
+        "--calibration", type=Path, required=True, metavar="FILE", help="calibration.yaml of the pictures"
+    )
     recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
     recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")

@@ -41,22 +41,28 @@ ALONG_DEG = 9.0
 
 @dataclass(frozen=True)
 class Gripper:
-    """The gripper's numbers, mm. opening between the fingers; finger_width along tool x; pad_back and tip: how far the
-    fingers reach from the tool centre point along tool z; finger_thick along tool y; friction: coefficient the pads can
-    be trusted for; side_clearance: room for each finger beside the part; swing: how far the part's middle may be from
-    the line between the contacts; tip_clearance: least height of the tips over the table. tilts_deg: how far from
-    straight down the approach may lean."""
+    """The gripper's dimensions and what grasps it may make."""
 
     opening_mm: Length = 90.0
+    """Opening between the fingers, mm."""
     finger_width_mm: Length = 15.0
+    """Width of a finger along tool x, mm."""
     pad_back_mm: Room = 50.0
+    """How far the fingers reach back from the tool centre point along tool z, mm."""
     tip_mm: Room = 10.0
+    """How far the finger tips reach beyond the tool centre point along tool z, mm."""
     finger_thick_mm: Length = 8.0
+    """Thickness of a finger along tool y, mm."""
     friction: Annotated[float, Meta(gt=0, le=5)] = 0.6
+    """Coefficient of friction that the pads can be trusted for."""
     side_clearance_mm: Room = 6.0
+    """Clearance for each finger beside the part, mm."""
     swing_mm: Room = 20.0
+    """Largest distance of the part's middle from the line between the contacts, mm."""
     tip_clearance_mm: Room = 4.0
+    """Least height of the finger tips over the table, mm."""
     tilts_deg: tuple[Lean, ...] = (10.0, 20.0, 30.0, 40.0)
+    """Angles from straight down at which the approach may lean, degrees."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,14 +26,18 @@ CHI_SQUARE_6 = 22.46
 
 @dataclass(frozen=True)
 class Doubt:
-    """One-sigma doubts about the cell. hand_eye: of tool_from_cyclopean, per axis; arm: repeatability of a pose, per
-    axis; pixels: how far the calibrated centre and disparity may be off, px."""
+    """One-sigma uncertainties of the cell, which enter each predicted error."""
 
     hand_eye_mm: Sigma = 0.3
+    """Of the hand-eye translation, per axis, mm."""
     hand_eye_deg: Sigma = 0.05
+    """Of the hand-eye rotation, per axis, degrees."""
     arm_mm: Sigma = 0.1
+    """Repeatability of the arm's position, per axis, mm."""
     arm_deg: Sigma = 0.02
+    """Repeatability of the arm's orientation, per axis, degrees."""
     pixels: Sigma = 0.3
+    """Of the calibrated image centre and of the disparity, px."""
 
     def arm(self) -> Array:
         """Covariance (6, 6) of a pose the arm is at."""
@@ -47,14 +51,18 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Stops:
-    """Stand-offs of the cyclopean centre from the part, mm, far to near; the predicted error at the grasp (rms, mm and
-    degrees) that is good enough; how many looks at least and at most."""
+    """Where the approach stops to look, and when it has looked enough."""
 
     stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
+    """Distances of the cameras from the part at which to stop and look, far to near, mm."""
     enough_mm: Length = 1.0
+    """Predicted error at the grasp that is small enough, rms, mm."""
     enough_deg: Turn = 1.0
+    """Predicted angular error at the grasp that is small enough, rms, degrees."""
     least_looks: Few = 1
+    """Fewest looks before a grasp."""
     most_looks: Few = 5
+    """Most looks at one part before it is left alone."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,13 +19,16 @@ from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 @dataclass(frozen=True)
 class View:
-    """From where to look at the table: the point looked at, how far the cameras are from it, and how the tool leans
-    (heading: the horizontal direction it leans to, degrees from world x; tilt from straight down)."""
+    """A place from which the cameras look at the table."""
 
     centre_mm: Point = (520.0, 0.0, -280.0)
+    """Point that the cameras look at, world frame, mm."""
     distance_mm: Length = 480.0
+    """Distance from that point to the cameras, mm."""
     heading_deg: Direction = 0.0
+    """Horizontal direction that the tool leans to, degrees from world x."""
     tilt_deg: Lean = 45.0
+    """How far the tool leans from straight down, degrees."""
 
     def pose(self, tool_from_cyclopean: Array) -> Array:
         """world_from_tool (4, 4)."""
@@ -35,11 +38,14 @@ class View:
 
 @dataclass(frozen=True)
 class Place:
-    """A taught place of the tool centre point, mm, leaning as a View does."""
+    """A taught place of the tool centre point."""
 
     point_mm: Point
+    """Tool centre point, world frame, mm."""
     heading_deg: Direction = 0.0
+    """Horizontal direction that the tool leans to, degrees from world x."""
     tilt_deg: Lean = 0.0
+    """How far the tool leans from straight down, degrees."""
 
     def pose(self) -> Array:
         """world_from_tool (4, 4)."""
@@ -49,39 +55,57 @@ class Place:
 
 @dataclass(frozen=True)
 class Settings:
-    """All of a pick. surveys: from where the table is looked at, until a part has a name; last_surveys: from where else
-    before it is called empty; order: which part first; tries: how often one part is tried; views_of_doubtful: how often
-    a part that cannot be named is looked at from another side; verify_mm: from how far the place is looked at
-    afterwards; gone_mm: a part this near to where it lay still lies there; hand_s: what fingers need;
-    epipolar_limit_px: beyond it a camera was knocked; auto_degrade: after a camera's fault an auto goes on with the
-    other eye by itself, once an operator has allowed that since the daemon's start."""
+    """All settings of a pick."""
 
     surveys: Annotated[tuple[View, ...], Meta(min_length=1)] = (
         View(heading_deg=50.0),
         View(heading_deg=-50.0),
         View(heading_deg=90.0),
     )
+    """Places from which to look at the table, in order, until a part has a name."""
     last_surveys: tuple[View, ...] = (View(heading_deg=-90.0, tilt_deg=35.0), View(heading_deg=0.0, tilt_deg=20.0))
+    """Further places to look from before the table counts as empty."""
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
+    """Place where the arm waits."""
     bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
+    """Place over the bin where the gripper opens."""
     order: Literal["nearest", "surest"] = "surest"
+    """Which part to take first: the one whose pose is best known, or the nearest."""
     tries: Few = 2
+    """How often to try one part."""
     views_of_doubtful: Annotated[int, Meta(ge=0, le=100)] = 4
+    """How often a part that cannot be named is observed from another side."""
     travel_pct: Percent = 100.0
+    """Monitor speed away from parts, % of the controller's full speed."""
     near_pct: Percent = 30.0
+    """Monitor speed near parts, % of the controller's full speed."""
     pregrasp_mm: Length = 50.0
+    """Distance from which the last straight move to the grasp begins, mm."""
     lift_mm: Length = 60.0
+    """How far the gripper lifts a part, mm."""
     verify_mm: Length = 300.0
+    """Distance from which the place of the part is observed after the grasp, mm."""
     gone_mm: Length = 30.0
+    """Distance within which a part counts as lying where it lay, mm."""
     epipolar_limit_px: Pixels = 1.0
+    """Vertical disparity beyond which a camera counts as knocked, px."""
     hand_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
+    """Time that the fingers need to open or close, s."""
     auto_degrade: bool = False
+    """Whether, after a camera fault, an auto continues with the other camera by itself, once an operator has allowed
+    that since the start."""
     limits: Limits = field(default_factory=Limits)
+    """The limits that the guard keeps."""
     arrival: Arrival = field(default_factory=Arrival)
+    """When a move counts as arrived, and when the arm counts as lost."""
     stops: Stops = field(default_factory=Stops)
+    """Where to stop on the approach, and when to stop looking."""
     doubt: Doubt = field(default_factory=Doubt)
+    """One-sigma uncertainties of the cell."""
     gripper: Gripper = field(default_factory=Gripper)
+    """Dimensions of the gripper."""
     settling: Settling = field(default_factory=Settling)
+    """When the images count as still."""
 
 
 def heading(degrees: float) -> Array:

@@ -19,23 +19,27 @@ Wish = Annotated[float, Meta(ge=-1e10, le=1e10)] | str
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Two V4L2 devices as one pair, or one alone, which the arm moves between two pictures.
-
-    left, right: a path (/dev/video0, /dev/v4l/by-id/...), a bare name under by-id or by-path, a card name as
-    `facetctl cameras` lists it, or a number. formats: names in order of preference. controls: wished values by name
-    (exposure_us, gain, white_balance_k, focus, or any control by the name `facetctl cameras` gives it); what is not
-    named is left as found, but for exposure, which whoever looks may then set. max_skew_ms: how far apart in time two
-    frames of one moment may be.
-    """
+    """Two V4L2 cameras as one stereo pair, or one camera alone, which the arm moves between two pictures."""
 
     left: Device | None = None
+    """The left camera: a path (/dev/video0, /dev/v4l/by-id/...), a bare name under by-id or by-path, a card name as
+    `facetctl cameras` lists it, or a number."""
     right: Device | None = None
+    """The right camera, named as `left`. Unset: one camera alone."""
     width: Side = 640
+    """Image width, px."""
     height: Side = 480
+    """Image height, px."""
     fps: Annotated[float, Meta(gt=0, le=1000)] = 15.0
+    """Frame rate, frames per second."""
     formats: tuple[str, ...] = tuple(FORMATS)
+    """Pixel formats, in order of preference."""
     max_skew_ms: Annotated[float, Meta(gt=0, le=1000)] = 20.0
+    """How far apart in time two frames of one pair may be, ms."""
     controls: Mapping[str, Wish] = field(default_factory=dict)
+    """Camera controls by name: exposure_us, gain, white_balance_k, focus, or any that `facetctl cameras` lists; a
+    number, or `auto` (the camera's own control, held during a look). What is not named stays as found; the daemon sets
+    the exposure where neither exposure_us nor gain is named."""
 
     def __post_init__(self) -> None:
         """Refuse what no camera could do. Raises ValueError."""

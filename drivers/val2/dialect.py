@@ -23,23 +23,29 @@ WHERE_CHARACTERS = 300
 
 @dataclass(frozen=True)
 class Dialect:
-    """One controller's manners on the line. Times in seconds of real time."""
+    """How one controller speaks on the line. Times are in seconds of real time."""
 
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600
+    """Speed of the line, bits per second. 8 data bits, no parity, 1 stop bit."""
     software_flow_control: bool = False
+    """Whether the line uses XON and XOFF."""
     hardware_flow_control: bool = False
+    """Whether the line uses RTS and CTS."""
     echo: bool = True
     """Whether the controller echoes what is typed; without it a garbled command cannot be caught before it runs."""
     line_end: Annotated[bytes, Meta(min_length=1, max_length=4)] = b"\r"
+    """What ends a typed line."""
     cancel_line: Annotated[bytes, Meta(max_length=4)] = b"\x15"
     """Makes the controller forget the half-typed line (control-U on terminals of the time)."""
     unit_mm: Unit = 1.0
-    """In what this system counts lengths: 25.4 where it counts inches."""
+    """The unit in which this system counts lengths, mm: 25.4 where it counts inches."""
     joint_signs: tuple[Sign, Sign, Sign, Sign, Sign, Sign] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    """How this system counts its joints: the angle of facetd's kinematics is sign times the printed angle, plus
+    zero."""
     joint_zeros_deg: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """How this system counts its joints: the angle of our kinematics is sign times the printed one, plus zero."""
+    """The zero of each joint, degrees; see `joint_signs`."""
     joint_3_against_horizon: bool = False
-    """Whether it counts joint 3 against the horizon: then what joint 2 has turned is taken from it."""
+    """Whether it counts joint 3 against the horizon: then the angle of joint 2 is subtracted."""
     character_pause_s: Pause = 0.0
     """Pause between typed characters, for controllers that lose some when typed at full speed."""
     echo_settle_s: Pause = 0.006
@@ -47,36 +53,46 @@ class Dialect:
     prompt_silence_s: Seconds = 0.02
     """A dot at the start of a line is a prompt once nothing followed it for this long."""
     prompt_late_s: Pause = 0.0
-    """How long after what it says the controller may take to its prompt: so long one that is owed is waited for."""
+    """Longest time from the end of the controller's text to its prompt; facetd waits that long for one that is due."""
     prompt_after_move: Literal["start", "end", "either"] = "either"
     """When DO MOVE gives the prompt back; "either" waits as long as "end" does before it calls the answer lost."""
     break_after_move: bool = True
-    """Ask DO BREAK before polling WHERE."""
+    """Whether facetd types DO BREAK before it polls WHERE."""
     straight_through_variable: bool = True
-    """DO SET and DO MOVES of a variable; otherwise DO MOVES TRANS(...) in one line."""
+    """Whether a straight move is DO SET and DO MOVES of a variable; otherwise it is DO MOVES TRANS(...) in one line."""
     variable: Word = "GOAL"
+    """Name of the location variable that facetd sets."""
     calibrate_word: Word = "CAL"
+    """The word that lets the arm find its zero."""
     abort_word: Word = "ABORT"
+    """The word that stops the arm."""
     power_up_asks: tuple[Asked, ...] = ("floppy", "initiali")
-    """Each question asked after it was switched on has one of these in it, in whatever case; what asks another may be a
-    program, with an arm that its yes moves."""
+    """Each question that the controller asks after it was switched on contains one of these, in any case. Another
+    question may come from a program, and a yes to it may move the arm: facetd answers none."""
     line_limit: Annotated[int, Meta(ge=20, le=1000)] = 79
+    """Longest line that the controller takes, characters."""
     typing_s: Seconds = 2.0
-    """Longest wait for an echo."""
+    """Longest wait for an echo, s."""
     answer_s: Seconds = 5.0
+    """Longest wait for an answer, s."""
     motion_s: Seconds = 60.0
+    """Longest wait for the end of a motion, s."""
     calibrate_s: Seconds = 180.0
+    """Longest wait for the end of CAL, s."""
     resync_s: Seconds = 1.0
+    """How long the line is listened to for a prompt when the conversation is found again, s."""
     typing_attempts: Annotated[int, Meta(ge=1, le=100)] = 3
     """How often a line whose echo was garbled (and which was therefore never ended) is typed again."""
     poll_s: Seconds = 0.02
     """Pause between two WHERE readings while waiting for rest."""
     same_place_mm: Near = 0.03
+    """Two readings closer than this show an arm at rest, mm (WHERE prints 0.01 mm)."""
     same_place_deg: Near = 0.01
-    """Two readings closer than this show an arm at rest (WHERE prints 0.01 mm and 0.001 degrees)."""
+    """Two readings closer than this show an arm at rest, degrees (WHERE prints 0.001 degrees)."""
     arrived_mm: Near = 0.2
+    """How near the target the arm must come to rest, mm."""
     arrived_deg: Near = 0.1
-    """How near the target the rest must be."""
+    """How near the target the arm must come to rest, degrees."""
     stall_s: Seconds = 1.5
     """An arm at rest elsewhere for this long will not arrive."""
 
