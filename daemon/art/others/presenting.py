@@ -55,7 +55,7 @@ class _Lesson:
         self.samples, self.labels = block.coded, labels
         self.by_feature = np.ascontiguousarray(block.coded.T)
         self.size = sums(block.coded)
-        self.floor = self.rule.uncommitted_activation(self.size, self.nodes.features)
+        self.floor = self.rule.uncommitted_activation(self.size, self.nodes.features, known)
         if block.levels is not None and self.terms is None:
             self.terms = LevelTerms(block.levels, self.nodes.features)
         overlap = overlaps(block, self.nodes.weights, self.overlap[: len(block), :known], self.terms)
@@ -98,7 +98,7 @@ class _Lesson:
         count, size, floor = len(nodes), self.size.item(row), self.floor.item(row)
         overlap = self.overlap[row, :count]
         node = find_node(self.activation[row, :count], overlap, size, floor, self.rule, nodes, label)
-        if node == UNCOMMITTED and self.rule.capacity is not None and count >= self.rule.capacity:
+        if node == UNCOMMITTED and self.rule.full(count):
             node = SKIPPED
         if node == SKIPPED:
             return node, False
@@ -113,6 +113,7 @@ class _Lesson:
         weight, size = self.samples[row], self.size.item(row)
         if node == UNCOMMITTED:
             node = self.nodes.commit(weight, size)
+            self.floor = self.rule.uncommitted_activation(self.size, self.nodes.features, len(self.nodes))
         else:
             weight = learnt(weight, self.nodes.weights[node], self.beta, self.step)
             size = self.overlap.item(row, node) if self.beta == 1.0 else float(weight.sum())

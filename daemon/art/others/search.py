@@ -58,9 +58,17 @@ class SearchRule:
         one_of("uncommitted", self.uncommitted, ("last", "competes"))
         one_of("contradiction", self.contradiction, ("new_node", "skip"))
 
-    def uncommitted_activation(self, size: Array, features: int) -> Array:
-        """The activation a committed node must reach to be looked at at all, for samples of size |I| (B,)."""
-        return size / (self.alpha + features) if self.uncommitted == "competes" else np.zeros_like(size)
+    def full(self, count: int) -> bool:
+        """Whether `count` committed nodes are all there may be."""
+        return self.capacity is not None and count >= self.capacity
+
+    def uncommitted_activation(self, size: Array, features: int, count: int) -> Array:
+        """Activation (B,) that a committed node must reach to be considered, for samples of size |I| (B,).
+
+        Zero with all nodes committed: a node that does not exist competes with none.
+        """
+        competes = self.uncommitted == "competes" and not self.full(count)
+        return size / (self.alpha + features) if competes else np.zeros_like(size)
 
     def tracked(self, match: float) -> float:
         """The vigilance after a wrong prediction at this match."""
