@@ -30,6 +30,8 @@ LAST_MOMENTS_S = 0.05
 """An arm that brakes shows two readings that agree so long before it stands."""
 TYPED_S = 0.1
 """What was let go just before moves were held has been typed whole by then."""
+ASKED_S = 0.5
+"""Where the arm is was asked so long before a move is typed, at most: nobody can know of what others do in between."""
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -125,6 +127,9 @@ class Judge:
         self._stops: list[tuple[float, str]] = []
         self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
+        self._others: dict[str, float] = {}
+        self._others_moved_s = float("-inf")
+        """When a motion of somebody else's ended last."""
         self._left_mm: dict[str, float] = {}
         """How deep, by rule, the arm still is where a person's own line has left it."""
         self._read = 0
@@ -176,6 +181,11 @@ class Judge:
         That it may move, and that it stops, is not; nor does the next motion answer for starting where theirs ended."""
         self._by_hand.setdefault(line, at_s)
 
+    def others(self, at_s: float, by: str) -> None:
+        """What comes of this line (or of the pendant) from a moment on is somebody else's, who is no operator of the
+        cell's: nothing of it is answered for here, but what comes after it is."""
+        self._others.setdefault(by, at_s)
+
     def violations(self, until_s: float) -> tuple[Violation, ...]:
         """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
         first, events = self._history.since(self._read)
@@ -184,13 +194,22 @@ class Judge:
             self._read = first
         for event in events:
             if isinstance(event, Leg) and event.motion.ends_s > until_s:
+                if self._of_others(event):
+                    break
                 return (*self._found, *self._unallowed(event), *self._ways(event, over=False))
             self._read += 1
             self._found += self._judged(event)
         return tuple(self._found)
 
+    def _of_others(self, event: Event) -> bool:
+        return event.began_s >= self._others.get(event.by, float("inf"))
+
     def _judged(self, event: Event) -> Iterator[Violation]:
-        if isinstance(event, Stop):
+        if self._of_others(event):
+            if isinstance(event, Leg):
+                self._left_mm = self._depths_at_rest(event)
+                self._others_moved_s = event.motion.ends_s
+        elif isinstance(event, Stop):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
         elif isinstance(event, Drop):
@@ -198,7 +217,7 @@ class Judge:
         else:
             yield from self._unallowed(event)
             yield from self._not_held(event)
-        if isinstance(event, Leg):
+        if isinstance(event, Leg) and not self._of_others(event):
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
@@ -210,7 +229,8 @@ class Judge:
 
     def _ways(self, leg: Leg, over: bool) -> Iterator[Violation]:
         """How fast and how far it was to go, and, once it is over, what it came to on the way."""
-        if leg.began_s < self._by_hand.get(leg.by, float("inf")):
+        moved_since_asked = self._others_moved_s > leg.given_s - ASKED_S
+        if leg.began_s < self._by_hand.get(leg.by, float("inf")) and not moved_since_asked:
             yield from self._too_much(leg)
             yield from self._struck(leg) if over else ()
         elif over:

@@ -82,8 +82,10 @@ def words() -> st.SearchStrategy[str]:
     return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
 
 
-BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "")
-"""What another terminal types: nothing that moves by itself."""
+BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,19,90",
+          "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG")  # fmt: skip
+"""What another terminal types."""
+JOGS_DEG = st.sampled_from([-40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0])
 DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
 """What the arm was sent to do, and how long ago."""
@@ -256,27 +258,58 @@ class Surprises(RuleBasedStateMachine):
     def type_beside(self, text: str, going: Going) -> None:
         """Another terminal is on the arm's line: what it types is echoed and answered to us."""
         self.send_off(going)
-        server = self.there.cell.server
-        assert server is not None
+        self.there.type_beside(text)
 
-        def typed() -> None:
-            with server.controller() as controller:
-                controller.receive(f"{text}\r".encode(), controller.now_s)
+    @rule(joint=st.integers(0, 5), degrees=JOGS_DEG, seconds=SECONDS, going=GOING)
+    @kept
+    def take_the_pendant(self, joint: int, degrees: float, seconds: float, going: Going) -> None:
+        """Somebody at the teach pendant turns a joint; an arm under way is braked by it."""
+        self.send_off(going)
+        self.there.by_pendant(joint, degrees)
+        self.there.wait(seconds)
 
-        self.there.harm(typed)
+    @rule(joint=st.integers(0, 2), degrees=JOGS_DEG, going=GOING)
+    @kept
+    def exchange_the_arm(self, joint: int, degrees: float, going: Going) -> None:
+        """The adapter is plugged into another controller, which has just started and whose arm is elsewhere."""
+        self.send_off(going)
+        self.there.exchange_arm(joint, degrees)
 
-    @rule(what=st.sampled_from(["refusal", "mute", "split"]), going=GOING)
+    @rule(what=st.sampled_from(["slips", "is pushed", "is taken"]), seconds=SECONDS, going=GOING)
+    @kept
+    def move_a_part(self, what: str, seconds: float, going: Going) -> None:
+        """What the gripper holds slips out of it, or a part on the table is pushed or taken away."""
+        self.send_off(going)
+        self.there.move_part(what)
+        self.there.wait(seconds)
+
+    @rule(eye=st.sampled_from(["left", "right"]), how=st.sampled_from(["away", "frozen", "half", None]), going=GOING)
+    @kept
+    def harm_a_camera(self, eye: str, how: Any, going: Going) -> None:
+        """A camera goes away, freezes, gives half pictures, or is well again."""
+        self.send_off(going)
+        self.there.cell.camera.ail(eye, how)
+
+    @rule(seconds=st.sampled_from([0.5, 5.0]), going=GOING)
+    @kept
+    def fill_the_disk(self, seconds: float, going: Going) -> None:
+        """No file can be written for a while."""
+        self.send_off(going)
+        self.there.fill_disk(seconds)
+
+    @rule(what=st.sampled_from(["refusal", "mute", "split", "late", "repeated"]), going=GOING)
     @kept
     def odd_controller(self, what: str, going: Going) -> None:
-        """The controller refuses the next motion, or its next answer is lost, or its prompt comes in two halves."""
+        """The controller refuses the next motion; its next answer is lost, or comes with the one after; its prompt
+        comes in two halves; or it says again where the arm was when that was last asked."""
         self.send_off(going)
         faults = self.there.cell.controller.faults
         if what == "refusal":
             faults.refusals.append("*Location out of range*")
         else:
-            self.there.harm(
-                lambda: setattr(faults, *(("mute_answers", 1) if what == "mute" else ("split_prompt_s", 0.3)))
-            )
+            harm = {"mute": ("mute_answers", 1), "split": ("split_prompt_s", 0.3), "late": ("late_answers", 1),
+                    "repeated": ("repeated_places", 1)}  # fmt: skip
+            self.there.harm(lambda: setattr(faults, *harm[what]))
 
     @rule(going=GOING)
     @kept

@@ -11,6 +11,7 @@ it. The rest of the truth is the machine's own history (drivers/simcell/judge.py
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import os
 import pty
@@ -52,11 +53,12 @@ from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Manners, Mishap
+from drivers.simcell.controller import PENDANT, Manners, Mishap
 from drivers.simcell.judge import Violation
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import VIEWS as STANDS
+from drivers.simcell.world import Where
 from drivers.val2.link import Link
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
@@ -703,6 +705,49 @@ class Story:
         with self.cell.server.controller() as controller:
             self.harm(lambda: controller.mishap(what))
 
+    def type_beside(self, text: str) -> None:
+        """Another terminal on the arm's line types a line; what it makes of what stood there half typed is its own."""
+        with self.cell.server.controller() as controller:
+            for begun in ("", controller.half_typed):
+                self.cell.judge.others(self.now_s, f"{begun}{text}".strip())
+            self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s))
+
+    def by_pendant(self, joint: int, degrees: float) -> None:
+        """A person at the teach pendant turns a joint from 0 to 5."""
+        self.cell.judge.others(self.now_s, PENDANT)
+        with self.cell.server.controller() as controller:
+            joints = controller.machine.joints()
+            joints[joint] += np.radians(degrees)
+            controller.machine.drive_by_pendant(joints)
+
+    def exchange_arm(self, joint: int, degrees: float) -> None:
+        """Behind the adapter there is another controller: just started, its arm elsewhere."""
+        self.harm(self.cell.server.unplug)  # type: ignore[union-attr]
+        with self.cell.server.controller() as controller:
+            controller.mishap(Mishap.POWER_CYCLED)
+        self.wait(1.0)
+        self.by_pendant(joint, degrees)
+
+    def move_part(self, what: str) -> None:
+        """Somebody moves a part, or the one that is held slips out of the gripper."""
+        world = self.cell.world
+        if what == "slips":
+            if world.held:
+                world.open_hand(self.cell.world_from_tool())
+                world.gap_mm = 0.0
+            return
+        lying = [part for part in world.parts if part.where is Where.TABLE]
+        if lying and what == "is pushed":
+            world.nudge(lying[0].name, 12.0, -7.0, 0.3)
+        elif lying:
+            world.remove(lying[0].name)
+
+    def fill_disk(self, seconds: float) -> None:
+        """Whatever is written to a file meanwhile fails."""
+        full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        with patch.object(os, "fsync", side_effect=full), patch.object(os, "replace", side_effect=full):
+            self.wait(seconds)
+
     def repair(self) -> None:
         """Somebody goes and puts line, power and controller right."""
         faults = self.cell.controller.faults
@@ -710,7 +755,9 @@ class Story:
         faults.in_move.clear()
         faults.refusals.clear()
         faults.noise_rate = faults.split_prompt_s = 0.0
-        faults.mute_answers = 0
+        faults.mute_answers = faults.late_answers = faults.repeated_places = 0
+        for eye in ("left", "right"):
+            self.cell.camera.ail(eye, None)
         self.cell.server.unplugged = False  # type: ignore[union-attr]
         with self.cell.server.controller() as controller:
             controller.machine.alive = True
@@ -772,7 +819,8 @@ class Story:
 
     def _see_the_line(self) -> None:
         faults, machine = self.cell.controller.faults, self.cell.controller.machine
-        harmed = bool(faults.line or faults.noise_rate or faults.mute_answers or faults.split_prompt_s)
+        spoilt = faults.line or faults.noise_rate or faults.split_prompt_s or faults.repeated_places
+        harmed = bool(spoilt or faults.mute_answers or faults.late_answers)
         if harmed or self.cell.server.unplugged or not machine.alive:  # type: ignore[union-attr]
             self.harm()
         elif self._deaf and self.now_s > self._clear_s + HARMED_S:

@@ -65,6 +65,8 @@ class Controller:
         self._output: deque[tuple[float, bytes]] = deque()
         self._at_line_start = True
         self._muted = False
+        self._late: bytearray | None = None
+        """The answer that is kept back until the next line is answered."""
         if cold:
             self._start(monitor.power_up(self.machine.manners.power_up))
         else:
@@ -163,6 +165,10 @@ class Controller:
         self.lines.append(text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
+        self._let_late_answer_out()
+        if self.faults.late_answers > 0:
+            self.faults.late_answers -= 1
+            self._late = bytearray()
         if isinstance(self._waits_for, Ask):
             self._answer(text, self.now_s)
         elif self._running is None:
@@ -173,6 +179,11 @@ class Controller:
             self._ahead.clear()
         else:
             self._ahead.append((text, self.now_s))
+
+    def _let_late_answer_out(self) -> None:
+        late, self._late = self._late, None
+        if late:
+            self._emit(bytes(late))
 
     def _take_second_end(self) -> None:
         """An empty line of its own, answered by a prompt right behind the first."""
@@ -262,6 +273,9 @@ class Controller:
             return
         self._at_line_start = data.endswith(self._newline)
         if self._muted:
+            return
+        if self._late is not None:
+            self._late += data
             return
         held_s = self._output[-1][0] if self._output else 0.0
         self._output.append((max(held_s, not_before_s), self.faults.harm(data, "to_host")))

@@ -47,6 +47,10 @@ class Faults:
     """Pause between the line end before a prompt and its dot."""
     mute_answers: int = 0
     """How many of the next answers (prompt included) are swallowed."""
+    late_answers: int = 0
+    """How many of the next answers (prompt included) come only with the answer to the line after."""
+    repeated_places: int = 0
+    """How many of the next WHEREs print what the WHERE before them printed."""
     pendant_s: float = 0.0
     """How long the person at the pendant takes when CAL needs them."""
 

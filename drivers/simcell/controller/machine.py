@@ -7,7 +7,7 @@ a test of a minute is a command and `advance(60)`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from drivers.simcell.controller.manners import Manners
 from drivers.simcell.history import HandAct, History, Leg, Stop
 
 FULL_PERCENT = 100.0
+PENDANT = "the teach pendant"
+PENDANT_PERCENT = 10.0
 
 
 class Machine:
@@ -41,6 +43,8 @@ class Machine:
         self.hand_closed = False
         self.by, self.given_s = "", float("-inf")
         """What was typed last to be carried out, and when; what happens from now on comes of it."""
+        self.printed_place: list[str] = []
+        """The lines of the last WHERE."""
         self.history = History()
         self._on_hand = on_hand or (lambda closed: None)
         self._mishap: tuple[float, Mishap] | None = None
@@ -132,6 +136,17 @@ class Machine:
         with _unreachable_told():
             self.arm.move_straight(world_from_tool, percent / FULL_PERCENT, self.now_s)
         self._set_out(percent)
+
+    def drive_by_pendant(self, joints_rad: Array) -> None:
+        """A person at the teach pendant takes over; nothing of it is printed. The pendant brakes an arm under way, and
+        brings one at rest to (6,) rad where its joints allow that."""
+        if not self.at_rest():
+            self.halt()
+        elif self.arm_power:
+            with suppress(UnreachableError):
+                self.arm.move_joints(joints_rad, PENDANT_PERCENT / FULL_PERCENT, self.now_s)
+                motion = self.arm.motion
+                self.history.add(Leg(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed))
 
     def calibrate(self) -> float:
         """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""

@@ -89,6 +89,14 @@ def _do(machine: Machine, arguments: str) -> Command:
 
 
 def _where(machine: Machine) -> Command:
+    if machine.faults.repeated_places and machine.printed_place:
+        machine.faults.repeated_places -= 1
+    else:
+        machine.printed_place = _place(machine)
+    yield from machine.printed_place
+
+
+def _place(machine: Machine) -> list[str]:
     how = machine.manners
     mm, degrees = how.decimals
     x, y, z, *angles = location_from_matrix(machine.pose()).values()
@@ -101,7 +109,7 @@ def _where(machine: Machine) -> Command:
         lines = ["".join(f"{head:>10}" for head in heads), place + hand, joints]
     else:
         lines = [LOCATION_HEADER, place, JOINT_HEADER, joints]
-    yield from (_printed(line, how) for line in lines)
+    return [_printed(line, how) for line in lines]
 
 
 def _printed(line: str, how: Manners) -> str:
