@@ -21,7 +21,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes
-from daemon.vision.registration import Fit, borne_out, fit_each, fit_edges, refit, shown
+from daemon.vision.refine import Fit, borne_out, fit_each, fit_edges, refit, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 

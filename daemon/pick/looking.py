@@ -30,7 +30,7 @@ from daemon.vision.health import (
 )
 from daemon.vision.image import Eyes, VisionError, open_eyes
 from daemon.vision.recognition import Standing
-from daemon.vision.registration import Fit
+from daemon.vision.refine import Fit
 from daemon.vision.values import FacetView, Group, Part, Scene
 
 

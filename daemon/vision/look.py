@@ -13,21 +13,16 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from daemon.vision import recognition, registration
+from daemon.vision import hypotheses, recognition
+from daemon.vision.evidence import all_explained, beside, named_by_segments, with_all_they_show
 from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
+from daemon.vision.hypotheses import rested
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.registration import (
-    all_explained,
-    beside,
-    named_by_segments,
-    rested,
-    sharpened,
-    with_all_they_show,
-)
+from daemon.vision.refine import sharpened
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -108,7 +103,7 @@ def look(
 def _make_ready(model: Model) -> None:
     """Once a model, in use or a candidate: 0.6 s of 64 parts on a desktop's core, which no look's budget can pay."""
     recognition.made_ready(model.metric)
-    registration.made_ready(model)
+    hypotheses.made_ready(model)
 
 
 def _verified(

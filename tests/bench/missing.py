@@ -1,4 +1,4 @@
-"""Makes the constants of daemon/vision/registration/missing.py again: how near twins are told by what is missing.
+"""Makes the constants of daemon/vision/evidence/missing.py again: how near twins are told by what is missing.
 
 Without an option: TWIN and BY_MISSING are fitted to the shares kept in tests/data/missing_shares.csv and held beside
 the code's. With `--dump` that table is made anew: the share missing, at its final pose, of each part that is named
@@ -28,13 +28,13 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.main import tame_malloc
+from daemon.vision.evidence import missing
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
-from daemon.vision.registration import missing
-from daemon.vision.registration.expected_edges import Placements
-from daemon.vision.registration.stretches import stretches_of
+from daemon.vision.refine.edge_samples import stretches_of
+from daemon.vision.refine.expected_edges import Placements
 from daemon.vision.values import Part, Scene
 from tests.bench.look_alikes import _judged, _model, shown
 from tests.bench.recognise import matched, test_folders, trained

@@ -22,11 +22,12 @@ import cv2
 import numpy as np
 
 from daemon.main import tame_malloc
+from daemon.vision.evidence import beside, named_by_segments
 from daemon.vision.facets import candidates, completion, joining, matching, reconstruct, weld
 from daemon.vision.image import both_eyes, one_eye
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise
-from daemon.vision.registration import beside, named_by_segments, sharpened
+from daemon.vision.refine import sharpened
 from tests.bench.recognise import test_folders, trained
 from tests.fakes import rendered
 

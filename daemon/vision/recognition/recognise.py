@@ -18,14 +18,7 @@ from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise, type_number, types_of
 from daemon.vision.recognition.confidence import probability, weighed
-from daemon.vision.recognition.fits import (
-    Hypothesis,
-    equivalents,
-    facet_poses,
-    fitted,
-    lone_ways,
-)
-from daemon.vision.recognition.likely_corners import most_likely_corners
+from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, fitted, lone_ways, most_likely_corners
 from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 

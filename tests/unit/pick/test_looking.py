@@ -8,7 +8,7 @@ from daemon import frames
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
 from daemon.pick.looking import Expected, log_look, take_look, taken_here, tracked_json, whole_look
-from daemon.vision.registration.corner_pose import Fit
+from daemon.vision.refine.following import Fit
 from tests.fakes.fake_cell import TruthRecogniser, World, build, rig, shape_of
 
 POSE = frames.rigid(frames.rotation_from_vector(np.array([2.6, 0.4, 0.3])), np.array([5.0, -8.0, 300.0]))

@@ -20,15 +20,14 @@ from daemon.ctl import main
 from daemon.store.library import load_facets
 from daemon.vision.draw import draw_scene
 from daemon.vision.facets.reconstruct import find_facets
+from daemon.vision.hypotheses.junctions import corner_kinds, taught_corners
+from daemon.vision.hypotheses.resting_junctions import resting_corners
+from daemon.vision.hypotheses.support_plane import rests
 from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.correspond import symmetries
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.fits import _every_place
-from daemon.vision.registration.corner_guesses import corner_kinds
-from daemon.vision.registration.resting import rests
-from daemon.vision.registration.space_corners import taught_corners
-from daemon.vision.registration.table_guesses import resting_corners
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from tests.fakes import drawn, rendered

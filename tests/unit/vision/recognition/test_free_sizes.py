@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.store.library import load_facets
-from daemon.vision.recognition.free_sizes import FreeSizes, bonds
+from daemon.vision.recognition.confidence import FreeSizes, bonds
 from tests.fakes.drawn import block
 from tests.unit.vision.recognition.test_confidence import BRICK, CORNER, PAIR, view
 

@@ -7,8 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.recognition.fits import Hypothesis
-from daemon.vision.recognition.likely_corners import most_likely_corners
+from daemon.vision.recognition.fits import Hypothesis, most_likely_corners
 from tests.fakes.solids import CUBE, pose
 
 POSE = pose(np.array([1.0, 0.5, 0.8]), 0.3)

@@ -1,0 +1,47 @@
+"""How much of the straight edges that both eyes see where a part would be are that part's own.
+
+In: both eyes, a part laid onto them. Out: a share. Where a stranger lies, a guess has some of its edges by chance, and
+leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.hypotheses import hull, pixels
+from daemon.vision.image import Eyes
+from daemon.vision.refine import ExpectedEdges, across
+
+ASIDE_PX = 3.0
+"""How far beside what a part covers the middle of a segment may lie that is held against it."""
+OFF_PX, TURNED, BEYOND = 2.5, np.sin(np.radians(10.0)), 0.05
+"""How far the middle of a segment may lie off its edge, and past its end as a share of its length; and the sine of the
+angle between them."""
+
+
+def explained(solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, ExpectedEdges], eyes: Eyes) -> float | None:
+    """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
+    the edges it should show; None where there are none."""
+    own = every = 0.0
+    corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
+    for view, expected, corners in zip(eyes.views, edges, corners_px, strict=True):
+        middle = (view.segments.start + view.segments.end) / 2
+        there = hull(corners).depth(middle) > -ASIDE_PX
+        segments = view.segments.chosen(there)
+        lengths = segments.lengths_px
+        every += float(lengths.sum())
+        way = (segments.end - segments.start) / lengths[:, None]
+        own += float(lengths[_on_an_edge(middle[there], way, expected)].sum())
+    return own / every if every else None
+
+
+def _on_an_edge(middle: Array, way: Array, edges: ExpectedEdges) -> Flags:
+    """(N,) which segments with such middles (N, 2) px and unit ways (N, 2) lie on any of the edges."""
+    normal, from_start = across(edges.start, edges.end), middle[:, None] - edges.start
+    off_px = np.abs((from_start * normal).sum(2))
+    share = (from_start * (edges.end - edges.start)).sum(2) / edges.lengths_px**2
+    near = (off_px < OFF_PX) & (share > -BEYOND) & (share < 1 + BEYOND) & (np.abs(way @ normal.T) < TURNED)
+    return np.asarray(near.any(1))

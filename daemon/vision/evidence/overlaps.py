@@ -1,0 +1,92 @@
+"""More named parts beside what was found: what lies where they are is theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, Shape
+from daemon.vision.hypotheses import COVERED, silhouette
+from daemon.vision.image import Eyes
+from daemon.vision.model import Model
+from daemon.vision.recognition import Recognised, joined, recognised
+from daemon.vision.values import Facet, FacetView, Group, Rejected
+
+ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 3.0
+"""How far off a face a facet may have been measured that lies on it: whichever is more."""
+
+
+def beside(
+    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: Eyes
+) -> tuple[tuple[Recognised, ...], FacetView]:
+    """What was found with more named parts, those left out that lie where one was named; and the view with the groups
+    and refused outlines that are left.
+
+    What lies on the faces of a named part is that part's, and so is a lone facet in front of it: one that two patterns
+    make by chance is likelier than a part of which one facet shows.
+    """
+    named, unnamed = [r for r in found if r.named], [r for r in found if not r.named]
+    taken = [covered(r, model, eyes) for r in named]
+    new = [(r, covered(r, model, eyes)) for r in more]
+    new = [(r, shape) for r, shape in new if not any(shape.covers(other) > COVERED for other in taken)]
+
+    def theirs(facet: Facet, alone: bool) -> bool:
+        shape = Shape.of(facet.left_px)
+        over = [*(own for _, own in new), *(taken if alone else ())]
+        return any(shape.common(own) > COVERED * shape.area for own in over) or any(
+            lies_on(facet, model.metric[r.label].solid, r.part.cyclopean_from_part) for r in named
+        )
+
+    rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
+    before = (*named, *(r for r, _ in new))
+    known = joined((*before, *rest), model)
+    kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
+    return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
+
+
+def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
+    """Whether a facet lies on one of the faces that a part at cyclopean_from_part (4, 4) shows, or is print on it."""
+    for index in np.flatnonzero(solid.facing(pose) > 0).tolist():
+        flat_from_camera = solid.laid_flat[index] @ frames.inverse(pose)
+        flat = frames.apply(flat_from_camera, facet.corners_mm)
+        ring = frames.apply(solid.laid_flat[index], solid.corners_mm[solid.rings[index]])
+        turn = flat_from_camera[:3, :3]
+        x, y, z = np.diagonal(turn @ facet.covariance_mm2 @ turn.T, axis1=1, axis2=2).T
+        off, aside = (np.maximum(ON_FACE_SIGMAS * np.sqrt(spread), ON_FACE_MM) for spread in (z, x + y))
+        if (np.abs(flat[:, 2]) < off).all() and (Shape.of(ring[:, :2]).depth(flat[:, :2]) > -aside).all():
+            return True
+    return False
+
+
+def all_explained(found: Sequence[Recognised], view: FacetView, model: Model, eyes: Eyes) -> bool:
+    """Whether something was found and all of it has a name, and whatever else both eyes outline lies where that is."""
+    if not found or not all(one.named for one in found):
+        return False
+    rest = [Shape.of(one.corners_px) for one in view.rejected if one.unexplained]
+    taken = [covered(one, model, eyes) for one in found] if rest else []
+    return all(any(shape.common(own) > COVERED * shape.area for own in taken) for shape in rest)
+
+
+def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
+    """What a named part covers in the left eye."""
+    return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
+
+
+def _covers(group: Group, outline: Rejected) -> bool:
+    shape = Shape.of(outline.corners_px)
+    return any(
+        shape.covers(Shape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED for f in group.facets
+    )
+
+
+def _left_over(unnamed: Recognised, theirs: Callable[[Facet, bool], bool], model: Model) -> list[Recognised]:
+    """What remains of an unnamed group: all of it, or its facets that are nobody else's, each alone."""
+    alone = len(unnamed.group.facets) == 1
+    own = [k for k, facet in enumerate(unnamed.group.facets) if not theirs(facet, alone)]
+    if len(own) == len(unnamed.group.facets):
+        return [unnamed]
+    return [recognised(unnamed.group.only([k]), model) for k in own]

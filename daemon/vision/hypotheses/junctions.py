@@ -1,0 +1,367 @@
+"""Where two straight edges meet in space, and which such corners taught solids have.
+
+In: segment corners of both eyes; solids. Out: corners in space. A corner's place is met by two rays, the firmer of its
+edges by two planes; of the other the left eye's plane is known, and where it points in either eye.
+
+Where taught parts would be that have such corners as both eyes see in space, the likeliest guesses of all parts.
+
+In: corners in space, maps of segments, taught solids. Out: poses, to be laid onto both images. A guess is no
+recognition. The second edge of a corner lies in the left eye's plane at the angle that the taught corner has, and is
+borne out by the right eye. How much of both edges shows, and that neither goes on beyond its taught length, is reckoned
+once for all parts that have such an edge: few guesses are worth a pose, whatever was taught.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags, Image32, Index
+from daemon.vision.geometry import Baseline, Eye, Polyhedron
+from daemon.vision.hypotheses.edge_distance_map import DirectedMap, Rays
+from daemon.vision.hypotheses.pose_batch import Posed, Solids
+from daemon.vision.image import SegmentCorners, pairs_within, runs
+
+NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
+ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
+MOST_MET = 800  # of corners seen by both eyes those with the longest arms: each is a guess for every taught corner
+TURNED = np.radians(28.0)  # by how much a corner's arm may point elsewhere in the other eye
+FIRM = np.sin(np.radians(1.2))  # of the angle between the planes of an edge; less, and its direction is anyone's
+ANGLE = np.radians(2.0)  # taught corners are of a kind whose angles round to the same in this
+ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn make the turn one of its symmetries
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceCorners:
+    """Corners that both eyes see: at (C, 3) mm from the left eye; firm (C, 3), the unit direction of the arm whose
+    planes meet at the larger angle; plane (C, 3), the unit normal of the left eye's plane through the other arm, all
+    along the axes of the baseline; other (2, C, 2), where that arm points in the left and the right eye; right (C, 2),
+    the corner there, both in ideal coordinates.
+    """
+
+    at: Array
+    firm: Array
+    plane: Array
+    other: Array
+    right: Array
+
+    def chosen(self, which: Index) -> SpaceCorners:
+        """Some of them."""
+        return SpaceCorners(
+            self.at[which], self.firm[which], self.plane[which], self.other[:, which], self.right[which]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CornersInEye:
+    """Corners in one eye, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
+
+    at: Array
+    arms: Array
+    sign: Array
+
+    @classmethod
+    def of(cls, found: SegmentCorners, eye: Eye) -> CornersInEye:
+        ideal = eye.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
+        at, ends = np.split(ideal, [len(found.at)])
+        return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
+
+    def chosen(self, which: Index, swapped: bool = False) -> CornersInEye:
+        """Some of them, their arms the other way round or not."""
+        order = [1, 0] if swapped else [0, 1]
+        return CornersInEye(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
+
+    def longer_first(self) -> CornersInEye:
+        """The same, the longer arm of each first."""
+        each, longer = np.arange(len(self.at)), np.linalg.norm(self.arms, axis=2).argmax(1)
+        order = np.stack([longer, 1 - longer], 1)
+        return CornersInEye(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
+
+    def planes(self) -> Array:
+        """(C, 2, 3) unit normals of the planes through the eye and each arm."""
+        ray = np.concatenate([self.at, np.ones((len(self.at), 1))], 1)
+        normal = np.cross(ray[:, None], np.concatenate([self.arms, np.zeros((*self.arms.shape[:2], 1))], 2))
+        return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
+
+
+def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
+    """Every two corners, one in each eye, that could be one."""
+    in_left, in_right = CornersInEye.of(left, geometry.left), CornersInEye.of(right, geometry.right)
+    i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
+    apart = in_left.at[i, 0] - in_right.at[j, 0]
+    near = (apart * FARTHEST_MM > geometry.length_mm) & (apart * NEAREST_MM < geometry.length_mm)
+    i, j = i[near], j[near]
+    pairs = []
+    for swapped in (False, True):
+        one, other = in_left.chosen(i), in_right.chosen(j, swapped)
+        good = np.flatnonzero((angle(one.arms, other.arms) < TURNED).all(1) & (one.sign == other.sign).all(1))
+        pairs.append((one.chosen(good), other.chosen(good)))
+    one, other = (_joined([pair[k] for pair in pairs]) for k in (0, 1))
+    planes = one.planes()
+    line = np.cross(planes, other.planes())
+    sine = np.linalg.norm(line, axis=2)
+    firm = sine.argmax(1)
+    every = np.flatnonzero(sine.max(1, initial=0.0) > FIRM)
+    if len(every) > MOST_MET:
+        reach = np.minimum(*(np.linalg.norm(seen.arms[every], axis=2).min(1) for seen in (one, other)))
+        every = every[np.sort(np.argpartition(-reach, MOST_MET)[:MOST_MET])]
+    firm = firm[every]
+    one, other = one.chosen(every), other.chosen(every)
+    each = np.arange(len(every))
+    direction = line[every, firm] / sine[every, firm, None]
+    shown = direction[:, :2] - one.at * direction[:, 2:]
+    direction = direction * np.sign((shown * one.arms[each, firm]).sum(1))[:, None]
+    depth = geometry.length_mm / (one.at[:, 0] - other.at[:, 0])
+    ray = np.stack([one.at[:, 0], (one.at[:, 1] + other.at[:, 1]) / 2, np.ones(len(every))], 1)
+    arms = np.stack([one.arms[each, 1 - firm], other.arms[each, 1 - firm]])
+    return SpaceCorners(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
+
+
+def _joined(parts: list[CornersInEye]) -> CornersInEye:
+    return CornersInEye(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
+
+
+@lru_cache(maxsize=256)
+def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
+    """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
+    others, facets and all (a part that was not taught from all round has sides that nobody knows): (K, 4, 4)
+    corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths (K, 2) of both, mm.
+    """
+    every, cosines, lengths = corner_frames(solid)
+    corner_from_part = np.asarray(np.linalg.inv(every), float)
+    seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
+    far = np.linalg.norm(seen, axis=2)
+    facets = {frozenset(ring) for ring in solid.facets}
+    found, left = list[int](), np.arange(len(every))
+    while len(left):
+        first = int(left[0])
+        found.append(first)
+        alike = _as_far(far[left], far[first])
+        apart2 = _apart2(seen[left[alike]], seen[first])
+        alike[alike] = near = apart2.min(2).max(1) < ALIKE_MM**2
+        onto = apart2[near].argmin(2)
+        alike[alike] = [{frozenset(to[ring].tolist()) for ring in solid.rings} == facets for to in onto]
+        left = left[~alike]
+    return corner_from_part[found], cosines[found], lengths[found]
+
+
+@lru_cache(maxsize=1024)
+def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
+    """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
+    known; the first is none. Where all are seen, these are the solid's symmetries."""
+    every = corner_frames(solid)[0]
+    own = np.flatnonzero((every[:, :3, 3] == solid.corners_mm[seen[0]]).all(1))[0]
+    turns = np.delete(every, own, 0) @ frames.inverse(every[own])
+    moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
+    near = _apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2
+    return np.concatenate([np.eye(4)[None], turns[near]])
+
+
+@lru_cache(maxsize=1024)
+def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
+    """Every two edges at every corner, in either order: part_from_corner (K, 4, 4), the cosine between them (K,), and
+    how long both are (K, 2), mm."""
+    ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
+    which = np.argwhere((ends[:, :1] == ends[:, 0]) & ~np.eye(len(ends), dtype=bool))
+    ways = solid.corners_mm[ends[:, 1]] - solid.corners_mm[ends[:, 0]]
+    length = np.sqrt((ways * ways).sum(1))
+    x, to = (ways[own] / length[own, None] for own in which.T)
+    found = np.zeros((len(which), 4, 4))
+    found[:, :3, :3], found[:, :3, 3], found[:, 3, 3] = basis(x, to), solid.corners_mm[ends[which[:, 0], 0]], 1.0
+    return found, (x * to).sum(1), length[which]
+
+
+def _apart2(many: Array, one: Array) -> Array:
+    """(M, N, K) squares of the distances of sets of points (M, N, 3) from points (K, 3)."""
+    found = np.zeros((*many.shape[:2], len(one)))
+    for axis in range(3):
+        off = many[:, :, None, axis] - one[:, axis]
+        found += off * off
+    return found
+
+
+def _as_far(many: Array, one: Array) -> Flags:
+    """(M,) of which sets of distances (M, N) from the origin each has one of (K,) that points so near could have."""
+    known = np.concatenate([[-np.inf], np.sort(one), [np.inf]])
+    after = np.searchsorted(known, many)
+    off = np.minimum(many - known[after - 1], known[after] - many)
+    return np.asarray(off.max(1) < ALIKE_MM + 1e-6)
+
+
+def sorted_by_kind(rows: Array) -> tuple[Array, Index, Index]:
+    """The kinds (U, M) of which rows (K, M) are, the order (K,) that sorts them by kind, and where each begins there
+    (U + 1,)."""
+    kinds, kind = np.unique(rows, axis=0, return_inverse=True)
+    order = np.argsort(kind.reshape(-1), kind="stable")
+    return kinds, order, np.searchsorted(kind.reshape(-1)[order], np.arange(len(kinds) + 1))
+
+
+def basis(x: Array, to: Array) -> Array:
+    """(N, 3, 3) rotations whose columns are unit x (N, 3), the rest of `to` (N, 3) at right angles to it, and their
+    cross product."""
+    y = to - (x * to).sum(1, keepdims=True) * x
+    y = y / np.linalg.norm(y, axis=1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], 2)
+
+
+def angle(one: Array, other: Array) -> Array:
+    """Angles (...) between directions (..., 2)."""
+    cross = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+    return np.asarray(np.abs(np.arctan2(cross, (one * other).sum(-1))))
+
+
+OFF = np.radians(7.0)  # by how much a corner's arm may point elsewhere in the right eye than the taught angle says
+MOST_ASKED = 0.03  # by how much of its cosine no direction in the plane has the taught angle
+MOST_COUNTED = 6000  # guesses of one part and side of the plane that count as such
+MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
+"""Of all parts, and at one corner in space, those for whose two edges most speaks: so many, or so many for each taught
+part where that is more; at a corner its share of all, where corners are few. In 57 rendered looks with four parts
+taught the first good guess was among the first 500 of some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16
+named 37 of 57 parts on hard tables, these 46; twice as many at a corner named no more."""
+LENGTH_MM = 1.0
+"""Edges whose lengths round to the same in this are one kind."""
+LEAST_NATS = 20.0  # that must speak for two edges in both eyes together
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """The corners of several solids, sorted by kind: part (K,), corner_from_part (K, 4, 4) and cosine (K,) of each, and
+    about (K,), the number of its angle among cosines (U,). First edges have lengths first_mm (A,); second ones
+    second_mm (Q,), at angles at (Q,). kinds (T, 2): which first and which second edge; begins (T + 1,): where the
+    corners of each begin.
+    """
+
+    part: Index
+    corner_from_part: Array
+    cosine: Array
+    about: Index
+    cosines: Array
+    first_mm: Array
+    second_mm: Array
+    at: Index
+    kinds: Index
+    begins: Index
+
+
+@lru_cache(maxsize=8)
+def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
+    """All corners of solids; lengths and angles are of a kind that round to the same."""
+    each = [taught_corners(shape) for shape in shapes]
+    part = np.repeat(np.arange(len(each)), [len(found[1]) for found in each])
+    from_part, cosines, lengths = (np.concatenate([found[k] for found in each]) for k in range(3))
+    angles, which = np.unique((np.arccos(np.clip(cosines, -1, 1)) / ANGLE).round(), return_inverse=True)
+    first_mm, first = np.unique((lengths[:, 0] / LENGTH_MM).round() * LENGTH_MM, return_inverse=True)
+    second_mm = (lengths[:, 1] / LENGTH_MM).round() * LENGTH_MM
+    seconds, second = np.unique(np.stack([which, second_mm], 1), axis=0, return_inverse=True)
+    kinds, order, begins = sorted_by_kind(np.stack([first, second.reshape(-1)], 1))
+    return Kinds(
+        part[order], from_part[order], cosines[order], which[order], np.cos(angles * ANGLE), first_mm,
+        seconds[:, 1], seconds[:, 0].astype(np.intp), kinds.astype(np.intp), begins,
+    )  # fmt: skip
+
+
+def guesses_from_space(
+    corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], solids: Solids
+) -> tuple[Posed, Array, int]:
+    """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
+    speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
+    its direction (G, 2, 3) cyclopean; and how many could."""
+    kinds = corner_kinds(solids.shapes) if solids.shapes else None
+    if kinds is None or not len(kinds.part) or not len(corners.at):
+        return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
+    could, other = _could_be(corners, kinds.cosines[:, None])
+    counts = np.minimum(
+        [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
+    ).sum()
+    nats = _nats(corners, geometry, maps, kinds, could, other)
+    where, side, which = _likeliest(nats, kinds, *_most(len(solids.labels), len(corners.at)))
+    cyclopean_from_corner = np.zeros((len(which), 4, 4))
+    turn = geometry.cyclopean_from_baseline
+    seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
+    cyclopean_from_corner[:, :3, :3] = turn @ basis(corners.firm[where], seconds)
+    middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
+    cyclopean_from_corner[:, :3, 3] = middle[where] @ turn.T + geometry.middle_mm
+    cyclopean_from_corner[:, 3, 3] = 1.0
+    about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
+    hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
+    return Posed(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]), hinges, int(counts)
+
+
+def _most(taught: int, corners: int) -> tuple[int, int]:
+    """Guesses in all, and at one of so many corners."""
+    most, of_one = (max(least, each * taught) for least, each in (MOST_GUESSES, MOST_OF_ONE))
+    return most, max(of_one, most // corners)
+
+
+def _hinge(ray: Array, one: Array, other: Array) -> Array:
+    """(G, 3) unit directions about which corners at rays (G, 3) from an eye turn so that both of their edges, along one
+    and other (G, 3), stay in their planes with the eye and keep their angle."""
+    one, other = (ray - edge * (edge * ray).sum(1, keepdims=True) for edge in (one, other))
+    found = np.cross(one, other)
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+
+
+def _second_edges(corners: SpaceCorners, cosines: Array) -> Array:
+    """(2, ..., 3) directions in which the second arms of corners make angles of cosines (...), on either side."""
+    along = corners.firm - (corners.firm * corners.plane).sum(1, keepdims=True) * corners.plane
+    size = np.linalg.norm(along, axis=1)
+    along = along / np.maximum(size, 1e-9)[:, None]
+    share = np.clip(cosines / np.maximum(size, 1e-9), -1.0, 1.0)[..., None]
+    aside = np.sqrt(1 - share * share) * np.cross(corners.plane, along)
+    return np.stack([share * along + aside, share * along - aside])
+
+
+def _could_be(corners: SpaceCorners, cosines: Array) -> tuple[Flags, Array]:
+    """(2, U, C) whether the second arm of each corner could make an angle of each cosine (U, 1), on either side, and
+    its direction (2, U, C, 3)."""
+    other = _second_edges(corners, cosines)
+    in_left = other[..., :2] - (corners.at[:, :2] / corners.at[:, 2:]) * other[..., 2:]
+    ahead = (in_left * corners.other[0]).sum(-1) > 0
+    off = angle(other[..., :2] - corners.right * other[..., 2:], corners.other[1])
+    asked = (corners.firm * other).sum(-1) - cosines  # of a direction in the plane, more than there is
+    return ahead & (off < OFF) & (np.abs(asked) < MOST_ASKED), other
+
+
+def _nats(
+    corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], kinds: Kinds,
+    could: Flags, other: Array,
+) -> Image32:  # fmt: skip
+    """(C, 2, T) what speaks in both eyes for the two edges of every kind of corner at every corner in space, its second
+    edge on either side; minus infinity where that could not be."""
+    count = len(corners.at)
+    begin = np.nonzero(could)[2]
+    ray = np.cumsum(could.reshape(-1)).reshape(could.shape) - 1
+    side, second, where = np.nonzero(could[:, kinds.at])
+    every = np.repeat(np.arange(count), len(kinds.first_mm))
+    lengths = np.tile(kinds.first_mm.astype(np.float32), count)
+    first = np.zeros(len(every), np.float32)
+    rest = np.zeros(len(where), np.float32)
+    for eye_x_mm, seen in zip((0.0, geometry.length_mm), maps, strict=True):
+        first += Rays.of(corners.at, corners.firm, eye_x_mm, seen).of_edges(every, lengths)
+        rays = Rays.of(corners.at[begin], other[could], eye_x_mm, seen)
+        rest += rays.of_edges(ray[side, kinds.at[second], where], kinds.second_mm[second].astype(np.float32))
+    seconds = np.full((count, 2, len(kinds.at)), -np.inf, np.float32)
+    seconds[where, side, second] = rest
+    return np.asarray(first.reshape(count, 1, -1)[:, :, kinds.kinds[:, 0]] + seconds[:, :, kinds.kinds[:, 1]])
+
+
+def _likeliest(nats: Image32, kinds: Kinds, most: int, most_of_one: int) -> tuple[Index, Index, Index]:
+    """Corner in space, side and taught corner of the guesses for which most speaks, of nats (C, 2, T), a few at each
+    corner in space, the likeliest first; (N,) each."""
+    every = nats.reshape(len(nats), -1)
+    few = min(most_of_one, every.shape[1])
+    best = np.argpartition(-every, few - 1, axis=1)[:, :few]
+    order = np.argsort(-np.take_along_axis(every, best, 1), axis=1, kind="stable")
+    best = np.take_along_axis(best, order, 1)
+    value = np.take_along_axis(every, best, 1)
+    side, kind = np.divmod(best, nats.shape[2])
+    each = np.diff(kinds.begins)[kind]
+    where, rank = np.nonzero((value > LEAST_NATS) & (np.cumsum(each, 1) - each < most_of_one))
+    order = np.argsort(-value[where, rank], kind="stable")
+    place = where[order], rank[order]
+    each, kind = each[place], kind[place]
+    of, which = (one[:most] for one in runs(kinds.begins[kind], each))
+    return place[0][of], side[place][of], which

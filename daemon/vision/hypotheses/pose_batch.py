@@ -1,0 +1,145 @@
+"""Taught solids side by side, and many poses of any of them at once: where their corners are, which edges show.
+
+Solids differ in how many corners, facets and edges they have; what one has less of than another is filled up with its
+first corner, with facets that are turned to nobody, and with edges beside none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags, Image32, Index
+from daemon.vision.geometry import Baseline, Polyhedron, Shape
+from daemon.vision.image import Eyes
+from daemon.vision.model import Model
+
+COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
+LEAST_FACING = 0.08
+"""Cosine below which a facet is too thin in the image to be looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """P solids and their labels: corners_mm (P, K, 3), and own (P, K), which of these are a solid's; middles_mm (P, 3);
+    planes (P, 2 F, 3): outward unit normals of the facets, then their middles; rings (P, F, K), which corners each has;
+    ends (P, E, 2), the corners of each edge, and beside (P, E, 2), the facets on either hand, F where there is none.
+    """
+
+    labels: tuple[str, ...]
+    shapes: tuple[Polyhedron, ...]
+    corners_mm: Image32
+    own: Flags
+    middles_mm: Array
+    planes: Image32
+    rings: Flags
+    ends: Index
+    beside: Index
+
+    @classmethod
+    def of(cls, labels: Sequence[str], shapes: Sequence[Polyhedron]) -> Solids:
+        """Solids side by side."""
+        count = len(shapes)
+        corners, facets, edges = (
+            max((len(each) for each in of_all), default=0)
+            for of_all in ([s.corners_mm for s in shapes], [s.facets for s in shapes], [s.lines[0] for s in shapes])
+        )
+        found = cls(
+            tuple(labels), tuple(shapes), np.zeros((count, corners, 3), np.float32), np.zeros((count, corners), bool),
+            np.array([s.corners_mm.mean(0) for s in shapes]).reshape(-1, 3),
+            np.zeros((count, 2 * facets, 3), np.float32), np.zeros((count, facets, corners), bool),
+            np.zeros((count, edges, 2), np.intp), np.full((count, edges, 2), facets),
+        )  # fmt: skip
+        for k, shape in enumerate(shapes):
+            c, f, e = len(shape.corners_mm), len(shape.facets), len(shape.lines[0])
+            found.corners_mm[k], found.corners_mm[k, :c], found.own[k, :c] = shape.corners_mm[0], shape.corners_mm, True
+            found.planes[k, :f], found.planes[k, facets : facets + f] = shape.normals, shape.centres_mm
+            found.ends[k, :e], found.beside[k, :e] = shape.lines[0], np.where(shape.beside < 0, facets, shape.beside)
+            for facet, ring in enumerate(shape.rings):
+                found.rings[k, facet, ring] = True
+        return found
+
+
+@lru_cache(maxsize=8)
+def _side_by_side(labels: tuple[str, ...], shapes: tuple[Polyhedron, ...]) -> Solids:
+    return Solids.of(labels, shapes)
+
+
+def taught_solids(model: Model) -> Solids:
+    """Every part that a model has the shape of."""
+    return _side_by_side(tuple(model.metric), tuple(metric.solid for metric in model.metric.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """Poses (G, 4, 4) cyclopean_from_part of solids: part (G,), which each is of."""
+
+    solids: Solids
+    part: Index
+    poses: Array
+
+    def chosen(self, which: Index | Flags) -> Posed:
+        """Some of them."""
+        return Posed(self.solids, self.part[which], self.poses[which])
+
+    def corners_mm(self, geometry: Baseline) -> Image32:
+        """(G, K, 3) from the middle between the eyes, in axes of the baseline."""
+        turn = geometry.cyclopean_from_baseline.T
+        rotation = (turn @ self.poses[:, :3, :3]).astype(np.float32)
+        shift = ((self.poses[:, :3, 3] - geometry.middle_mm) @ turn.T).astype(np.float32)
+        return np.asarray(self.solids.corners_mm[self.part] @ rotation.transpose(0, 2, 1) + shift[:, None])
+
+    def middles_mm(self) -> Array:
+        """(G, 3) cyclopean."""
+        turned = (self.poses[:, :3, :3] @ self.solids.middles_mm[self.part, :, None])[..., 0]
+        return np.asarray(turned + self.poses[:, :3, 3])
+
+    def in_view(self) -> Flags:
+        """(G, F) which facets are turned to the cameras."""
+        eye = -(self.poses[:, None, :3, 3] @ self.poses[:, :3, :3])[:, 0].astype(np.float32)  # where each part has it
+        planes = self.solids.planes
+        facets = planes.shape[1] // 2
+        normals, middles = planes[:, :facets], planes[:, facets:]
+        along = (planes[self.part] @ eye[:, :, None])[..., 0]
+        towards = along[:, :facets] - (normals * middles).sum(2)[self.part]
+        away2 = (eye * eye).sum(1)[:, None] - 2 * along[:, facets:] + (middles * middles).sum(2)[self.part]
+        return np.asarray(towards > LEAST_FACING * np.sqrt(away2))
+
+    def edges(self) -> tuple[Index, Index]:
+        """The edges that show, pose after pose: of which (N,), and their ends (N, 2) among all corners of all poses."""
+        facets, corners = self.solids.rings.shape[1:]
+        view = np.zeros((len(self.part), facets + 1), bool)
+        view[:, :facets] = self.in_view()
+        first = (np.arange(len(self.part)) * (facets + 1))[:, None]
+        one, other = (view.reshape(-1)[first + self.solids.beside[self.part, :, k]] for k in (0, 1))
+        pose, edge = np.nonzero(one | other)
+        return pose, self.solids.ends[self.part[pose], edge] + pose[:, None] * corners
+
+
+def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
+    """Where either eye sees points (..., 3) as Posed.corners_mm has them: ideal coordinates (N, 2) each."""
+    x, y, z = np.moveaxis(corners_mm, -1, 0).reshape(3, -1)
+    by_z = 1 / z
+    height, half = y * by_z, np.float32(geometry.length_mm / 2)
+    return np.stack([(x + half) * by_z, height], 1), np.stack([(x - half) * by_z, height], 1)
+
+
+def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
+    """Where either eye sees points (N, 3) mm cyclopean: (N, 2) px each."""
+    left, right = geometry.project(points)
+    return geometry.left.pixels(left), geometry.right.pixels(right)
+
+
+def silhouette(solid: Polyhedron, pose: Array, eyes: Eyes) -> Shape:
+    """What a part at cyclopean_from_part (4, 4) covers in the left eye."""
+    return hull(pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)[0])
+
+
+def hull(corners_px: Array) -> Shape:
+    """What a part covers whose corners are seen at (K, 2) px."""
+    return Shape.of(cv2.convexHull(corners_px.astype(np.float32))[:, 0].astype(float))

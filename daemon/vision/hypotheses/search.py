@@ -1,0 +1,297 @@
+"""Which taught parts could be where by straight edges: few guesses of many, to be laid onto the images.
+
+In: both eyes, what is named and what is not, the table. Out: likely parts and places, and of how many guesses they are
+the best. Guesses come from corners that both eyes see together and from facets without a name; or from corners that one
+eye sees, of parts that rest on the table. Segments say how much speaks for each, turned to where most does, or laid
+onto the table where that is known.
+
+Of many poses of taught parts the likeliest that would look different from each other.
+
+Poses that the two edges of a corner, or two eyes at all, can hardly tell from a guess: all edges of the part do.
+
+In: guesses and the lines they turn about; a laid part. Out: better guesses; other poses to be laid. Where an edge is
+short, or runs along the baseline, where it points in depth is anyone's: twenty degrees are usual. The left eye sees the
+corner the same when the part turns about one line; how far, the part's other edges say in both eyes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry import Baseline, Polyhedron, Shape
+from daemon.vision.hypotheses.edge_distance_map import DirectedMap, evidence, promising
+from daemon.vision.hypotheses.junctions import corner_kinds, guesses_from_space, meet
+from daemon.vision.hypotheses.pose_batch import COVERED, Posed, hull, ideal, pixels, taught_solids
+from daemon.vision.hypotheses.resting_junctions import guesses_on_table, resting_corners
+from daemon.vision.hypotheses.support_plane import Ground, laid_down
+from daemon.vision.image import Eyes, SegmentCorners, joined, ranks, segment_corners
+from daemon.vision.model import Model
+from daemon.vision.recognition import suspected
+from daemon.vision.refine import turned
+from daemon.vision.settings import VisionSettings
+from daemon.vision.values import Group
+
+LOOKED_AT, MOST, PER_PLACE, PER_LABEL = 60, 24, 6, 2
+"""Guesses looked at in the order of what speaks for them; those of them laid onto the images, in all, at one place, and
+of each part there however many others are: a part that is like another must be there to be its rival."""
+SEARCHED, FEWEST_LAID = 0.6, 5
+"""Of a look's budget, after which no more guesses are asked for, and how many are laid onto the images yet."""
+WORTH = 0.6
+"""Of the evidence for the best guess at a place, what another there must have to be laid as well."""
+MOST_PROMISING, OF_A_BUNDLE = 600, 4
+"""Guesses that a glance speaks for, of which both eyes are asked; and where there are more, how many at much the same
+pose: a part in plain sight has thousands, and one beside it is there as well."""
+LEAST_NATS = 180.0
+"""Evidence of segments against chance, a third of which a guess must have to be looked at."""
+FEWEST_IN_VIEW = 2
+"""Facets of a part that is named by its edges: one alone is no proof."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What guesses are made from: both eyes, the taught parts, groups of facets without a name, what the left eye sees
+    of the parts that have one, maps of segments of both eyes, and the table, where that is seen or known."""
+
+    eyes: Eyes
+    model: Model
+    unnamed: Sequence[Group]
+    named: Sequence[Shape]
+    maps: tuple[DirectedMap, DirectedMap]
+    ground: Ground | None
+
+    @cached_property
+    def quiet(self) -> bool:
+        """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
+        return self.eyes.quiet(VisionSettings())
+
+    @cached_property
+    def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
+        """Where straight segments meet, in either eye."""
+        left, right = (segment_corners(joined(view.segments)) for view in self.eyes.views)
+        return left, right
+
+
+class Likely(NamedTuple):
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
+
+    label: str
+    pose: Array
+    tries: float = 1.0
+
+
+class Guessed(NamedTuple):
+    """The likeliest parts and places, of how many, and what there was no time to ask."""
+
+    likely: Sequence[Likely]
+    tests: int
+    left_out: tuple[str, ...] = ()
+
+
+def made_ready(model: Model) -> None:
+    """Make what is made once of taught parts, and kept for all looks that guess."""
+    shapes = taught_solids(model).shapes
+    if shapes:
+        corner_kinds(shapes)
+        resting_corners(shapes)
+
+
+def guessed_by_facets(search: Search, spent: Callable[[], float]) -> Guessed:
+    """By facets that have no name, where they are asked by themselves."""
+    if not search.quiet or spent() > SEARCHED:
+        return Guessed([], 0)
+    posed, hinges = _by_facets(search)
+    return _likeliest(search, *_laid_down(search, posed, hinges), len(posed.part), spent)
+
+
+def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:
+    """By corners that both eyes see, and by facets that have no name if these were not asked by themselves."""
+    left, right = search.corners
+    if spent() > SEARCHED:
+        return Guessed([], 1, ("where taught parts could be was not looked for",))
+    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, search.maps, solids)
+    posed = Posed(solids, guesses.part, guesses.poses)
+    if not search.quiet:
+        more, more_hinges = _by_facets(search)
+        tests += len(more.part)
+        posed = Posed(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
+        hinges = np.concatenate([hinges, more_hinges])
+    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent)
+
+
+def _by_facets(search: Search) -> tuple[Posed, Array]:
+    """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
+    likely = [one for group in search.unnamed for facet in group.facets for one in suspected(facet, search.model)]
+    solids = taught_solids(search.model)
+    part = np.array([solids.labels.index(label) for label, _ in likely], np.intp)
+    posed = Posed(solids, part, np.array([pose for _, pose in likely]).reshape(-1, 4, 4))
+    middles = posed.middles_mm()
+    return posed, np.stack([middles, np.zeros_like(middles)], 1)
+
+
+def _laid_down(search: Search, posed: Posed, hinges: Array) -> tuple[Posed, Array]:
+    """Guesses and their hinges (G, 2, 3), laid onto the table where that is known."""
+    if search.ground is None:
+        return posed, hinges
+    return laid_down(posed, hinges, search.ground.table, search.eyes.geometry)
+
+
+def guessed_on_table(search: Search, spent: Callable[[], float]) -> Guessed:
+    """By corners that one eye sees; nothing where no table is known."""
+    if search.ground is None or spent() > SEARCHED:
+        return Guessed([], 0)
+    solids, geometry = taught_solids(search.model), search.eyes.geometry
+    posed, tests = guesses_on_table(search.corners, geometry, search.maps, search.ground.table, solids)
+    return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
+
+
+def _likeliest(search: Search, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
+    """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
+    eyes, geometry, maps = search.eyes, search.eyes.geometry, search.maps
+    good, by_glance = promising(posed, geometry, maps)
+    good = good[_varied(Guesses(posed.chosen(good), -by_glance))]
+    posed, hinges = posed.chosen(good), hinges[good]
+    nats, _ = evidence(posed, geometry, maps)
+    good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
+    if search.named:
+        middle_px = pixels(posed.middles_mm(), geometry)[0]
+        good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
+    guesses = Guesses(posed.chosen(good), -nats[good])
+    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
+    if spent() > SEARCHED and len(kept) > FEWEST_LAID:
+        told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
+        return Guessed(kept[:FEWEST_LAID], tests, (told,))
+    return Guessed(kept, tests)
+
+
+def _varied(guesses: Guesses) -> Index:
+    """Those that both eyes are asked of: where they are too many, a few of every bundle."""
+    if len(guesses.against) <= MOST_PROMISING:
+        return np.arange(len(guesses.against))
+    few = thinned(guesses, OF_A_BUNDLE)
+    return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
+
+
+def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
+    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
+    kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
+    for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
+        shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
+        there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
+        own = [one for _, one in there].count(label)
+        if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
+            kept.append(Likely(label, posed.poses[k], float(tries[k])))
+            shapes.append((shape, against, label))
+        if len(kept) == MOST:
+            break
+    return kept
+
+
+ROOM_PX = 12
+SAME_MM = 2.0  # poses that put every corner this near to the same place look the same
+
+CELL_MM, CELL_TURN = 8.0, 0.4
+"""Guesses whose middles and axes round to the same in these are one bundle."""
+_BUNDLE = np.random.default_rng(2).integers(1, 2**40, 10)
+
+
+@dataclass(frozen=True, eq=False)
+class Guesses:
+    """Poses of parts, and what speaks against each (G,), in any one unit."""
+
+    posed: Posed
+    against: Array
+
+    def chosen(self, which: Index | Flags) -> Guesses:
+        """Some of them."""
+        return Guesses(self.posed.chosen(which), self.against[which])
+
+
+def thinned(guesses: Guesses, of_each: int = 1) -> Index:
+    """Which are the likeliest few of every bundle of guesses of one part at much the same pose."""
+    posed = guesses.posed
+    cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
+    bundle = np.rint(np.concatenate(cells, 1)).astype(np.int64) @ _BUNDLE
+    order = np.argsort(guesses.against, kind="stable")
+    return np.asarray(order[ranks(bundle[order]) < of_each])
+
+
+def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
+    """Which of a few hundred have the middle of what shows inside both images, the likeliest first, none of which looks
+    like an earlier one; and where the left eye sees all corners of each (K, 2) px."""
+    posed = guesses.posed
+    if not len(posed.part):
+        return
+    shows = np.asarray((posed.in_view()[:, :, None] & posed.solids.rings[posed.part]).any(1))
+    corners_mm, own = posed.corners_mm(eyes.geometry), posed.solids.own[posed.part]
+    count = shows.sum(1)
+    middle_mm = (corners_mm * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]
+    geometry = eyes.geometry
+    both = zip((geometry.left, geometry.right), ideal(corners_mm, geometry), strict=True)
+    seen = [eye.pixels(corners.astype(float)).reshape(*shows.shape, 2) for eye, corners in both]
+    most = np.array(eyes.rig.image_size) - 1 - ROOM_PX
+    inside = count > 0
+    for px in seen:
+        middle = (px * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]
+        inside &= ((middle >= ROOM_PX) & (middle <= most)).all(1)
+    of_one = (posed.part[:, None] == posed.part) & (count[:, None] == count)
+    alike = of_one & (((middle_mm[:, None] - middle_mm) ** 2).sum(2) < SAME_MM**2)
+    order, out = np.argsort(guesses.against, kind="stable"), ~inside
+    for best in order.tolist():
+        if out[best]:
+            continue
+        yield best, seen[0][best][own[best]]
+        (near,) = alike[best].nonzero()
+        if len(near) > 1:
+            apart2 = ((corners_mm[near, :, None] - corners_mm[best, shows[best]]) ** 2).sum(3).min(2)
+            out[near[((apart2 < SAME_MM**2) | ~shows[near]).all(1)]] = True
+
+
+MOST_TURNED, TURNS = 100, np.radians([-24.0, -16.0, -8.0, 8.0, 16.0, 24.0])
+"""Of the likeliest guesses, and by how much each is turned: what maps of segments and the pictures take for one pose
+lies between two of them."""
+WORTH_TURNING = 1.1
+"""So many times the evidence for a guess as it is must speak for it turned."""
+FARTHER_MM, TILT = 5.0, np.radians(7.0)
+"""By how much a laid part is moved along the sight, and tilted against it."""
+
+
+def best_turned(
+    guesses: Guesses, hinges: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]
+) -> tuple[Guesses, Array]:
+    """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
+    the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns
+    about, cyclopean, no direction where there is none. What speaks against guesses is less the evidence of the maps."""
+    few = thinned(guesses)
+    few = few[np.argsort(guesses.against[few], kind="stable")[:MOST_TURNED]]
+    posed, against = guesses.posed.chosen(few), guesses.against[few]
+    point, cross = hinges[few, 0], frames.cross_matrices(hinges[few, 1])
+    rotations = (np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross for by in TURNS)  # Rodrigues
+    poses = np.stack([posed.poses, *(turned(posed.poses, rotation, point) for rotation in rotations)])
+    every = Posed(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
+    nats, _ = evidence(every, geometry, maps)
+    each = np.concatenate([against[None], -nats.reshape(len(TURNS), -1)])
+    best = np.concatenate([WORTH_TURNING * against[None], each[1:]]).argmin(0), np.arange(len(few))
+    found = Guesses(Posed(posed.solids, posed.part, poses[best]), each[best])
+    kept = thinned(found)
+    return found.chosen(kept), np.where(best[0] > 0, len(TURNS) + 1.0, 1.0)[kept]
+
+
+def nearby(solid: Polyhedron, pose: Array) -> list[Array]:
+    """Poses (4, 4) cyclopean_from_part beside one at which a solid is laid: nearer, farther, tilted either way."""
+    middle = frames.apply(pose, solid.corners_mm).mean(0)
+    ahead = middle / np.linalg.norm(middle)
+    aside = np.cross([0.0, 1.0, 0.0], ahead)
+    turns = [frames.rotation_from_vector(by * axis) for axis in (aside, np.cross(ahead, aside)) for by in (TILT, -TILT)]
+    moves = [frames.rigid(turn, middle - turn @ middle) for turn in turns]
+    return [
+        move @ pose for move in (*moves, *(frames.rigid(np.eye(3), by * ahead) for by in (FARTHER_MM, -FARTHER_MM)))
+    ]

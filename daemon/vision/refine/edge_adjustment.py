@@ -1,0 +1,182 @@
+"""Pose and corners of a known part estimated together from the edges of both eyes. Which edges those are, and whether
+they bear the part out, is edge_pose.py's.
+
+A real part is not quite the taught one. Where a corner is off, both eyes see it off in the same place, and so do both
+edges that meet there; a fit that takes each edge for its own error would read it as another distance. So each corner
+may leave its place on the part, once for all edges of both eyes. And where edges are broken or worn, all of them draw
+back into the part, away from both eyes: unasked, that is read as a part that is smaller, and farther away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.image import MODEL_PX
+from daemon.vision.refine.expected_edges import EdgeObservation
+from daemon.vision.refine.poses import TUKEY
+
+# Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
+OF_TOLERANCE = 0.35
+"""How far off its taught place a corner lies, as a share of what naming allows for it."""
+LINE_SIGMAS = 2.0
+"""How much farther off a line may be than its fit says: its profiles share their neighbours' shading."""
+RAGGED_PX = 9.0
+"""What the place of an edge that only noise blurs is known to, times its evidence, is half of this. An edge between two
+faces that is known worse has print beside it, whose strokes pull all of a stretch aside: it is so much less to be
+trusted (set on recorded looks at printed prisms)."""
+SIGMA_SCALE = 1.2
+"""How much larger than the lines say a pose's errors are, broken and shaded edges among them."""
+WORN_MM, SELDOM = 0.2, 0.3
+"""How far the edges of a worn part draw back, a half normal's scale; the odds that a part is worn, before it is seen.
+Set on scenes whose parts have edges broken by .2 to .8 mm, and on those where they are sharp."""
+SHARP = 1e9
+"""Holds the edges of a part that is not worn to their place, per mm2."""
+PASSES = 6
+CONTRADICTED, ASTRAY_PASSES, MOST_ASTRAY_PX = 1.05, 5, 0.6
+"""Of what lines are doubted by, how much they may contradict each other and be taken as measured; how often else is
+asked how far they are astray, and the farthest: on a real cube whose picture no lens model bends quite right .3 px."""
+PRIOR = np.diag([5.0**-2] * 3 + [np.radians(3.0) ** -2] * 3)
+"""How near the part is to where it was measured: only what no edge says is left to this."""
+LEAST_HELD = 1e-6
+"""Of that, what is left where something else holds the part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """pose (4, 4) cyclopean_from_part with its covariance (6, 6) as daemon/frames.py has it; corners_mm (K, 3), all of
+    the part's where they most likely are, cyclopean; motion (6,) from the pose the edges were measured at.
+    """
+
+    pose: Array
+    covariance: Array
+    corners_mm: Array
+    motion: Array
+
+
+def adjusted(
+    shape: Polyhedron,
+    pose: Array,
+    observed: Sequence[EdgeObservation],
+    tolerance_mm: float,
+    anchor: tuple[Array, Array] | None = None,
+) -> Adjusted:
+    """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), say together.
+
+    anchor: a pose (4, 4) and the information (6, 6) with which other evidence than these lines holds the part there;
+    without it the part is near to where the lines were measured.
+    Source: bundle adjustment of lines (least squares over pose, corners and wear, the corners held by what was taught)
+    with Tukey's weights. Where lines of a part that is anchored contradict each other by more than each is doubted, all
+    of them are astray by as much more as makes them agree (Paule and Mandel 1982): else the surest few have their way.
+    """
+    count, turn = len(shape.corners_mm), pose[:3, :3]
+    size = 7 + 3 * count
+    loose = (OF_TOLERANCE * tolerance_mm) ** 2 * np.eye(3)
+    held, towards = np.zeros((size, size)), np.zeros(size)
+    held[:6, :6] = PRIOR
+    if anchor is not None:
+        held[:6, :6] = anchor[1] + LEAST_HELD * PRIOR
+        towards[:6] = anchor[1] @ frames.difference(anchor[0], pose)
+    held[-1, -1] = WORN_MM**-2
+    corner = np.arange(count)
+    held[6:-1, 6:-1].reshape(count, 3, count, 3)[corner, :, corner] = np.linalg.inv(
+        turn @ shape.covariance_mm2 @ turn.T + loose
+    )
+    rows, off, doubts, usable = [], [], [], []
+    for seen in observed:
+        if seen.sides is None:
+            continue
+        edges = len(seen.off)
+        jacobian = np.zeros((edges, 2, size))
+        jacobian[:, :, :6] = seen.edges.jacobian
+        each = np.arange(edges)[:, None]
+        jacobian[:, :, 6:-1].reshape(edges, 2, count, 3)[each, :, seen.edges.ends] = seen.edges.by_corner.swapaxes(1, 2)
+        jacobian[..., -1:] = -seen.edges.jacobian[..., :3] @ seen.edges.outward[..., None]
+        known_px = np.sqrt(np.trace(seen.sides.covariance, axis1=1, axis2=2) / 2)
+        ragged = np.where(seen.edges.outline, 1.0, np.maximum(known_px * seen.sides.evidence / RAGGED_PX, 1.0))
+        rows.append(jacobian)
+        off.append(seen.off)
+        doubts.append((LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2))
+        usable.append(seen.there & seen.edges.sharp)
+    lines = _Lines(np.concatenate(rows), np.concatenate(off), np.concatenate(doubts))
+    use = np.concatenate(usable).astype(float)
+    trust, excess = use, 1.0
+    for _ in range(PASSES):
+        solution, hessian, miss = lines.solved(trust, held, towards)
+        excess = max(1.0, _excess(miss, trust))
+        trust = use * np.maximum(1 - miss / excess / TUKEY**2, 0.0) ** 2
+    if anchor is not None and excess > CONTRADICTED:
+        astray_px2, usual_px2 = 0.0, lines.usual_px2(trust)
+        for _ in range(ASTRAY_PASSES):
+            astray_px2 = min(max(excess * (usual_px2 + astray_px2) - usual_px2, 0.0), MOST_ASTRAY_PX**2)
+            solution, hessian, miss = lines.astray(astray_px2).solved(trust, held, towards)
+            excess = _excess(miss, trust)
+    if anchor is not None:  # which is made of the same grey levels: it says where, and not how surely
+        hessian[:6, :6] += PRIOR - anchor[1]
+    spread = np.linalg.inv(hessian) * max(excess, 1.0)
+    worn_mm, sigma2_mm2 = _wear(float(solution[-1]), float(spread[-1, -1]))
+    with_wear = spread[:, -1] / spread[-1, -1]
+    solution = solution + with_wear * (worn_mm - solution[-1])
+    spread = spread + np.outer(with_wear, with_wear) * (sigma2_mm2 - spread[-1, -1])
+    moved = frames.perturb(pose, solution[:6])
+    corners = frames.apply(moved, shape.corners_mm) + solution[6:-1].reshape(-1, 3)
+    return Adjusted(moved, np.asarray(spread[:6, :6] * SIGMA_SCALE**2, float), corners, solution[:6])
+
+
+class _Lines(NamedTuple):
+    """Lines as measured: jacobian (E, 2, N) of both ends by all that is looked for, how far off (E, 2) px they are, and
+    their covariance (E, 2, 2)."""
+
+    jacobian: Array
+    off: Array
+    doubt: Array
+
+    def astray(self, px2: float) -> _Lines:
+        """The same, either end astray by so much more."""
+        return self._replace(doubt=self.doubt + px2 * np.eye(2))
+
+    def usual_px2(self, trust: Array) -> float:
+        """What the ends of those trusted (E,) are doubted by, harmonic mean."""
+        variance = np.trace(self.doubt, axis1=1, axis2=2) / 2
+        return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
+
+    def solved(self, trust: Array, held: Array, towards: Array) -> tuple[Array, Array, Array]:
+        """The most likely motion, corners and wear (N,), each line trusted so much (E,), held (N, N) towards something
+        (N,) by all else; the information (N, N) of that; and the chi-square (E,) of each line. No edge grows."""
+        whiten = np.linalg.inv(np.linalg.cholesky(self.doubt))
+        design, wanted = whiten @ self.jacobian, (whiten @ self.off[..., None])[..., 0]
+        pull = (design * trust[:, None, None]).reshape(-1, len(held)).T
+        hessian = np.asarray(held + pull @ design.reshape(-1, len(held)), float)
+        force = pull @ wanted.ravel() + towards
+        solution = np.linalg.solve(hessian, force)
+        if solution[-1] < 0:
+            hessian[-1, -1] += SHARP
+            solution = np.linalg.solve(hessian, force)
+        return np.asarray(solution, float), hessian, np.asarray(((wanted - design @ solution) ** 2).sum(1), float)
+
+
+def _excess(miss: Array, trust: Array) -> float:
+    """By how much chi-squares (E,) of lines trusted so much (E,) exceed what their doubt says, on average."""
+    return float(miss @ trust) / max(2 * float(trust.sum()) - 6, 1.0)
+
+
+def _wear(found_mm: float, variance_mm2: float) -> tuple[float, float]:
+    """How far a part's edges have drawn back, and its variance, where a fit that takes it for worn says found_mm.
+
+    Most parts are not worn, and no edge grows: what is said is the mean over both cases. Source: Savage and Dickey's
+    ratio of the densities at nought (Dickey 1971).
+    """
+    if found_mm <= 0:
+        return 0.0, 0.0
+    sigmas = found_mm / math.sqrt(variance_mm2)
+    peak = math.exp(min(sigmas, 30.0) ** 2 / 2) * (1 + math.erf(sigmas / math.sqrt(2)))
+    odds = SELDOM * peak * math.sqrt(variance_mm2) / WORN_MM
+    share = odds / (1 + odds)
+    return share * found_mm, share * variance_mm2 + share * (1 - share) * found_mm**2

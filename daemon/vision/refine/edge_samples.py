@@ -1,0 +1,202 @@
+"""Stretch by stretch, how the grey levels change across every edge that parts at their poses should show: where poses
+are better, and how much more speaks for each than chance would give beside these very edges.
+
+In: eyes, taught solids at near poses. Out: poses and evidence. Print or wear beside an edge pulls some of its stretches
+aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) with Tukey's weights for the pose; for the
+evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is taken on the parallels of each edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon import frames
+from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry import hidden
+from daemon.vision.image import Eyes, ranks, stretch_slopes
+from daemon.vision.refine.expected_edges import ExpectedEdges, Placements, expected
+from daemon.vision.refine.poses import moved
+
+REACH_PX = 8
+"""How far across its edge each stretch is looked at."""
+LEAST_SIGMAS = 4.0
+"""What a slope must be to be one, in sigmas of the noise."""
+ROUNDS_PX = (4.0, 3.0, 2.0, 1.2, 0.8), (1.5, 1.0, 0.8)
+"""How near what is expected slopes count, round by round; between those the images are read anew."""
+PULLED = 2.5
+"""So many of those away, a slope pulls no more."""
+ON_PLACE_PX, NEAR_PX, BESIDE_PX = 1.25, 2.25, 3.0
+"""Within this an edge shows where it should; within this a worn one; beyond this, what shows is chance."""
+SPACING_PX, INNER = 3.75, 0.5
+"""An edge so long weighs one, a longer one as the root of its length: what lies along all of it is one chance. An edge
+between two faces that are seen weighs so much of that: often they are alike."""
+MOST_SURPRISE = 2.5
+"""Of an edge, on average: more, and it is merely strong."""
+WIDTH_PX, OTHERS = 3.0, 0.5
+"""How wide the place of an edge is; slopes as strong that are thought beside it more than were seen."""
+SHOWS = 1.5
+"""Of mean surprise, which is 1 by chance: from here on an edge is said to show."""
+PRIOR_MM, PRIOR_RAD = 4.0, 0.06
+
+
+_OFF = np.abs(np.arange(1 - REACH_PX, REACH_PX))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """What the stretches of E expected edges show: sigmas (E, S, C) of the slope at C offsets across; surprise (E, S),
+    minus the log of the chance that a slope as strong as the one on the edge's place were there, 0 where none is; there
+    (E, S): where one is near, as on a worn edge; visible (E, S): which stretches the part itself does not hide."""
+
+    edges: ExpectedEdges
+    sigmas: NDArray[np.float32]
+    surprise: Array
+    there: Flags
+    visible: Flags
+
+    @property
+    def shows(self) -> Flags:
+        """(E,) which edges show, more than by chance."""
+        return np.asarray(self._mean_surprise > SHOWS)
+
+    @property
+    def weight(self) -> Array:
+        """(E,) how much what each edge shows counts."""
+        px = self.edges.lengths_px * self.visible.mean(1)
+        return np.asarray(np.sqrt(px / SPACING_PX) * np.where(self.edges.outline, 1.0, INNER))
+
+    @property
+    def nats(self) -> Array:
+        """(E,) evidence of each edge against chance."""
+        return np.asarray(self.weight * (np.minimum(self._mean_surprise, MOST_SURPRISE) - 1))
+
+    @property
+    def _mean_surprise(self) -> Array:
+        """(E,) over the visible stretches."""
+        return np.asarray((self.surprise * self.visible).sum(1) / np.maximum(self.visible.sum(1), 1))
+
+    def information(self, sigma_px: float) -> Array:
+        """(6, 6) of the pose, in edges of which either end is off by sigma_px, as far as they show."""
+        shown = np.minimum(self.surprise.mean(1), MOST_SURPRISE) / MOST_SURPRISE
+        trust = self.edges.sharp * shown * np.where(self.edges.outline, 1.0, INNER)
+        rows = self.edges.jacobian.reshape(-1, 6)
+        return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
+
+    def only(self, placement: int, laid: Placements) -> Stretches:
+        """Those of one placement."""
+        own = np.flatnonzero(self.edges.owner == placement)
+        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        return Stretches(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
+
+
+class Borne(NamedTuple):
+    """What grey levels say of a part at a pose: nats of evidence against chance, and their share of the most."""
+
+    nats: float
+    share: float
+
+    @classmethod
+    def of(cls, both: Sequence[Stretches]) -> Borne:
+        """By the stretches of both eyes along the edges of one placement."""
+        nats = sum(float(seen.nats.sum()) for seen in both)
+        most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
+        return cls(nats, nats / max(most, 1e-9))
+
+
+def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
+    """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
+    found = []
+    for (edges, sigmas), eye_mm in zip(_slopes(laid, eyes, poses, tolerance_mm), eyes.geometry.eyes_mm, strict=True):
+        size = np.abs(sigmas)
+        inner = size[..., 1:-1]
+        peak = (inner >= LEAST_SIGMAS) & (inner >= size[..., :-2]) & (inner > size[..., 2:])
+        peaks = np.where(peak, inner, np.float32(0))
+        own = peaks[..., _OFF <= ON_PLACE_PX].max(2)
+        near = peaks[..., _OFF <= NEAR_PX].max(2)
+        beside = peaks[..., _OFF > BESIDE_PX]
+        many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
+        places = beside.shape[1] * beside.shape[2]
+        chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
+        visible = _visible(laid, edges, poses, eye_mm, sigmas.shape[1])
+        found.append(Stretches(edges, sigmas, -np.log(chance), near > 0, visible))
+    return found
+
+
+def _visible(laid: Placements, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
+    """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
+    seen = np.ones((len(edges.start), count), bool)
+    shares = (np.arange(count) + 0.5) / count
+    for k, solid in enumerate(laid.shapes):
+        own = np.flatnonzero(edges.owner == k)
+        if solid.convex or not len(own):
+            continue
+        a, b = (laid.corners_mm[edges.ends[own, end]] for end in (0, 1))
+        points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
+        eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
+        seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
+    return seen
+
+
+def _slopes(
+    laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
+) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
+    """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
+    wanted = np.ones(len(poses), bool)
+    for view in eyes.views:
+        edges = expected(laid, view, poses, wanted, tolerance_mm)
+        yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
+
+
+def settled(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> Array:
+    """The poses (P, 4, 4) moved to where the stretches of both eyes have the edges."""
+    for rounds in ROUNDS_PX:
+        poses = _moved(laid, eyes, poses, tolerance_mm, rounds)
+    return poses
+
+
+def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]) -> Array:
+    count = len(poses)
+    rows, sigmas, owner, weight = [], [], [], []
+    for edges, slopes in _slopes(laid, eyes, poses, tolerance_mm):
+        stretches = slopes.shape[1]
+        at = ((np.arange(stretches) + 0.5) / stretches)[None, :, None]
+        jacobian = edges.jacobian
+        rows.append(((1 - at) * jacobian[:, None, 0] + at * jacobian[:, None, 1]).reshape(-1, 6))
+        sigmas.append(np.abs(slopes).reshape(-1, 2 * REACH_PX + 1))
+        owner.append(np.repeat(edges.owner, stretches))
+        weight.append(np.repeat(edges.lengths_px * edges.sharp / (15.0 * stretches), stretches))
+    own = np.concatenate(owner)
+    if not len(own):
+        return poses
+    place = own, ranks(own)  # side by side, what has fewer stretches filled up with some that weigh nothing
+    row, size, each = (_side_by_side(np.concatenate(one), place, count) for one in (rows, sigmas, weight))
+    prior = np.diag([PRIOR_MM**-2.0] * 3 + [PRIOR_RAD**-2.0] * 3)
+    offsets = np.arange(-REACH_PX, REACH_PX + 1, dtype=np.float32)
+    size = np.where(size >= LEAST_SIGMAS, np.sqrt(size), np.float32(0))
+    motion, here = np.zeros((count, 6)), np.zeros(each.shape)
+    for near in rounds_px:
+        likely = size * np.exp(-0.5 * ((offsets - here[..., None].astype(np.float32)) / near) ** 2)
+        best = likely.argmax(2).clip(1, len(offsets) - 2)
+        low, top, high = np.take_along_axis(size, best[..., None] + np.arange(-1, 2), 2).transpose(2, 0, 1)
+        bend = low - 2 * top + high
+        between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
+        found = offsets[best] + between.clip(-1, 1)
+        for _ in range(2):
+            off = found - here
+            trust = each * (top > 0) * np.maximum(1 - (off / (PULLED * near)) ** 2, 0.0) ** 2
+            pull = (row * trust[..., None]).swapaxes(1, 2)
+            motion = np.linalg.solve(pull @ row + prior, pull @ found[..., None])
+            here = (row @ motion)[..., 0]
+    return moved(poses, motion[..., 0])
+
+
+def _side_by_side(values: NDArray[Any], place: tuple[Index, Index], count: int) -> NDArray[Any]:
+    """(P, M, ...) values (N, ...), each at the place (N,), (N,) of its own; nought where there is none."""
+    found = np.zeros((count, place[1].max() + 1, *values.shape[1:]), values.dtype)
+    found[place] = values
+    return found

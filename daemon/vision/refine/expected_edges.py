@@ -1,0 +1,188 @@
+"""Which edges each eye should see with known parts at known poses, and what was found of them. Values and projection;
+where the edges are in the images is looked for in edge_pose.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry import Polyhedron, sides_of
+from daemon.vision.image import OneEye, Sides
+from daemon.vision.refine.poses import across, corners_in
+
+THIN_PX = (-3.0, 6.0)
+"""A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
+ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
+"""How far inside the image an edge must be, and how much of it, to be measured."""
+ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
+"""An edge is on its place within so many times what the shape leaves open, which is this at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placements:
+    """P shapes, each to be laid at a pose of its own, side by side in one list of corners, facets and edges.
+
+    shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
+    here, after (N,) and first (F,): the facets' borders, as Polyhedron.steps has them; ends (E, 2): the corners of each
+    edge; beside (E, 2): the facets on either hand, F where there is none; bisectors (E, 3) as Polyhedron has them;
+    owner (E,): its placement.
+    """
+
+    shapes: tuple[Polyhedron, ...]
+    corners_mm: Array
+    of_corner: Index
+    begins: Index
+    here: Index
+    after: Index
+    first: Index
+    ends: Index
+    beside: Index
+    bisectors: Array
+    owner: Index
+
+    @classmethod
+    def of(cls, shapes: Sequence[Polyhedron]) -> Placements:
+        """Shapes side by side."""
+        corners = [len(s.corners_mm) for s in shapes]
+        begins = np.cumsum([0, *corners])
+        borders, facets = (np.cumsum([0, *(len(s.steps[k]) for s in shapes)]) for k in (0, 2))
+        every = list(zip(shapes, begins, borders, facets, strict=False))
+        beside = [np.where(s.beside < 0, facets[-1], s.beside + facet) for s, _, _, facet in every]
+        return cls(
+            tuple(shapes),
+            np.concatenate([s.corners_mm for s in shapes]),
+            np.repeat(np.arange(len(shapes)), corners),
+            begins,
+            np.concatenate([s.steps[0] + corner for s, corner, _, _ in every]),
+            np.concatenate([s.steps[1] + corner for s, corner, _, _ in every]),
+            np.concatenate([s.steps[2] + border for s, _, border, _ in every]),
+            np.concatenate([s.lines[0] + corner for s, corner, _, _ in every]),
+            np.concatenate(beside),
+            np.concatenate([s.bisectors for s in shapes]),
+            np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
+        )
+
+    @cached_property
+    def middles_mm(self) -> Array:
+        """(P, 3) means of the placements' corners."""
+        return np.asarray(np.add.reduceat(self.corners_mm, self.begins[:-1]) / np.diff(self.begins)[:, None])
+
+    def thickness(self, px: Array) -> Array:
+        """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the
+        width of a long one; negative where it is seen from behind (it then runs clockwise)."""
+        (x, y), (u, v) = px[self.here].T, px[self.after].T
+        twice_area = np.add.reduceat(x * v - y * u, self.first)
+        return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), self.first))
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedEdges:
+    """Edges one eye should see with parts at their poses, placement after placement: owner (E,), the placement of each;
+    ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
+    with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one facing
+    facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px (E,):
+    what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors.
+    """
+
+    owner: Index
+    ends: Index
+    start: Array
+    end: Array
+    jacobian: Array
+    by_corner: Array
+    outline: Flags
+    sharp: Flags
+    px_per_mm: Array
+    doubt_px: Array
+    corners_px: Array
+    outward: Array
+
+    @property
+    def lengths_px(self) -> Array:
+        """(E,) px."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    def of_ring(self, ring: Sequence[int]) -> tuple[Index, Flags]:
+        """Which edge each side of a facet is, -1 where none is expected, and which of them run the other way there."""
+        at = {(a, b): k for k, (a, b) in enumerate(self.ends.tolist())}
+        pairs = list(sides_of(ring))
+        which = np.array([at.get(pair, at.get(pair[::-1], -1)) for pair in pairs], np.intp)
+        return which, np.array([pair not in at and pair[::-1] in at for pair in pairs], bool)
+
+    def only(self, own: Index, corners: slice) -> ExpectedEdges:
+        """The edges of one placement, its corners counted from its first."""
+        return ExpectedEdges(
+            np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
+            self.jacobian[own], self.by_corner[own], self.outline[own], self.sharp[own], self.px_per_mm[own],
+            self.doubt_px[own], self.corners_px[corners], self.outward[own],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeObservation:
+    """Edges of one eye as found: off (E, 2) px from their places, across them; weight (E, 2, 2), the inverse of off's
+    covariance; there (E,): which show at all; sides: as measured, None where they were only searched for.
+    """
+
+    edges: ExpectedEdges
+    off: Array
+    weight: Array
+    there: Flags
+    sides: Sides | None = None
+
+    @property
+    def on_place(self) -> Flags:
+        """(E,) which edges show where they should."""
+        near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
+        return np.asarray(self.there & near)
+
+    def only(self, placement: int, laid: Placements) -> EdgeObservation:
+        """What was found of one placement's edges."""
+        own = np.flatnonzero(self.edges.owner == placement)
+        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        sides = None if self.sides is None else self.sides.chosen(own)
+        return EdgeObservation(edges, self.off[own], self.weight[own], self.there[own], sides)
+
+
+def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
+    """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
+    placements at poses (P, 4, 4)."""
+    px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
+    thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
+    facing = (thick_px >= THIN_PX[1]).sum(1)
+    clear = np.asarray(~((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])).any(1))
+    which = np.flatnonzero((facing > 0) & wanted[laid.owner])
+    a, b = laid.ends[which].T
+    first, last = _inside(px[a], px[b], view.grey.shape)
+    keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
+    which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
+    start, way = px[a], px[b] - px[a]
+    normal = across(px[a], px[b])[:, None]
+    moves = (normal[:, None] @ slope[laid.ends[which]])[:, :, 0]  # across the edge, of either corner
+    share = np.concatenate([first, last], 1)
+    by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
+    owner, sharp = laid.owner[which], clear[which]
+    depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
+    px_per_mm = view.eye.focal_px / depth_mm[owner]
+    return ExpectedEdges(
+        owner, laid.ends[which], start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
+        (facing[which] == 1) & sharp, sharp,
+        px_per_mm, tolerance_mm * px_per_mm, px, (poses[owner, :3, :3] @ laid.bisectors[which, :, None])[..., 0],
+    )  # fmt: skip
+
+
+def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (Liang and Barsky); the
+    second is not above the first where none of it is."""
+    way, limit = (end - start).T, np.array([shape[::-1]]).T - 1 - ROOM_PX
+    speed, room = np.concatenate([-way, way]), np.concatenate([start.T - ROOM_PX, limit - start.T])  # to each border
+    along = np.abs(speed) <= 1e-9
+    at = room / np.where(along, 1.0, speed)
+    first, last = np.where(~along & (speed < 0), at, 0.0), np.where(~along & (speed > 0), at, 1.0)
+    outside = (along & (room < 0)).any(0)
+    return first.max(0, initial=0.0), np.where(outside, -1.0, last.min(0, initial=1.0))

@@ -1,0 +1,93 @@
+"""A known part followed from look to look. Pure: facets, a shape and a pose thought to be near in, a pose out.
+
+Recognition names a part from nothing; here its name is known and its pose nearly, so that corners are matched to the
+shape's nearest and the pose cannot jump to another of a symmetric part's equal poses. Naming is not done here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.refine.poses import SCALE
+from daemon.vision.settings import TOLERANCE_MM
+from daemon.vision.values import Facet
+
+VAGUE_MM = 8.0
+"""A facet with a corner known no better than this says nothing."""
+MOST_RESIDUAL_MM = 2.5
+"""Corners that fit worse than this, rms, are not the shape's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """cyclopean_from_part (4, 4), its covariance (6, 6) as daemon/frames.py has it, the rms distance of the matched
+    corners from the shape, and how many different corners of the shape were met."""
+
+    cyclopean_from_part: Array
+    covariance: Array
+    residual_mm: float
+    matched: int
+
+
+def refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float = 12.0) -> Fit | None:
+    """The pose nearest to `near` (cyclopean_from_part) that fits the seen facets to the shape, or None.
+
+    Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
+    are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
+    where fewer than three different corners in general position are met, or they fit worse than MOST_RESIDUAL_MM.
+    Source: weighted Gauss-Newton on point matches, nearest first (ICP on corners). Where the corners fit worse than
+    their own covariance says, the pose's covariance grows by the same factor.
+    """
+    known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
+    while known:
+        fit = _refit(shape, known, near, gate_mm)
+        if fit is not None:
+            return fit
+        known.remove(max(known, key=_vague_mm))
+    return None
+
+
+def _vague_mm(facet: Facet) -> float:
+    """How badly the facet's worst corner is known, mm."""
+    return float(np.sqrt(np.trace(facet.covariance_mm2, axis1=1, axis2=2).max()))
+
+
+def _refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
+    corners = np.concatenate([f.corners_mm for f in facets])
+    weights = np.linalg.inv(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
+    pose = near
+    for _ in range(6):
+        placed = frames.apply(pose, shape.corners_mm)
+        gaps = np.linalg.norm(corners[:, None] - placed[None], axis=2)
+        nearest, keep = gaps.argmin(axis=1), gaps.min(axis=1) < gate_mm
+        met = np.unique(nearest[keep])
+        if len(met) < 3:
+            return None
+        levers = (placed - pose[:3, 3])[nearest[keep]]
+        jacobian, weight = frames.point_motion(levers), weights[keep]
+        errors = corners[keep] - placed[nearest[keep]]
+        information = np.einsum("nia,nij,njb->ab", jacobian, weight, jacobian)
+        if np.linalg.cond(information * np.outer(SCALE, SCALE)) > 1e6:
+            return None
+        step = np.linalg.solve(information, np.einsum("nia,nij,nj->a", jacobian, weight, errors))
+        pose = frames.perturb(pose, step)
+        if np.linalg.norm(step * (1, 1, 1, 50, 50, 50)) < 1e-4:
+            break
+    return _judged(shape, pose, corners[keep], nearest[keep], weights[keep])
+
+
+def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights: Array) -> Fit | None:
+    errors = corners - frames.apply(pose, shape.corners_mm)[met]
+    residual_mm = float(np.sqrt((errors**2).sum(axis=1).mean()))
+    if residual_mm > MOST_RESIDUAL_MM:
+        return None
+    jacobian = frames.point_motion(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
+    covariance = np.linalg.inv(np.einsum("nia,nij,njb->ab", jacobian, weights, jacobian))
+    excess = float(np.einsum("ni,nij,nj->", errors, weights, errors)) / max(3 * len(errors) - 6, 1)
+    return Fit(pose, covariance * max(excess, 1.0), residual_mm, len(np.unique(met)))

@@ -1,0 +1,172 @@
+"""Named parts laid onto both images a last time: every edge that shows says where the part and its corners are.
+
+Recognition has a part's pose from the corners of the facets it saw whole, each for itself, and what was taught moves
+them afterwards; here the edges are measured where the whole part has them.
+
+Of the poses that fit a part as well, the one that the pictures bear out best.
+
+A part taught from one side is known by half: turned by one of its symmetries, a face that is in view, or the edge it
+hides another with, may be one that was taught, or one of which nothing is known. Known, its edges hold the pose;
+unknown, a thin face beyond an edge is taken for that edge's other side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, chi_square_limit
+from daemon.vision.image import Eyes
+from daemon.vision.model import Model
+from daemon.vision.refine.edge_adjustment import Adjusted, adjusted
+from daemon.vision.refine.edge_pose import facets_in_view, fit_at, measured
+from daemon.vision.refine.edge_samples import Borne, settled, stretches_of
+from daemon.vision.refine.expected_edges import EdgeObservation, Placements, expected
+from daemon.vision.refine.following import Fit
+from daemon.vision.values import Part
+
+ROUNDS, SMALL_MM = 3, 0.15
+"""How often edges are measured, and a motion of the part after which another time would change nothing."""
+FEWEST_EDGES = 6
+"""Edges in both eyes together that hold a pose."""
+LEVER_MM = 30.0
+MOST_APART = chi_square_limit(6, 1e-3)
+"""Chi-square of the way between the pose that corners and the pose that edges say."""
+
+
+def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes, by_edges: Sequence[Part] = ()) -> tuple[Part, ...]:
+    """The parts, the named ones where the edges in both images have them; those that edges named lie there already."""
+    better, tolerance = list(parts), model.parameters.tolerance_mm
+    named = {
+        k: model.metric[part.recognition.label].solid
+        for k, part in enumerate(parts)
+        if part.named and not any(part is other for other in by_edges)
+    }
+    most = {k: most_in_view(solid, parts[k].equivalents, eyes) for k, solid in named.items()}
+    for which in (most, {k: 0 for k, other in most.items() if other}):
+        still = {k: _turned(parts[k], turn) for k, turn in which.items() if better[k] is parts[k]}
+        found = _adjusted(
+            [named[k] for k in still], [part.cyclopean_from_part for part in still.values()], eyes, tolerance
+        )
+        for (k, part), one in zip(still.items(), found, strict=True):
+            if one is not None and _believed(one, part):
+                better[k] = _moved(part, named[k], one)
+    return tuple(better)
+
+
+def _turned(part: Part, which: int) -> Part:
+    """The part at another of its equivalent poses."""
+    if which == 0:
+        return part
+    pose = part.equivalents[which]
+    moved = np.eye(6)
+    moved[:3] = frames.point_motion((pose - part.cyclopean_from_part)[None, :3, 3])[0]
+    equivalents = np.concatenate([pose[None], np.delete(part.equivalents, which, 0)])
+    covariance = moved @ part.covariance @ moved.T
+    return replace(part, cyclopean_from_part=pose, covariance=covariance, equivalents=equivalents)
+
+
+def _adjusted(shapes: list[Polyhedron], near: list[Array], eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
+    """Each shape where its edges are near its pose (4, 4); None where too few of them show.
+
+    Most poses are good to a fraction of a px: the rough fit of a line is left to those that moved.
+    """
+    found: list[Adjusted | None] = [None] * len(shapes)
+    if not shapes:
+        return found
+    laid, poses, open_ = Placements.of(shapes), np.stack(near), np.ones(len(shapes), bool)
+    for turn in range(ROUNDS):
+        seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
+        both = measured(seen_by, eyes, on_place=turn == 0)
+        for k in np.flatnonzero(open_).tolist():
+            observed = [seen.only(k, laid) for seen in both]
+            open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
+            if open_[k]:
+                found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm)
+                open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
+                poses[k] = one.pose
+        if not open_.any():
+            break
+    return found
+
+
+def _believed(found: Adjusted, part: Part) -> bool:
+    """Whether the edges hold the part's place better than its corners did, and agree with them to what both leave open.
+
+    Where they hold it worse, edges of something else are among its own.
+    """
+    off = frames.difference(found.pose, part.cyclopean_from_part)
+    apart = float(off @ np.linalg.solve(found.covariance + part.covariance, off))
+    return apart < MOST_APART and bool(np.trace(found.covariance[:3, :3]) < np.trace(part.covariance[:3, :3]))
+
+
+def _moved(part: Part, shape: Polyhedron, found: Adjusted) -> Part:
+    """The part at another pose, its fitted corners and the poses that fit as well with it."""
+    before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
+    nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
+    return part.laid(found.pose, found.covariance, tuple(found.corners_mm[ring] for ring in nearest))
+
+
+MORE = 1.02
+"""So many times the area in view a pose must show of what was taught to be thought better unasked."""
+FEWEST_IN_VIEW = 2
+"""Facets that both eyes must see of what was taught for a pose to be asked about."""
+LESS = 0.1
+"""So much less of its edges may show there: what is not taught of a part need not be as its symmetry has it."""
+
+
+def most_in_view(solid: Polyhedron, poses: Array, eyes: Eyes) -> int:
+    """Which of the poses (P, 4, 4) cyclopean_from_part has most of what was taught in view; the first where none has
+    notably more."""
+    if len(poses) < 2:
+        return 0
+    areas = _in_view_px2(solid, poses, eyes)
+    most = int(np.argmax(areas))
+    return most if most and areas[most] > MORE * areas[0] else 0
+
+
+def best_fitted(
+    solid: Polyhedron, poses: Array, eyes: Eyes, tolerance_mm: float
+) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
+    """What fit_at says at that of the poses (P, 4, 4) cyclopean_from_part, good to a px or two, whose edges hold the
+    part best; both images must show about as much of it as of the first."""
+    areas = _in_view_px2(solid, poses, eyes)
+    sizes = np.rint(np.log(np.maximum(areas, 1.0)) / np.log(MORE))
+    unlike = np.unique(sizes, return_index=True)[1].tolist()  # turns of what is known whole show the same
+    others = [k for k in unlike if sizes[k] != sizes[0]]
+    asked = [0, *(k for k in others if facets_in_view(solid, eyes, poses[k]) >= FEWEST_IN_VIEW)]
+    if len(asked) == 1:
+        return fit_at(solid, eyes, poses[0], tolerance_mm)
+    laid, middle = Placements.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)
+    near = settled(laid, eyes, poses[asked], tolerance_mm)
+    stretches = stretches_of(laid, eyes, near, tolerance_mm)
+    shares = np.array([Borne.of([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
+    good = shares > shares[0] - LESS
+    edges = measured([expected(laid, view, near, good, tolerance_mm) for view in eyes.views], eyes)
+    held = [
+        (_off_mm2(adjusted(solid, near[k], [seen.only(k, laid) for seen in edges], tolerance_mm), middle), k)
+        for k in np.flatnonzero(good).tolist()
+    ]
+    return fit_at(solid, eyes, near[min(held)[1]], tolerance_mm)
+
+
+def _off_mm2(found: Adjusted, point_mm: Array) -> float:
+    """What the square of the place of a point (3,) that goes with the part is off by."""
+    motion = frames.point_motion((point_mm - found.pose[:3, 3])[None])[0]
+    return float(np.trace(motion @ found.covariance @ motion.T))
+
+
+def _in_view_px2(solid: Polyhedron, poses: Array, eyes: Eyes) -> Array:
+    """(P,) area of the facets that face each eye, px2, both together, at poses (P, 4, 4)."""
+    here, after, first = solid.steps
+    corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    total = np.zeros(len(poses))
+    for view in eyes.views:
+        px = view.eye.camera.project(corners.reshape(-1, 3)).reshape(*corners.shape[:2], 2)
+        (x, y), (u, v) = (px[:, which].transpose(2, 0, 1) for which in (here, after))
+        total += np.maximum(-np.add.reduceat(x * v - y * u, first, axis=1), 0.0).sum(1) / 2
+    return total

@@ -1,0 +1,46 @@
+"""A part explains the edges that are seen where it lies; what lies there and is another's, it does not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon.vision.evidence.by_edges import USUAL_EXPLAINED
+from daemon.vision.evidence.inlier_share import explained
+from daemon.vision.geometry import exact
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.refine.expected_edges import Placements, expected
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import KNOWN, pose
+
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+TOLERANCE_MM = 0.25
+
+
+@cache
+def eyes_on(name: str | None) -> Eyes:
+    bodies = [] if name is None else [(KNOWN[name], WHERE)]
+    return open_eyes(*paint_pair(bodies, np.random.default_rng(3)), rig())
+
+
+def share(name: str, eyes: Eyes) -> float | None:
+    solid = exact(KNOWN[name].corners_mm, KNOWN[name].facets)
+    laid = Placements.of([solid])
+    edges = [expected(laid, view, WHERE[None], np.ones(1, bool), TOLERANCE_MM) for view in eyes.views]
+    return explained(solid, WHERE, (edges[0], edges[1]), eyes)
+
+
+@pytest.mark.parametrize("name", sorted(KNOWN))
+def test_a_part_explains_what_is_seen_where_it_lies_and_no_other_part_does(name: str) -> None:
+    own = share(name, eyes_on(name))
+    assert own is not None
+    assert own > USUAL_EXPLAINED
+    others = [share(other, eyes_on(name)) for other in KNOWN if other != name]
+    assert all(other is not None and other < 0.3 for other in others)
+
+
+def test_where_no_edge_is_seen_nothing_is_said() -> None:
+    assert share("cube", eyes_on(None)) is None

@@ -1,0 +1,113 @@
+"""What lies on a named part is that part's; what lies elsewhere stays what it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from daemon import frames
+from daemon.store.library import load_facets
+from daemon.vision.evidence.overlaps import all_explained, beside, lies_on
+from daemon.vision.facets.weld import weld
+from daemon.vision.geometry import exact
+from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.model.model import Model, empty_model, learn_view
+from daemon.vision.recognition.recognise import Recognised, recognise_group
+from daemon.vision.values import Facet, FacetView, Group, Rejected
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import CUBE, measured, pose, seen_facets, view_of
+
+ASIDE_MM = np.array([140.0, 0.0, 0.0])
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+
+
+@cache
+def model() -> Model:
+    return learn_view(empty_model(load_facets()), view_of(CUBE, WHERE, np.random.default_rng(1), 0.3), "cube")
+
+
+@cache
+def eyes() -> Eyes:
+    return open_eyes(*print_pair(CUBE, WHERE), straight_rig())
+
+
+def facet(corners_mm: np.ndarray) -> Facet:
+    px = [eye.project(corners_mm) for eye in (straight_rig().left, straight_rig().right)]
+    return replace(measured(corners_mm, None), left_px=px[0], right_px=px[1])
+
+
+def one(*rings: np.ndarray) -> Recognised:
+    group = weld([facet(ring) for ring in rings])
+    return Recognised(group, recognise_group(group, model()))
+
+
+def view(*groups: Group) -> FacetView:
+    return FacetView(groups, (), (), (), 2.0)
+
+
+def face(index: int = 0) -> np.ndarray:
+    k = seen_facets(CUBE, WHERE)[index]
+    return frames.apply(WHERE, CUBE.corners_mm)[list(CUBE.facets[k])]
+
+
+def label_on(ring: np.ndarray) -> np.ndarray:
+    middle = ring.mean(0)
+    return middle + 0.4 * (ring - middle)
+
+
+def test_print_on_a_face_lies_on_it_and_what_stands_off_it_does_not() -> None:
+    solid = exact(CUBE.corners_mm, CUBE.facets)
+    assert lies_on(facet(label_on(face())), solid, WHERE)
+    off = WHERE[:3, :3] @ solid.normals[seen_facets(CUBE, WHERE)[0]]
+    assert not lies_on(facet(label_on(face()) + 9.0 * off), solid, WHERE)
+    assert not lies_on(facet(label_on(face()) + 30.0 * (face()[1] - face()[0]) / 50.0), solid, WHERE)
+
+
+def test_a_corner_may_lie_off_its_face_as_far_as_it_is_unsure() -> None:
+    solid, pulled = exact(CUBE.corners_mm, CUBE.facets), facet(face())
+    ahead = pulled.corners_mm[0] / np.linalg.norm(pulled.corners_mm[0])
+    pulled.corners_mm[0] += 9.0 * ahead
+    assert not lies_on(pulled, solid, WHERE)
+    pulled.covariance_mm2[0] += 3.2**2 * np.outer(ahead, ahead)
+    assert lies_on(pulled, solid, WHERE)
+
+
+def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
+    cube = one(face(0), face(1))
+    assert cube.named
+    label, aside = one(label_on(face())), one(face() + ASIDE_MM)
+    known, left = beside([label, aside], view(label.group, aside.group), [cube], model(), eyes())
+    assert [r.label for r in known if r.named] == ["cube"]
+    assert len([r for r in known if not r.named]) == 1
+    assert left.groups == tuple(r.group for r in known)
+
+
+def test_a_part_that_is_named_already_is_not_named_again() -> None:
+    cube = one(face(0), face(1))
+    known, _ = beside([cube], view(cube.group), [cube], model(), eyes())
+    assert len(known) == 1
+
+
+def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothing_lies_on_it() -> None:
+    cube, aside = one(face(0), face(1)), one(face() + ASIDE_MM)
+
+    def explained(*found: Recognised, bent: np.ndarray | None = None, by_both: bool = True) -> bool:
+        outlines = () if bent is None else (Rejected(facet(bent).left_px, "left", "bent", unexplained=by_both),)
+        seen = replace(view(*(r.group for r in found)), rejected=outlines)
+        return all_explained(found, seen, model(), eyes())
+
+    assert explained(cube)
+    assert explained(cube, bent=face(0))
+    assert not explained(cube, bent=face(0) + ASIDE_MM)
+    assert explained(cube, bent=face(0) + ASIDE_MM, by_both=False), "a shadow's outline in one eye"
+    assert not explained(cube, aside)
+    assert not explained()
+
+
+def test_nothing_more_leaves_what_was_found() -> None:
+    aside = one(face() + ASIDE_MM)
+    known, left = beside([aside], view(aside.group), [], model(), eyes())
+    assert known == (aside,)
+    assert left.groups == (aside.group,)

@@ -1,0 +1,111 @@
+"""Where taught parts could be: at corners in space that could be theirs, and few of all those that could."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.vision.geometry import exact
+from daemon.vision.hypotheses import junctions
+from daemon.vision.hypotheses.edge_distance_map import directed_map
+from daemon.vision.hypotheses.junctions import corner_kinds, guesses_from_space, meet
+from daemon.vision.hypotheses.pose_batch import Posed, Solids
+from daemon.vision.image import Eyes, joined, open_eyes, segment_corners
+from tests.fakes.printed import print_pair, straight_rig
+from tests.fakes.solids import KNOWN, pose
+
+WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
+NAMES = tuple(sorted(KNOWN))
+
+
+@cache
+def eyes_on(name: str) -> Eyes:
+    return open_eyes(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
+
+
+def solids(*scales: float) -> Solids:
+    """All known parts in sizes."""
+    bodies = [(f"{name} x {by}", KNOWN[name], by) for by in scales for name in NAMES]
+    return Solids.of([label for label, *_ in bodies], [exact(b.corners_mm * by, b.facets) for _, b, by in bodies])
+
+
+def guessed(name: str, taught: Solids) -> tuple[Posed, int]:
+    eyes = eyes_on(name)
+    left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
+    maps = directed_map(eyes.left), directed_map(eyes.right)
+    found, _, could = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
+    return found, could
+
+
+def off_mm(name: str, found: Posed) -> np.ndarray:
+    """How far each guess has the corners of a part of this name from where they are; infinite for other parts."""
+    there = frames.apply(WHERE, KNOWN[name].corners_mm)
+    own = found.part == found.solids.labels.index(f"{name} x 1.0")
+    off = np.full(len(own), np.inf)
+    off[own] = [
+        np.linalg.norm(frames.apply(one, KNOWN[name].corners_mm)[:, None] - there, axis=2).min(1).max()
+        for one in found.poses[own]
+    ]
+    return off
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_part_is_guessed_where_it_is(name: str) -> None:
+    found, could = guessed(name, solids(1.0))
+    assert off_mm(name, found).min() < 3.0
+    assert len(found.part) < could
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
+    sizes = solids(1.0, *np.linspace(0.5, 1.6, 16))
+    found, could = guessed(name, sizes)
+    assert could > 10 * guessed(name, solids(1.0))[1]
+    assert len(found.part) <= junctions._most(len(sizes.labels), 1)[0]
+    assert off_mm(name, found).min() < 6.0
+
+
+def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (10**6, 3))
+    several, _ = guessed("cube", solids(1.0, 0.7, 1.3))
+    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (10**6, 1))
+    few, could = guessed("cube", solids(1.0, 0.7, 1.3))
+    assert 0 < len(few.part) < len(several.part)
+    monkeypatch.setattr(junctions, "_most", lambda taught, corners: (50, 1))
+    fewest, still = guessed("cube", solids(1.0, 0.7, 1.3))
+    assert np.array_equal(fewest.poses, few.poses[:50])
+    assert still == could
+
+
+@pytest.mark.parametrize(
+    ("taught", "corners", "most"),
+    [(4, 800, (4000, 16)), (64, 800, (12800, 64)), (4, 50, (4000, 80)), (64, 50, (12800, 256))],
+)
+def test_more_may_be_guessed_where_more_is_taught_and_at_a_corner_where_those_are_few(
+    taught: int, corners: int, most: tuple[int, int]
+) -> None:
+    assert junctions._most(taught, corners) == most
+
+
+def test_parts_share_the_kinds_of_their_corners() -> None:
+    """A cube has one edge length and one angle; another as large has no kind of its own."""
+    cube, prism = (exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in ("cube", "triangular_prism"))
+    again = exact(cube.corners_mm, cube.facets)
+    assert len(corner_kinds((cube,)).kinds) == len(corner_kinds((cube, again)).kinds) == 1
+    both = corner_kinds((cube, prism))
+    assert len(both.kinds) < len(corner_kinds((cube,)).kinds) + len(both.part)
+    assert both.begins[-1] == len(both.part) == len(corner_kinds((cube,)).part) + len(corner_kinds((prism,)).part)
+
+
+def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
+    found, could = guessed("cube", Solids.of((), ()))
+    assert len(found.poses) == could == 0
+    eyes = eyes_on("cube")
+    none = meet(*(segment_corners(view.segments) for view in eyes.views), eyes.geometry).chosen(np.zeros(0, np.intp))
+    maps = directed_map(eyes.left), directed_map(eyes.right)
+    found, _, could = guesses_from_space(none, eyes.geometry, maps, solids(1.0))
+    assert found.poses.shape == (0, 4, 4)
+    assert could == 0

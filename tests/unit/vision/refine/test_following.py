@@ -1,0 +1,65 @@
+"""A known part found again by its facets' corners: the same of equal poses, no wild facet, an honest covariance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.vision.refine.following import Fit, refit
+from daemon.vision.values import Facet
+from tests.fakes.fake_cell import shape_of
+
+POSE = frames.rigid(frames.rotation_from_vector(np.array([2.0, 0.4, 0.3])), np.array([10.0, -20.0, 350.0]))
+
+
+def facets_of(shape, pose, which, rng, sigma=0.2):
+    found = []
+    for index in which:
+        corners = frames.apply(pose, shape.corners_mm[shape.rings[index]])
+        noisy = corners + rng.normal(0, sigma, corners.shape)
+        covariance = np.tile(np.eye(3) * sigma**2, (len(corners), 1, 1))
+        px = np.zeros((len(corners), 2))
+        found.append(Facet(noisy, covariance, px, px, np.zeros(len(corners)), 0.0))
+    return found
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid", "triangular_prism", "pentagonal_prism"])
+def test_a_symmetric_part_keeps_the_pose_it_had_from_look_to_look(label):
+    rng = np.random.default_rng(0)
+    shape = shape_of(label)
+    fit = refit(
+        shape, facets_of(shape, POSE, (0, 1), rng), frames.perturb(POSE, np.array([3, -2, 3, 0.05, 0.03, -0.05]))
+    )
+    assert isinstance(fit, Fit)
+    motion = frames.difference(fit.cyclopean_from_part, POSE)
+    assert np.linalg.norm(motion[:3]) < 1.0
+    assert np.linalg.norm(motion[3:]) < 0.03
+
+
+def test_a_facet_that_is_hardly_known_does_not_lose_the_part():
+    rng = np.random.default_rng(1)
+    shape = shape_of("triangular_prism")
+    good, bad = facets_of(shape, POSE, (0, 2), rng)
+    wild = replace(bad, corners_mm=bad.corners_mm + 9.0, covariance_mm2=bad.covariance_mm2 * 1000)
+    assert refit(shape, [good, wild], POSE) is not None
+    assert refit(shape, [wild], POSE) is None
+
+
+def test_nothing_is_found_where_nothing_fits():
+    rng = np.random.default_rng(2)
+    shape = shape_of("cube")
+    facets = facets_of(shape, frames.perturb(POSE, np.array([60.0, 0, 0, 0, 0, 0.4])), (0, 1), rng)
+    assert refit(shape, facets, POSE) is None
+    assert refit(shape, [], POSE) is None
+
+
+def test_the_covariance_of_a_fit_is_the_scatter_of_fits():
+    rng = np.random.default_rng(3)
+    shape = shape_of("cube")
+    fits = [refit(shape, facets_of(shape, POSE, (0, 2), rng, 0.3), POSE) for _ in range(200)]
+    motions = np.array([frames.difference(f.cyclopean_from_part, POSE) for f in fits if f is not None])
+    predicted_sigma = np.sqrt(np.diag(np.mean([f.covariance for f in fits if f is not None], axis=0)))
+    ratio = motions.std(axis=0) / predicted_sigma
+    assert np.all(ratio > 0.5)
+    assert np.all(ratio < 1.3)
