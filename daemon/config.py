@@ -40,7 +40,7 @@ GONE = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulated:
+class SimulatedSettings:
     """The simulated cell: what it is like, how fast it runs, what its table and parts look like."""
 
     truth: Name = "simcell.yaml"
@@ -59,15 +59,15 @@ class Simulated:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded:
-    """Recorded stereo pairs instead of cameras; nothing moves."""
+class RecordedSettings:
+    """RecordedSettings stereo pairs instead of cameras; nothing moves."""
 
     pairs: Name = "pairs"
     """Folder of recorded pairs, each a folder with left.png and right.png."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm:
+class ArmSettings:
     """The arm: its serial line, its controller's dialect, its tool."""
 
     port: Name = "/dev/facetd-arm"
@@ -89,7 +89,7 @@ class Arm:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files:
+class FilesSettings:
     """The files that the daemon reads at start, relative to facetd.yaml."""
 
     calibration: Name = "calibration.yaml"
@@ -103,7 +103,7 @@ class Files:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Folders:
+class FolderSettings:
     """Where the daemon keeps its own files. Unset: as daemon/store/places.py says."""
 
     state: Name | None = None
@@ -116,7 +116,7 @@ class Folders:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terminal:
+class SerialTerminalSettings:
     """A serial terminal for operators."""
 
     device: Name
@@ -131,19 +131,19 @@ class Terminal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Console:
+class ConsoleSettings:
     """Who may give commands, and from where."""
 
     group: Name | None = None
     """Group whose members may give every command at the socket. Unset: the daemon's own group."""
     look_group: Name | None = None
     """Group whose members may only look, and stop the arm. Unset: nobody else is let in."""
-    tty: Terminal | None = None
+    tty: SerialTerminalSettings | None = None
     """Serial terminal for operators. Unset: none."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Log:
+class LogSettings:
     """How runs are kept."""
 
     quota_mb: Megabytes = 4000
@@ -157,7 +157,7 @@ class Log:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Health:
+class HealthSettings:
     """When the daemon reports that a device or a calibration needs attention."""
 
     camera_silence_s: Silence = 10.0
@@ -169,7 +169,7 @@ class Health:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metrics:
+class MetricsSettings:
     """Prometheus metrics on the loopback interface."""
 
     port: Annotated[int, Meta(ge=1024, le=65535)] | None = None
@@ -177,7 +177,7 @@ class Metrics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _File:
+class ConfigFile:
     """The file's version, the kind of cell, and the sections."""
 
     version: Literal[1]
@@ -185,19 +185,19 @@ class _File:
     cell: Kind = "real"
     """`real`: V4L2 cameras and a VAL II controller. `recorded`: pairs from a folder, nothing moves. `simulated`: all of
     it simulated; `facetd --sim` does the same for one start."""
-    simulated: Simulated = field(default_factory=Simulated)
-    recorded: Recorded = field(default_factory=Recorded)
+    simulated: SimulatedSettings = field(default_factory=SimulatedSettings)
+    recorded: RecordedSettings = field(default_factory=RecordedSettings)
     cameras: dict[str, Any] = field(default_factory=dict)
-    arm: Arm = field(default_factory=Arm)
-    files: Files = field(default_factory=Files)
-    folders: Folders = field(default_factory=Folders)
+    arm: ArmSettings = field(default_factory=ArmSettings)
+    files: FilesSettings = field(default_factory=FilesSettings)
+    folders: FolderSettings = field(default_factory=FolderSettings)
     pick: Settings = field(default_factory=Settings)
     vision: VisionSettings = field(default_factory=VisionSettings)
     memory: MemorySettings = field(default_factory=MemorySettings)
-    console: Console = field(default_factory=Console)
-    log: Log = field(default_factory=Log)
-    health: Health = field(default_factory=Health)
-    metrics: Metrics = field(default_factory=Metrics)
+    console: ConsoleSettings = field(default_factory=ConsoleSettings)
+    log: LogSettings = field(default_factory=LogSettings)
+    health: HealthSettings = field(default_factory=HealthSettings)
+    metrics: MetricsSettings = field(default_factory=MetricsSettings)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class Config:
     no longer one, and for what else is not as it may seem.
     """
 
-    values: _File
+    values: ConfigFile
     document: Document
     kind: Kind
     calibration: Path = field(default_factory=Path)
@@ -251,7 +251,7 @@ class Config:
 def load_config(path: Path, simulated: bool = False) -> Config:
     """Read and check facetd.yaml; simulated overrides `cell`. Raises ConfigError."""
     document, notes = read(path).without(GONE)
-    values = document.convert(_File)
+    values = document.convert(ConfigFile)
     for check in (_check_limits, _check_stops, _check_depth, _check_files):
         check(document, values)
     config = Config(values, document, "simulated" if simulated else values.cell)
@@ -264,7 +264,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     return replace(config, calibration=made, notes=tuple(notes))
 
 
-def _check_limits(document: Document, values: _File) -> None:
+def _check_limits(document: Document, values: ConfigFile) -> None:
     limits = values.pick.limits
     boxes = {"box": (limits.box_low_mm, limits.box_high_mm), "room": (limits.room_low_mm, limits.room_high_mm)}
     for name, (lows, highs) in boxes.items():
@@ -274,7 +274,7 @@ def _check_limits(document: Document, values: _File) -> None:
                 raise document.error(keys, f"expected {axis} below {name}_high_mm's {high:g}, found {low:g}")
 
 
-def _check_stops(document: Document, values: _File) -> None:
+def _check_stops(document: Document, values: ConfigFile) -> None:
     stops = values.pick.stops
     if list(stops.stand_offs_mm) != sorted(stops.stand_offs_mm, reverse=True):
         problem = f"expected distances, far to near, found {list(stops.stand_offs_mm)}"
@@ -284,14 +284,14 @@ def _check_stops(document: Document, values: _File) -> None:
         raise document.error(("pick", "stops", "most_looks"), f"expected at least as many looks, found {found}")
 
 
-def _check_depth(document: Document, values: _File) -> None:
+def _check_depth(document: Document, values: ConfigFile) -> None:
     near, far = values.vision.depth_range_mm
     if near >= far:
         problem = f"expected the near end first, found {near:g} and {far:g}"
         raise document.error(("vision", "depth_range_mm"), problem)
 
 
-def _check_files(document: Document, values: _File) -> None:
+def _check_files(document: Document, values: ConfigFile) -> None:
     folder = document.path.resolve().parent
     for name in ("calibration", "facets", "parts", "model"):
         value = getattr(values.files, name)

@@ -27,11 +27,17 @@ from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
 from daemon.errors import STOP_UNANSWERED as STOP_UNANSWERED
 from daemon.errors import FacetdError, spelt, visible
-from daemon.frontends.client import DaemonLink, NotThereError, StopUnansweredError, stop_unanswered, told_anyway
+from daemon.frontends.client import (
+    DaemonLink,
+    DaemonUnreachableError,
+    StopUnansweredError,
+    stop_unanswered,
+    told_anyway,
+)
 from daemon.store.outside import FileError, fill_standard_files, read_file
 
 if TYPE_CHECKING:
-    from daemon.console.interpreter import Command
+    from daemon.console.interpreter import ConsoleCommand
 
 TRAIN = "daemon.cli.offline"
 OFFLINE: dict[str, str] = {
@@ -121,7 +127,7 @@ def _main(arguments: list[str] | None) -> int:
         if _needs_no_daemon(words):
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
-    except NotThereError as error:
+    except DaemonUnreachableError as error:
         unanswered = isinstance(error, StopUnansweredError) or takes_leave(shlex.join(words))
         print(f"facetctl: {stop_unanswered(error) if unanswered else error}", file=sys.stderr)
         return STOP_UNANSWERED if unanswered else NOT_UNDERSTOOD
@@ -204,7 +210,7 @@ class _Shown:
 def _help(words: list[str], status: int) -> int:
     """What there is, or all about one word, whether a daemon runs or not; nothing is done."""
     from daemon.commands import every_command
-    from daemon.console.pages import prose
+    from daemon.console.text_layout import prose
 
     commands = {name: c for c in every_command("simulated") for name in (c.name, *c.aliases)}
     jobs = _parser([*OFFLINE.values(), TRAIN])[1]
@@ -234,8 +240,8 @@ def _columns() -> int:
     return shutil.get_terminal_size().columns
 
 
-def _overview(commands: Mapping[str, Command], jobs: Mapping[str, argparse.ArgumentParser]) -> str:
-    from daemon.console.pages import fold, prose, table
+def _overview(commands: Mapping[str, ConsoleCommand], jobs: Mapping[str, argparse.ArgumentParser]) -> str:
+    from daemon.console.text_layout import fold, prose, table
 
     columns = min(_columns(), 80)
     said = prose(", ".join(sorted({c.name for c in commands.values()})), columns)
@@ -275,7 +281,7 @@ def _may_become(words: list[str], socket_path: Path | None) -> list[str]:
     try:
         with DaemonLink(socket_path) as link:
             return [option.rpartition(" ")[2] for option in link.options(" ".join(words))]
-    except NotThereError:
+    except DaemonUnreachableError:
         from daemon.commands import every_command
 
         name, *begun = words
@@ -290,7 +296,7 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
-            from daemon.frontends.prompt import converse
+            from daemon.frontends.console import converse
 
             return converse(link)
         if words[0] == "commission":
@@ -306,7 +312,7 @@ def _runs() -> bool:
     """Whether a daemon answers."""
     try:
         DaemonLink().close()
-    except NotThereError:
+    except DaemonUnreachableError:
         return False
     return True
 
@@ -317,7 +323,7 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
     say = _teller(as_json)
     if not sys.stdin.isatty():
         return link.do(text, "one-shot", say)
-    from daemon.frontends.keyboard import Lines
+    from daemon.frontends.keyboard import InputLines
 
     beside = [DONE]
 
@@ -326,7 +332,7 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
         beside.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
         say(done["text"])
 
-    with Lines(stop, say) as typed:
+    with InputLines(stop, say) as typed:
         done = link.do(text, "one-shot", say, None if as_json else typed.answer)
     typed.drop()
     return done | {"status": max(done["status"], *beside)}
@@ -349,7 +355,7 @@ def show(done: dict[str, Any], as_json: bool) -> int:
 
 def _tell(text: str, stream: TextIO) -> None:
     """To a person folded between words, to a file or another program as it is."""
-    from daemon.console.pages import fold
+    from daemon.console.text_layout import fold
 
     with told_anyway():
         print("\n".join(fold(text, _columns())) if stream.isatty() else text, file=stream, flush=True)
@@ -369,7 +375,7 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     except UnicodeDecodeError as error:
         print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
-    from daemon.frontends.keyboard import Lines
+    from daemon.frontends.keyboard import InputLines
 
     say, beside = _teller(as_json), list[int]()
 
@@ -380,7 +386,7 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
         beside.append(NOT_DONE)
         say(told)
 
-    with Lines(stop, dropped) if from_stdin or sys.stdin.isatty() else contextlib.nullcontext() as typed:
+    with InputLines(stop, dropped) if from_stdin or sys.stdin.isatty() else contextlib.nullcontext() as typed:
         lines = iter(typed.waiting.get, None) if typed is not None and from_stdin else written.splitlines()
         status = _in_turn(link, words[0], lines, lambda: typed is not None and typed.stopped, as_json)
     return max(status, *beside, DONE)

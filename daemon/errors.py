@@ -3,7 +3,7 @@ is for that person; anything else raised is a fault of the program.
 """
 
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
-"""How a command ended, at every door and as a tool's exit status."""
+"""How a command ended, at every frontend and as a tool's exit status."""
 STOP_UNANSWERED = 3
 """A tool's exit status only: nobody answered a stop in time, and its operator was sent to the emergency stop."""
 

@@ -1,7 +1,7 @@
 """The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
 
 Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's, moving
-is the cycle's, watching devices is daemon/maintenance/watch.py's.
+is the cycle's, watching devices is daemon/maintenance/watchdog.py's.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from daemon.cell import sections
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell
 from daemon.commands import every_command
-from daemon.commands.awaiting import tell_what_waits
-from daemon.commands.between_picks import BetweenPicks
-from daemon.commands.simulated_hand import know_drawings
+from daemon.commands.cycle_observer import CycleObserver
+from daemon.commands.simulated_parts import know_drawings
+from daemon.commands.step_mode import tell_what_waits
 from daemon.config import Config, load_config
 from daemon.console.context import Change, CommandContext
-from daemon.console.interpreter import Console
-from daemon.console.notices import Level
+from daemon.console.interpreter import Interpreter
+from daemon.console.notices import NoticeLevel
 from daemon.console.phrases import as_left
 from daemon.errors import FacetdError
-from daemon.frontends.rights import DoorError, Rights
-from daemon.frontends.socket import SocketServer
-from daemon.frontends.terminal import SerialConsole
+from daemon.frontends.rights import FrontendError, Rights
+from daemon.frontends.serial_terminal import SerialFrontend
+from daemon.frontends.socket_server import SocketServer
 from daemon.maintenance import journal
 from daemon.maintenance.metrics import MetricsServer
-from daemon.maintenance.watch import Watch
-from daemon.maintenance.watched import Troubles
+from daemon.maintenance.troubles import Troubles
+from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import Cycle
 from daemon.pick.order import PickOrder
 from daemon.store.files import InUseError, hold, plain
@@ -77,9 +77,9 @@ class Service:
         self._ending = asyncio.Event()
         self._why = "stopped"
         self.context: CommandContext | None = None
-        self._console: Console | None = None
+        self._interpreter: Interpreter | None = None
         self._socket: SocketServer | None = None
-        self._terminal: SerialConsole | None = None
+        self._terminal: SerialFrontend | None = None
         self._metrics: MetricsServer | None = None
         self._hardware: cell.Hardware | None = None
         self._run_log: RunLog | None = None
@@ -103,7 +103,7 @@ class Service:
                 await self._ending.wait()
         except FileError as error:
             status, self._why = BAD_CONFIGURATION, str(error)
-        except (CellError, DoorError, InUseError, OSError) as error:
+        except (CellError, FrontendError, InUseError, OSError) as error:
             status, self._why = NO_DEVICE, plain(error)
         if status != STOPPED:
             journal.tell("trouble", self._why, journal.ERROR)
@@ -220,9 +220,9 @@ class Service:
         if self._hardware.hand is not None:
             await know_drawings(context)
             self._hardware.hand.scatter()
-        await self._open_doors(context)
+        await self._open_frontends(context)
         context.use_model("start", trainer.model_store.current)
-        watch = Watch(context)
+        watch = Watchdog(context)
         self.beside(self._guarded(watch.run()), "watch")
         self.beside(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
@@ -238,17 +238,20 @@ class Service:
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
         )
-        cycle.observer = BetweenPicks(self.context, self.beside)
+        cycle.observer = CycleObserver(self.context, self.beside)
         return self.context
 
-    async def _open_doors(self, context: CommandContext) -> None:
+    async def _open_frontends(self, context: CommandContext) -> None:
         values = context.config.values
-        self._console = Console(context, every_command(context.hardware.kind))
-        self._socket = SocketServer(context.config.socket, Rights(values.console), self._console, self._interrupt)
+        self._interpreter = Interpreter(context, every_command(context.hardware.kind))
+        self._socket = SocketServer(context.config.socket, Rights(values.console), self._interpreter, self._interrupt)
         await self._socket.open()
         if values.console.tty is not None:
-            self._terminal = SerialConsole(
-                values.console.tty, self._console, self._interrupt, lambda text: context.troubles.tell("console", text)
+            self._terminal = SerialFrontend(
+                values.console.tty,
+                self._interpreter,
+                self._interrupt,
+                lambda text: context.troubles.tell("console", text),
             )
             self.beside(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
@@ -284,7 +287,7 @@ class Service:
             self._hung_up = 0
 
     async def _interrupt(self, who: str, about_to_move: bool) -> str:
-        """Control-C at any door."""
+        """Control-C at any frontend."""
         assert self.context is not None
         supervisor = self.context.cycle.supervisor
         if not about_to_move and await supervisor.at_rest():
@@ -304,11 +307,11 @@ class Service:
     def _logged(self, kind: str, text: str, who: str | None) -> None:
         """What the log is told, for those who want to hear it."""
         if self.context is not None:
-            level = Level.ALL if kind in ("command", "model") else Level.FAULTS
-            self.context.notices.tell(text, level, who if level is Level.ALL else None)
+            level = NoticeLevel.ALL if kind in ("command", "model") else NoticeLevel.FAULTS
+            self.context.notices.tell(text, level, who if level is NoticeLevel.ALL else None)
 
     def _notice(self, text: str) -> None:
-        """Show something at every door that nobody there asked for."""
+        """Show something at every frontend that nobody there asked for."""
         if self.context is not None:
             self.context.notices.tell(text)
 

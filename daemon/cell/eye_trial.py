@@ -1,7 +1,7 @@
 """Which of the cameras can be trusted, asked of their own pictures while nothing moves.
 
 After a fault each eye is tried alone; one that was away is trusted again only when both together show one scene as the
-calibration says. What to do with the answer is an operator's to say (daemon/commands/eyes.py).
+calibration says. What to do with the answer is an operator's to say (daemon/commands/camera_selection.py).
 """
 
 from __future__ import annotations

@@ -31,9 +31,9 @@ from daemon.cell.introduce import (
     serial_port,
 )
 from daemon.cell.introduced_arm import arm_file, arm_of, page
-from daemon.console.pages import fold
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import ends_in_stop, means_stop
+from daemon.console.text_layout import fold
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.frontends.keyboard import typed_by_now
 from daemon.quantities import decimal, whole

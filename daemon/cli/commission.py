@@ -13,10 +13,17 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.cli.commission_steps import STEPS, NotProvenError, Order, Person, Step, Talk
+from daemon.cli.commission_steps import (
+    STEPS,
+    CommissioningDialogue,
+    CommissioningPlan,
+    CommissioningSession,
+    CommissioningStep,
+    NotProvenError,
+)
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.frontends.client import DaemonLink
-from daemon.frontends.keyboard import Lines
+from daemon.frontends.keyboard import InputLines
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
@@ -24,7 +31,7 @@ from daemon.store.outside import FileError, read_file
 FILE, LARGEST_BYTES = "commission.json", 100_000
 
 
-class Proof(msgspec.Struct, frozen=True):
+class StepProof(msgspec.Struct, frozen=True):
     """A step that was done: when, what it showed, with which calibration and model."""
 
     at: str
@@ -33,12 +40,14 @@ class Proof(msgspec.Struct, frozen=True):
     model: int | None
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CommissioningFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     version: int
-    steps: dict[str, Proof]
+    steps: dict[str, StepProof]
 
 
-def commission(talk: Talk, proofs: dict[str, Proof], keep: Callable[[Mapping[str, Proof]], None]) -> bool:
+def commission(
+    talk: CommissioningSession, proofs: dict[str, StepProof], keep: Callable[[Mapping[str, StepProof]], None]
+) -> bool:
     """Every step that is not proven yet, in order, up to the first that cannot be; whether all are."""
     for number, step in enumerate(STEPS, 1):
         calibration, model = talk.facts()
@@ -56,12 +65,12 @@ def commission(talk: Talk, proofs: dict[str, Proof], keep: Callable[[Mapping[str
             return False
         talk.person.tell(f"  proven: {shown}")
         calibration, model = talk.facts()
-        proofs[step.name] = Proof(datetime.now(UTC).isoformat(timespec="minutes"), shown, calibration, model)
+        proofs[step.name] = StepProof(datetime.now(UTC).isoformat(timespec="minutes"), shown, calibration, model)
         keep(proofs)
     return True
 
 
-def _holds(step: Step, proof: Proof, calibration: int, model: int | None) -> bool:
+def _holds(step: CommissioningStep, proof: StepProof, calibration: int, model: int | None) -> bool:
     now = {"calibration": calibration, "model": model}
     return step.with_what is not None and all(getattr(proof, what) == now[what] for what in step.with_what)
 
@@ -76,10 +85,10 @@ def run(link: DaemonLink, words: list[str]) -> int:
         if options.step is not None:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
-        order = Order(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
-        with Lines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
-            person = Person(_tell, lambda question: typed.answer(f"  {question}"))
-            all_proven = commission(Talk(link, person, order), proofs, lambda now: _keep(path, now))
+        order = CommissioningPlan(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
+        with InputLines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
+            person = CommissioningDialogue(_tell, lambda question: typed.answer(f"  {question}"))
+            all_proven = commission(CommissioningSession(link, person, order), proofs, lambda now: _keep(path, now))
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD
@@ -106,10 +115,10 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _kept(path: Path) -> dict[str, Proof]:
+def _kept(path: Path) -> dict[str, StepProof]:
     """What an earlier sitting proved. Raises FileError."""
     try:
-        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_File).steps
+        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=CommissioningFile).steps
     except FileError:
         if not path.exists():
             return {}
@@ -118,5 +127,5 @@ def _kept(path: Path) -> dict[str, Proof]:
         raise FileError(f"{path}: {error}; move it away to begin anew") from None
 
 
-def _keep(path: Path, proofs: Mapping[str, Proof]) -> None:
-    write_atomically(path, msgspec.json.format(msgspec.json.encode(_File(1, dict(proofs)))))
+def _keep(path: Path, proofs: Mapping[str, StepProof]) -> None:
+    write_atomically(path, msgspec.json.format(msgspec.json.encode(CommissioningFile(1, dict(proofs)))))

@@ -29,7 +29,7 @@ class NotProvenError(FacetdError):
 
 
 @dataclass(frozen=True)
-class Person:
+class CommissioningDialogue:
     """Who sits there: is told a line, and answers a question by a line."""
 
     tell: Callable[[str], None]
@@ -37,7 +37,7 @@ class Person:
 
 
 @dataclass(frozen=True)
-class Order:
+class CommissioningPlan:
     """What commissioning is done with: the board (its inner corners, its square, its thickness) and the first part."""
 
     board: str
@@ -52,10 +52,10 @@ class Order:
         return f"{self.board} {self.square_mm:g}" + " charuco" * self.charuco
 
 
-class Talk:
+class CommissioningSession:
     """The running daemon and the person, as a step has them."""
 
-    def __init__(self, link: DaemonLink, person: Person, order: Order) -> None:
+    def __init__(self, link: DaemonLink, person: CommissioningDialogue, order: CommissioningPlan) -> None:
         self._link, self.person, self.order = link, person, order
         self.hand_eye: dict[str, Any] | None = None
         """What a tour of this sitting has said of it already."""
@@ -133,7 +133,7 @@ class Talk:
         return data
 
 
-def _arm(talk: Talk) -> str:
+def _arm(talk: CommissioningSession) -> str:
     where = talk.said("where")
     if where["status"] != DONE and ASKS in where["text"]:
         talk.need(f"It was just switched on: {where['text']}. Shall it be answered Y to all it asks?")
@@ -146,7 +146,7 @@ def _arm(talk: Talk) -> str:
     return f"the tool is at {x:.0f}, {y:.0f}, {z:.0f} mm"
 
 
-def _stop(talk: Talk) -> str:
+def _stop(talk: CommissioningSession) -> str:
     talk.need(
         "Everybody out of the arm's reach, a hand on the emergency stop? The arm is enabled next; it does not move."
     )
@@ -154,13 +154,13 @@ def _stop(talk: Talk) -> str:
     return "the controller takes the word that stops the arm"
 
 
-def _doctor(talk: Talk) -> str:
+def _doctor(talk: CommissioningSession) -> str:
     findings = talk.do("doctor")["findings"]
     cameras = [finding for finding in findings if finding["what"] == "cameras"]
     return "; ".join(finding["found"] for finding in cameras)
 
 
-def _zero(talk: Talk) -> None:
+def _zero(talk: CommissioningSession) -> None:
     """Find the arm's zero, where the controller has none yet."""
     while True:
         done = talk.said("robot cal")
@@ -173,7 +173,7 @@ def _zero(talk: Talk) -> None:
         talk.clear(fault)
 
 
-def _survey(talk: Talk) -> None:
+def _survey(talk: CommissioningSession) -> None:
     """Go where the board is in view."""
     talk.enable()
     there = talk.said("go survey")
@@ -186,7 +186,7 @@ def _survey(talk: Talk) -> None:
         raise NotProvenError(there["text"])
 
 
-def _light(talk: Talk) -> str:
+def _light(talk: CommissioningSession) -> str:
     talk.need("Board or parts on the table, the light as it will be? The arm moves for the first time, step by step.")
     if talk.simulated:
         talk.do(f"scatter {talk.order.part}")
@@ -202,7 +202,7 @@ def _light(talk: Talk) -> str:
     return "both images are sharp, even and bright enough"
 
 
-def _stereo(talk: Talk) -> str:
+def _stereo(talk: CommissioningSession) -> str:
     talk.need(
         f"The board of {talk.order.calibrate} mm flat on the table, nothing else in the arm's way? The arm moves next."
     )
@@ -212,7 +212,7 @@ def _stereo(talk: Talk) -> str:
     return f"the eyes agree to {found['stereo']['rms_px']:.2f} px"
 
 
-def _hand_eye(talk: Talk) -> str:
+def _hand_eye(talk: CommissioningSession) -> str:
     found = talk.hand_eye
     if found is None or _doubtful(found):
         talk.need("The board still on the table? The arm moves next.")
@@ -229,7 +229,7 @@ def _doubtful(found: dict[str, Any]) -> bool:
     return bool(found["warning"] or found["sigma_mm"] > HAND_EYE_MM)
 
 
-def _verify(talk: Talk) -> str:
+def _verify(talk: CommissioningSession) -> str:
     talk.need("The board still on the table? The arm moves next.")
     _survey(talk)
     found = talk.do(f"calibrate verify {talk.order.calibrate}")
@@ -238,7 +238,7 @@ def _verify(talk: Talk) -> str:
     )
 
 
-def _table(talk: Talk) -> str:
+def _table(talk: CommissioningSession) -> str:
     talk.need("The board still on the table? The finger tips go over its first corner next.")
     _survey(talk)
     found = talk.do(f"calibrate touch {talk.order.calibrate}")
@@ -249,7 +249,7 @@ def _table(talk: Talk) -> str:
     return told
 
 
-def _workspace(talk: Talk) -> str:
+def _workspace(talk: CommissioningSession) -> str:
     talk.need("The table clear? The arm goes to home, bin and survey next.")
     talk.enable()
     places = [name for name in talk.do("places")["places"] if PLACES.fullmatch(name)]
@@ -258,7 +258,7 @@ def _workspace(talk: Talk) -> str:
     return f"{', '.join(places)} are reached, and the ways between them are clear of what the guard knows"
 
 
-def _gripper(talk: Talk) -> str:
+def _gripper(talk: CommissioningSession) -> str:
     talk.need("Nothing between the fingers? They close and open next.")
     talk.enable()
     for word in ("close", "open"):
@@ -267,7 +267,7 @@ def _gripper(talk: Talk) -> str:
     return "it closes and opens"
 
 
-def _teach(talk: Talk) -> str:
+def _teach(talk: CommissioningSession) -> str:
     part = talk.order.part
     talk.need(f"One {part}, alone, where the cameras see it from `go survey`? The arm moves next.")
     _survey(talk)
@@ -288,7 +288,7 @@ def _teach(talk: Talk) -> str:
     return f"the {part} is known from {', '.join(kept)}"
 
 
-def _pick(talk: Talk) -> str:
+def _pick(talk: CommissioningSession) -> str:
     part = talk.order.part
     if talk.simulated:
         talk.do(f"scatter {part}")
@@ -305,45 +305,47 @@ def _pick(talk: Talk) -> str:
 
 
 @dataclass(frozen=True)
-class Step:
+class CommissioningStep:
     """do: says what was shown, raises NotProvenError. with_what: of `calibration` and `model`, what it holds for: where
     that is another since, it is done again; None: it only looks, and is done every time."""
 
     name: str
     proves: str
     mend: str
-    do: Callable[[Talk], str]
+    do: Callable[[CommissioningSession], str]
     with_what: tuple[str, ...] | None = ()
 
 
 STEPS = (
-    Step("arm", "the line, the dialect and arm.yaml are this arm's",
+    CommissioningStep("arm", "the line, the dialect and arm.yaml are this arm's",
          "what you see: section 7 of deploy/README.md; `facetctl arm introduce` when the arm is another", _arm, None),
-    Step("camera", "both cameras deliver, and the rest of the cell is well",
+    CommissioningStep("camera", "both cameras deliver, and the rest of the cell is well",
          "what stands behind `mend` above; `facetctl stream` while the daemon is stopped shows the pictures",
          _doctor, None),
-    Step("stop", "the arm can be stopped before it is ever moved",
+    CommissioningStep("stop", "the arm can be stopped before it is ever moved",
          "arm.dialect.abort_word: which word does the manual name?", _stop, None),
-    Step("light", "the images are good enough to measure in",
+    CommissioningStep("light", "the images are good enough to measure in",
          "light evenly from above, turn the lens until edges are sharp, wipe it; a refused move names its rule",
          _light, None),
-    Step("stereo", "how both cameras see: lenses, and where they sit to each other",
+    CommissioningStep("stereo", "how both cameras see: lenses, and where they sit to each other",
          "the board flat and whole in both images; its square by a caliper; a rough hand_eye in calibration.yaml",
          _stereo),
-    Step("hand-eye", "where the cameras sit on the hand",
+    CommissioningStep("hand-eye", "where the cameras sit on the hand",
          "tighten the bracket; arm.flange_from_tool as the hand is; more turn between poses: lay the board nearer",
          _hand_eye),
-    Step("verify", "known lengths and one place come out the same from new poses",
+    CommissioningStep("verify", "known lengths and one place come out the same from new poses",
          "what stands behind FAILED; then `facetctl commission stereo`", _verify, ("calibration",)),
-    Step("table", "the finger tips are where TOOL says, and the guard keeps clear of the table that is there",
+    CommissioningStep("table",
+         "the finger tips are where TOOL says, and the guard keeps clear of the table that is there",
          "arm.flange_from_tool as the hand is, then `facetctl commission stereo`; the board's thickness (--board-mm); "
          "pick.limits.table_z_mm, then `facetctl reload`", _table, ("calibration",)),
-    Step("workspace", "home, bin and surveys are within reach and box, each way swept",
+    CommissioningStep("workspace", "home, bin and surveys are within reach and box, each way swept",
          "the refusal names the rule: pick.limits, pick.home, pick.bin, pick.surveys in facetd.yaml; `facetctl reload`",
          _workspace, ("calibration",)),
-    Step("gripper", "OPENI and CLOSEI move the hand, and the right way round",
+    CommissioningStep("gripper", "OPENI and CLOSEI move the hand, and the right way round",
          "air, valves, the wires to the controller's hand outputs", _gripper),
-    Step("teach", "the first part is known", "turn it so that three faces show; mend the light; alone in view", _teach),
-    Step("pick", "all of it together: seen, named, reached, held, put into the bin",
+    CommissioningStep("teach", "the first part is known",
+         "turn it so that three faces show; mend the light; alone in view", _teach),
+    CommissioningStep("pick", "all of it together: seen, named, reached, held, put into the bin",
          "`facetctl review latest` says why", _pick, ("calibration", "model")),
 )  # fmt: skip

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import FacetdError
-from daemon.frontends.client import DaemonLink, NotThereError
+from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
 from daemon.store import places
 from daemon.store.records import Record
@@ -155,11 +155,11 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
         deadline = time.monotonic() + READY_S
         while not (folder / places.SOCKET_NAME).exists():
             if process.poll() is not None or time.monotonic() > deadline:
-                raise NotThereError
+                raise DaemonUnreachableError
             time.sleep(0.05)
         with DaemonLink(folder / places.SOCKET_NAME) as link:
             yield process, link
-    except (NotThereError, DemoError) as error:
+    except (DaemonUnreachableError, DemoError) as error:
         with contextlib.suppress(subprocess.TimeoutExpired):
             if process.wait(2.5) == 0:  # control-C at a terminal ends the daemon, too
                 raise KeyboardInterrupt from None

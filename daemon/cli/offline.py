@@ -30,7 +30,7 @@ class OfflineError(FacetdError):
     """An argument or a file cannot be used: one line, where and what."""
 
 
-class _View(msgspec.Struct, forbid_unknown_fields=True):
+class ListedView(msgspec.Struct, forbid_unknown_fields=True):
     left: str
     right: str
     label: str
@@ -180,7 +180,7 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     from daemon.vision.model import TeachError
 
     document = read(path)
-    views = document.convert(list[_View])
+    views = document.convert(list[ListedView])
     if not views:
         raise document.error((), "expected at least one view, found an empty list")
     for index, view in enumerate(views):
@@ -191,7 +191,7 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
     return model
 
 
-def _taught(model: Model, view: _View, base: Path, calibration: Calibration) -> Model:
+def _taught(model: Model, view: ListedView, base: Path, calibration: Calibration) -> Model:
     from daemon.vision.facets import find_facets
     from daemon.vision.model import TeachError, learn_view
 
@@ -211,8 +211,8 @@ def _found(base: Path, name: str) -> Path:
 
 
 def _model(args: argparse.Namespace) -> int:
-    from daemon.cli.modelview import check, compare, describe
-    from daemon.console.pages import fold
+    from daemon.cli.model_report import check, compare, describe
+    from daemon.console.text_layout import fold
     from daemon.store.model import load_file
     from daemon.store.model_store import model_file
 

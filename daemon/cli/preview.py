@@ -42,7 +42,7 @@ class Preview:
         self._ending = threading.Event()
         preview = self
 
-        class Handler(_Handler):
+        class Handler(PreviewHandler):
             source = preview
 
         self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
@@ -97,7 +97,7 @@ class Preview:
             self._ending.wait(max(0.0, self._period_s - (time.monotonic() - started_s)))
 
 
-class _Handler(http.server.BaseHTTPRequestHandler):
+class PreviewHandler(http.server.BaseHTTPRequestHandler):
     """One browser."""
 
     source: Preview

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from daemon.commands import calibrating, eyes, keeping, learning, looking, models, moving, placing, simulated_hand
-from daemon.console.interpreter import Command
+from daemon.commands import (
+    calibrating,
+    camera_selection,
+    keeping,
+    models,
+    moving,
+    observing,
+    positions,
+    simulated_parts,
+    teaching,
+)
+from daemon.console.interpreter import ConsoleCommand
 
 
-def every_command(kind: str = "real") -> list[Command]:
+def every_command(kind: str = "real") -> list[ConsoleCommand]:
     """All commands in the order `help` shows them; those of the hand in a simulated or recorded cell only there."""
-    hand = {"simulated": simulated_hand.COMMANDS, "recorded": simulated_hand.RECORDED_COMMANDS}
+    hand = {"simulated": simulated_parts.COMMANDS, "recorded": simulated_parts.RECORDED_COMMANDS}
     return [
-        *looking.COMMANDS,
+        *observing.COMMANDS,
         *moving.COMMANDS,
-        *eyes.COMMANDS,
-        *placing.COMMANDS,
-        *learning.COMMANDS,
+        *camera_selection.COMMANDS,
+        *positions.COMMANDS,
+        *teaching.COMMANDS,
         *models.COMMANDS,
         *calibrating.COMMANDS,
         *keeping.COMMANDS,

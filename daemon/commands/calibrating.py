@@ -30,9 +30,18 @@ from daemon.calibration.session import (
 )
 from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
-from daemon.commands.awaiting import with_questions
+from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, Answer, CommandError, Door, command, no_more, one_of
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    CommandError,
+    CommandResult,
+    Frontend,
+    command,
+    no_more,
+    one_of,
+)
 from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
 from daemon.quantities import decimal, whole
@@ -54,7 +63,7 @@ and tilted; looks at one part are near each other, and what errs with the pose e
 @command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=lambda words: words[:1] == ["list"],
          further=lambda context, word: map(str, (CONFIGURED, *context.config.calibrations.numbers())) if word == "use"
          else ())  # fmt: skip
-async def calibrate(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def calibrate(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Find out how the cameras see and where they sit.
 
     stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
@@ -69,7 +78,7 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     """
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
     if kind in KEPT:
-        return await _use(context, words, door) if kind == "use" else _list(context, words)
+        return await _use(context, words, frontend) if kind == "use" else _list(context, words)
     _check_eyes(context, kind)
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
@@ -77,17 +86,17 @@ async def calibrate(context: CommandContext, words: list[str], door: Door) -> An
     hand = context.hardware.hand
     if hand is not None:
         hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
-        await door.say("(simulated) A hand lays the board on the table.")
+        await frontend.say("(simulated) A hand lays the board on the table.")
     try:
         if kind == "by-hand":
-            return await _eyes_alone(context, board, door)
-        tour = view_tour(_session(context, board), POSES[kind], door.say, SPEED_PCT)
-        views = await with_questions(context, tour, door)
+            return await _eyes_alone(context, board, frontend)
+        tour = view_tour(_session(context, board), POSES[kind], frontend.say, SPEED_PCT)
+        views = await with_questions(context, tour, frontend)
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
-            return await _touch(context, views[0], board, door)
-        return await _solved(context, kind, views, board, door)
+            return await _touch(context, views[0], board, frontend)
+        return await _solved(context, kind, views, board, frontend)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
         raise CommandError(f"calibrate {kind}: {error}") from None
     finally:
@@ -125,7 +134,9 @@ def _board(words: list[str]) -> Board:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 
 
-async def _solved(context: CommandContext, kind: str, views: list[View], board: Board, door: Door) -> Answer:
+async def _solved(
+    context: CommandContext, kind: str, views: list[View], board: Board, frontend: Frontend
+) -> CommandResult:
     before = after = context.calibration
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
@@ -151,22 +162,26 @@ async def _solved(context: CommandContext, kind: str, views: list[View], board: 
         "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
-    lines += [_moved(before, after), *await _taken_over(context, before, after, door)]
+    lines += [_moved(before, after), *await _taken_over(context, before, after, frontend)]
     lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
-    return Answer("\n".join(lines), data)
+    return CommandResult("\n".join(lines), data)
 
 
-async def _eyes_alone(context: CommandContext, board: Board, door: Door) -> Answer:
+async def _eyes_alone(context: CommandContext, board: Board, frontend: Frontend) -> CommandResult:
     """Both eyes, from a board held by a person; no arm is needed."""
-    views = await show_by_hand(_session(context, board), door.say)
+    views = await show_by_hand(_session(context, board), frontend.say)
     before = context.calibration
     after, stereo = await asyncio.to_thread(solve_stereo, views, board, before)
-    lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, door)]
+    lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, frontend)]
     lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
-    return Answer("\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas})
+    return CommandResult(
+        "\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas}
+    )
 
 
-async def _taken_over(context: CommandContext, before: Calibration, after: Calibration, door: Door) -> list[str]:
+async def _taken_over(
+    context: CommandContext, before: Calibration, after: Calibration, frontend: Frontend
+) -> list[str]:
     """Keep it, and work with it from now on. before: what was worked with as it was solved."""
     calibrations = context.config.calibrations
     used, number = CONFIGURED, CONFIGURED
@@ -180,7 +195,7 @@ async def _taken_over(context: CommandContext, before: Calibration, after: Calib
         return lambda: calibrations.use(used)
 
     try:
-        taken = await context.reload(door.who, go_over)
+        taken = await context.reload(frontend.who, go_over)
     except FacetdError as error:
         if number == CONFIGURED:
             raise
@@ -188,17 +203,17 @@ async def _taken_over(context: CommandContext, before: Calibration, after: Calib
     return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` goes back."]
 
 
-def _list(context: CommandContext, words: list[str]) -> Answer:
+def _list(context: CommandContext, words: list[str]) -> CommandResult:
     no_more(words, 1, USAGE)
     calibrations = context.config.calibrations
     rows = [f"{'':>4}  {'written (UTC)':<16}"]
     for number in (CONFIGURED, *calibrations.numbers()):
         in_use = "in use" if number == calibrations.current else ""
         rows.append(f"{number:>4}  {calibrations.made(number)}  {in_use:<6}  {calibrations.path(number)}")
-    return Answer("\n".join(rows), {"current": calibrations.current, "numbers": calibrations.numbers()})
+    return CommandResult("\n".join(rows), {"current": calibrations.current, "numbers": calibrations.numbers()})
 
 
-async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def _use(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 2, USAGE)
     calibrations = context.config.calibrations
     known = (CONFIGURED, *calibrations.numbers())
@@ -211,8 +226,8 @@ async def _use(context: CommandContext, words: list[str], door: Door) -> Answer:
         calibrations.use(number)
         return lambda: calibrations.use(before)
 
-    taken = await context.reload(door.who, go_over)
-    return Answer(f"Calibration {word} is in use. {taken}", {"current": number})
+    taken = await context.reload(frontend.who, go_over)
+    return CommandResult(f"Calibration {word} is in use. {taken}", {"current": number})
 
 
 def _stereo_lines(result: StereoResult) -> list[str]:
@@ -253,7 +268,7 @@ def _moved(before: Calibration, after: Calibration) -> str:
     return f"Since the old calibration the hand-eye has changed by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
-def _verified(views: list[View], board: Board, calibration: Calibration) -> Answer:
+def _verified(views: list[View], board: Board, calibration: Calibration) -> CommandResult:
     found = verify(views, board, calibration)
     lines = [
         f"From {found.poses} new poses: lengths {found.length_mm:.2f} mm off (scale {100 * found.scale_error:+.2f} %), "
@@ -262,10 +277,10 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Answ
         *(f"FAILED {failure}" for failure in found.failures),
     ]
     lines.append("PASSED" if found.passed else "Not fit for picking.")
-    return Answer("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
+    return CommandResult("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
 
 
-async def _touch(context: CommandContext, view: View, board: Board, door: Door) -> Answer:
+async def _touch(context: CommandContext, view: View, board: Board, frontend: Frontend) -> CommandResult:
     """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
     world_from_board = board_in_world(view, board, context.calibration)
     heights_mm = frames.apply(world_from_board, board.points_mm())[:, 2]
@@ -276,9 +291,9 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
         for above_mm in (OVER_MM, TOUCH_ABOVE_MM)
     )
     purpose = f"touch test, {TOUCH_ABOVE_MM:g} mm above the corner"
-    await with_questions(context, context.cycle.go_down(over, down, purpose), door)
-    await door.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
-    answer = await door.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
+    await with_questions(context, context.cycle.go_down(over, down, purpose), frontend)
+    await frontend.say(f"The finger tips should be {TOUCH_ABOVE_MM:g} mm above the first inner corner of the board.")
+    answer = await frontend.ask("How far off are they, along world x and y, in mm? (e.g. 0.5 -0.3) ")
     try:
         off = np.array([decimal(word) for word in answer.replace(",", " ").split()[:2]])
         if len(off) != 2:
@@ -294,7 +309,7 @@ async def _touch(context: CommandContext, view: View, board: Board, door: Door) 
         f"the table is told to be at {table_mm:g}.",
     ]
     data = {"off_mm": off.tolist(), "board_z_mm": [heights_mm.min(), heights_mm.max()], "table_z_mm": table_mm}
-    return Answer("\n".join(lines), data, 0 if distance <= 1.0 else NOT_DONE)
+    return CommandResult("\n".join(lines), data, 0 if distance <= 1.0 else NOT_DONE)
 
 
 COMMANDS = (calibrate,)

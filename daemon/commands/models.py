@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from daemon.commands.learning import describe_alike, describe_sufficiency, sufficiency_json
+from daemon.commands.teaching import describe_alike, describe_sufficiency, sufficiency_json
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     NOT_DONE,
     NOT_UNDERSTOOD,
-    Answer,
     CommandError,
-    Door,
+    CommandResult,
+    Frontend,
     command,
     no_more,
     number,
@@ -29,7 +29,7 @@ MODEL_USAGE = "model list | model use N|latest"
 
 
 @command("train", "change", first=True)
-async def train(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def train(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Make a model of all views; `accept` puts it into use.
 
     It is a candidate: the model in use is not touched, unless there was none.
@@ -41,7 +41,7 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
     lines = [f"{text} ({trained.seconds:.1f} s)."]
     lines += [f"  {_describe_verdict(v)}" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
-    door.shown = trained.version
+    frontend.shown = trained.version
     judged = await asyncio.to_thread(context.trainer.judge_version, trained.version)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
@@ -54,50 +54,50 @@ async def train(context: CommandContext, words: list[str], door: Door) -> Answer
         context.use_model("first", version)
         lines[-1] = f"There was no model yet: version {version} is in use from now on."
         data["accepted"] = True
-    return Answer("\n".join(lines), data, NOT_DONE if wrong else 0)
+    return CommandResult("\n".join(lines), data, NOT_DONE if wrong else 0)
 
 
 @command("accept", "change")
-async def accept(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def accept(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Put the candidate model into use.
 
     The one that you were shown last, by `train`, `try`, `status` or `model`. It says which parts could be taken for
     each other, and from what is seen of them.
     """
     model_store = context.trainer.model_store
-    candidate, shown = model_store.candidate, door.shown
+    candidate, shown = model_store.candidate, frontend.shown
     if candidate is None and model_store.current is not None:
         raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
     if shown not in (None, candidate):
-        door.shown = candidate
+        frontend.shown = candidate
         raise CommandError(
             f"not accepted: you were shown version {shown}, and the candidate is version {candidate} by now: "
             f"`try` looks with it, `accept` once more takes it, `model use {shown}` the other"
         )
-    await _not_amid_a_pick(context, door)
+    await _not_amid_a_pick(context, frontend)
     pairs = [] if candidate is None else alike(await asyncio.to_thread(context.trainer.judge_version, candidate))
     version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
     lines = [f"Version {version} is in use; `rollback` goes back.", *([describe_alike(pairs)] if pairs else [])]
     data = [{"labels": two.labels, "facets": two.facets, "viewpoints": two.viewpoints} for two in pairs]
-    return Answer("\n".join(lines), {"version": version, "alike": data})
+    return CommandResult("\n".join(lines), {"version": version, "alike": data})
 
 
 @command("rollback", "change")
-async def rollback(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def rollback(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Go back to the model used before."""
     if context.trainer.model_store.history:
-        await _not_amid_a_pick(context, door)
+        await _not_amid_a_pick(context, frontend)
     version = await asyncio.to_thread(context.trainer.rollback)
     context.use_model("rollback", version)
-    door.shown = context.trainer.model_store.candidate
-    return Answer(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
+    frontend.shown = context.trainer.model_store.candidate
+    return CommandResult(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
 
 
 @command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",),
          looks=lambda words: words[:1] in ([], ["list"]),
          further=lambda context, word: _versions(context) if word == "use" else ())  # fmt: skip
-async def model(context: CommandContext, words: list[str], door: Door) -> Answer:
+async def model(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Which models there are, and take one of them into use.
 
     Every version that was ever trained here is kept; `model use 3` takes the third, `latest` the newest. The
@@ -107,17 +107,17 @@ async def model(context: CommandContext, words: list[str], door: Door) -> Answer
     store = context.trainer.model_store
     if word == "list":
         no_more(words, 1, MODEL_USAGE)
-        door.shown = store.candidate
+        frontend.shown = store.candidate
         return list_of(store)
     if len(words) < 2:
         raise CommandError(f"N is missing: {MODEL_USAGE}", NOT_UNDERSTOOD)
     version = version_named(store, words[1])
     if version == store.current:
         raise CommandError(f"version {version} is in use already")
-    await _not_amid_a_pick(context, door)
+    await _not_amid_a_pick(context, frontend)
     await asyncio.to_thread(context.trainer.take, version)
     context.use_model("use", version)
-    return Answer(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+    return CommandResult(f"Version {version} is in use; `rollback` goes back.", {"version": version})
 
 
 def version_named(store: ModelStore, word: str) -> int:
@@ -131,7 +131,7 @@ def version_named(store: ModelStore, word: str) -> int:
     return version
 
 
-def list_of(store: ModelStore) -> Answer:
+def list_of(store: ModelStore) -> CommandResult:
     """Every version, what it knows and what it is at present."""
     current, candidate, before = store.current, store.candidate, store.history[-1:]
     rows, data = [], []
@@ -141,23 +141,23 @@ def list_of(store: ModelStore) -> Answer:
         rows.append(f"{version:>4}  {at_utc(told.trained):<16}  {state:<9}  {told.knows}")
         data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
     if not rows:
-        return Answer("No model was trained here yet: `teach`, then `train`.", {"models": []})
-    return Answer("\n".join([f"{'':>4}  {'trained (UTC)':<16}  {'':<9}  knows", *rows]), {"models": data})
+        return CommandResult("No model was trained here yet: `teach`, then `train`.", {"models": []})
+    return CommandResult("\n".join([f"{'':>4}  {'trained (UTC)':<16}  {'':<9}  knows", *rows]), {"models": data})
 
 
 def _versions(context: CommandContext) -> list[str]:
     return [*map(str, context.trainer.model_store.versions()), "latest"]
 
 
-async def _not_amid_a_pick(context: CommandContext, door: Door) -> None:
+async def _not_amid_a_pick(context: CommandContext, frontend: Frontend) -> None:
     """Another model from one pick to the next is no small thing while the arm picks by itself. Raises CommandError."""
     state = context.cycle.status()
     if not state["auto"] and state["doing"] != "pick":
         return
     what = "auto is on" if state["auto"] else "a pick is under way"
-    if not door.asks:
+    if not frontend.asks:
         raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
-    if not await yes_or_no(door, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
+    if not await yes_or_no(frontend, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
         raise CommandError("the model stays")
 
 

@@ -20,10 +20,10 @@ from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.cell.pick_cell import pick_cell
 from daemon.config import Config
-from daemon.console.notices import Level, Notices
+from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
-from daemon.maintenance.watched import Troubles
+from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import Cycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
@@ -106,7 +106,7 @@ class CommandContext:
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:
             picked = sum(end.outcome == "picked" for end in auto.result())
-            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", Level.OUTCOMES)
+            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", NoticeLevel.OUTCOMES)
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

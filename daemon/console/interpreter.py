@@ -2,7 +2,7 @@
 
 Here: the table of commands, finding the one that was meant, help, permission, the record of who said what, and
 turning what went wrong into one line. What each command does is in daemon/commands/; how text travels, in
-daemon/frontends/socket.py.
+daemon/frontends/socket_server.py.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any, Literal, Protocol
 
 from daemon.arm import said
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.pages import by_pages, fold, prose, table
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, means_stop
+from daemon.console.text_layout import by_pages, fold, prose, table
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
@@ -41,7 +41,7 @@ class CommandError(FacetdError):
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What a command has to say: lines of text for people, the same as JSON values, and whether it was done."""
 
     text: str
@@ -49,8 +49,8 @@ class Answer:
     status: int = DONE
 
 
-class Door(Protocol):
-    """Where an operator stands: the door's name, who it is, what is allowed there, and how to speak with them."""
+class Frontend(Protocol):
+    """Where an operator stands: the frontend's name, who it is, what is allowed there, and how to speak with them."""
 
     name: str
     who: str
@@ -88,7 +88,7 @@ class Door(Protocol):
         """Lines that nobody there asked for; returns at once."""
 
 
-Handler = Callable[[CommandContext, list[str], Door], Awaitable[Answer]]
+CommandHandler = Callable[[CommandContext, list[str], Frontend], Awaitable[CommandResult]]
 Choices = tuple[str, ...] | Callable[[CommandContext], Iterable[str]]
 Further = Callable[[CommandContext, str], Iterable[str]]
 Looks = Callable[[list[str]], bool]
@@ -114,13 +114,13 @@ def nothing_further(_: CommandContext, __: str) -> Iterable[str]:
 
 
 @dataclass(frozen=True)
-class Command:
+class ConsoleCommand:
     """One word of the language. grade: what it does to the world, which decides who may say it and what is recorded."""
 
     name: str
     usage: str
     summary: str
-    run: Handler
+    run: CommandHandler
     grade: Grade = "look"
     details: str = ""
     at_once: bool | frozenset[str] = False
@@ -163,15 +163,15 @@ def command(
     aliases: tuple[str, ...] = (),
     first: bool = False,
     looks: Looks = never,
-) -> Callable[[Handler], Command]:
+) -> Callable[[CommandHandler], ConsoleCommand]:
     """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
     the list, the rest where help of that command is asked for.
     """
 
-    def made(run: Handler) -> Command:
+    def made(run: CommandHandler) -> ConsoleCommand:
         begun, _, details = (inspect.getdoc(run) or "").partition("\n")
         summary = begun[:1].lower() + begun[1:].removesuffix(".")
-        return Command(
+        return ConsoleCommand(
             usage.split()[0],
             usage,
             summary,
@@ -190,66 +190,66 @@ def command(
     return made
 
 
-def first_screen(commands: Iterable[Command]) -> str:
+def first_screen(commands: Iterable[ConsoleCommand]) -> str:
     """Ten lines for whoever has just come, on any terminal."""
     lines = [f"{c.name:<{FIRST_WIDTH}}{c.summary.partition(',')[0].partition(';')[0]}" for c in commands if c.first]
     return "\n".join([*lines, "help all every command, by pages", "help WORD all about one of them"])
 
 
-def every_line(commands: Iterable[Command], columns: int = 80) -> str:
+def every_line(commands: Iterable[ConsoleCommand], columns: int = 80) -> str:
     """Every command with what it does."""
     return table([(command.usage, command.summary) for command in commands], columns)
 
 
-class Console:
+class Interpreter:
     """The interpreter. One for the whole daemon; `context` is what the commands work with."""
 
-    def __init__(self, context: CommandContext, commands: Iterable[Command]) -> None:
+    def __init__(self, context: CommandContext, commands: Iterable[ConsoleCommand]) -> None:
         self.context = context
         self.commands = {command.name: command for command in commands}
         helper = command("help [all|COMMAND]", most=1, choices=self._names, aliases=("?", "h"))(self._help)
         self.commands["help"] = helper
         self._aliases = {alias: c.name for c in self.commands.values() for alias in c.aliases}
 
-    async def interpret(self, text: str, door: Door) -> Answer:
-        """Do what one line says. What an operator can cause is not raised: it comes back as an Answer with a status."""
+    async def interpret(self, text: str, frontend: Frontend) -> CommandResult:
+        """Do what one line says. What an operator can cause is not raised: it comes back as a CommandResult."""
         if means_stop(text):
-            return await self._stop(text, door)
+            return await self._stop(text, frontend)
         try:
             words = shlex.split(text, comments=True)
         except ValueError as error:
             return _trouble(CommandError(f"{text.strip()}: {error}", NOT_UNDERSTOOD))
         if not words:
-            return Answer("")
+            return CommandResult("")
         try:
             if VERSION_WORDS[0] in words or words == ["version"]:
-                return Answer(f"facetd {version()}", {"version": version()})
+                return CommandResult(f"facetd {version()}", {"version": version()})
             command = self._find(words[0])
             if any(word in HELP_WORDS for word in words[1:]):
-                return _described(command, door)
+                return _described(command, frontend)
             grade = command.does(words[1:])
-            self._check_door(command, grade, door)
+            self._check_rights(command, grade, frontend)
             if grade != "look":
-                self.context.log.record("command", who=door.who, door=door.name, text=text.strip())
+                self.context.log.record("command", who=frontend.who, door=frontend.name, text=text.strip())
             if command.most is not None:
                 no_more(words[1:], command.most, command.usage)
             with said(command.name, self.stops):
-                return await command.run(self.context, words[1:], door)
+                return await command.run(self.context, words[1:], frontend)
         except CommandError as problem:
             return _trouble(problem)
         except ANSWERABLE as error:
-            return Answer(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
+            return CommandResult(_one_line(error), {"error": _one_line(error), "why": type(error).__name__}, NOT_DONE)
         except Exception as error:
             return _own_fault(error)
 
-    async def _stop(self, text: str, door: Door) -> Answer:
+    async def _stop(self, text: str, frontend: Frontend) -> CommandResult:
         """The arm first; no line is too odd for it, and a log that cannot be written keeps nobody from it."""
         try:
-            answer = await self.commands["stop"].run(self.context, [], door)
+            answer = await self.commands["stop"].run(self.context, [], frontend)
         except Exception as error:
             answer = _own_fault(error, "NOT CONFIRMED: press the emergency stop; ")
         with contextlib.suppress(Exception):
-            self.context.log.record("command", who=door.who, door=door.name, text=printable(text.strip()))
+            self.context.log.record("command", who=frontend.who, door=frontend.name, text=printable(text.strip()))
         return answer
 
     def at_once(self, text: str) -> bool:
@@ -297,13 +297,13 @@ class Console:
         command = self._meant(words)
         return command is not None and command.does(words[1:]) == "move"
 
-    def _meant(self, words: list[str]) -> Command | None:
+    def _meant(self, words: list[str]) -> ConsoleCommand | None:
         try:
             return self._find(words[0]) if words else None
         except CommandError:
             return None
 
-    def _find(self, word: str) -> Command:
+    def _find(self, word: str) -> ConsoleCommand:
         """The command of that name, or the only one that begins so."""
         name = self._aliases.get(word.lower(), word.lower())
         if name in self.commands:
@@ -321,21 +321,23 @@ class Console:
         hint = f"did you mean {either(close)}?" if close else "`help` lists what there is"
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
-    def _check_door(self, command: Command, grade: Grade, door: Door) -> None:
-        if grade != "look" and door.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
-            raise CommandError(f"{command.name}: this {door.name} may only look; use another door", NOT_DONE)
+    def _check_rights(self, command: ConsoleCommand, grade: Grade, frontend: Frontend) -> None:
+        if grade != "look" and frontend.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
+            raise CommandError(f"{command.name}: this {frontend.name} may only look; use another frontend", NOT_DONE)
 
     def _names(self, _: CommandContext) -> Iterable[str]:
         return ("all", *self.commands)
 
-    async def _help(self, _: CommandContext, words: list[str], door: Door) -> Answer:
+    async def _help(self, _: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
         """This screen, all commands, or all about one."""
         every = {c.name: c.summary for c in self.commands.values()}
         if not words:
-            return Answer(first_screen(self.commands.values()), {"commands": every})
+            return CommandResult(first_screen(self.commands.values()), {"commands": every})
         if words[0] != "all":
-            return _described(self._find(words[0]), door)
-        return Answer(await by_pages(every_line(self.commands.values(), door.columns), door), {"commands": every})
+            return _described(self._find(words[0]), frontend)
+        return CommandResult(
+            await by_pages(every_line(self.commands.values(), frontend.columns), frontend), {"commands": every}
+        )
 
 
 def version() -> str:
@@ -343,8 +345,8 @@ def version() -> str:
     return importlib.metadata.version("facetd")
 
 
-def _described(command: Command, door: Door) -> Answer:
-    return Answer(command.described(door.columns), {"usage": command.usage})
+def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:
+    return CommandResult(command.described(frontend.columns), {"usage": command.usage})
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
@@ -375,14 +377,14 @@ def number(word: str, what: str, low: int, high: int) -> int:
     raise CommandError(f"{what}: expected a whole number from {low} to {high}, found {shown(word)}", NOT_UNDERSTOOD)
 
 
-async def yes_or_no(door: Door, question: str) -> bool | None:
+async def yes_or_no(frontend: Frontend, question: str) -> bool | None:
     """Ask until the answer is a yes or a no; None where there is none: it was to stop, or nobody is there. Another word
     is no answer, and is told to be none."""
     for _ in range(MOST_ASKED):
-        answer = (await door.ask(question)).strip()
+        answer = (await frontend.ask(question)).strip()
         if not answer or is_yes(answer) or is_no(answer):
             return None if not answer else is_yes(answer)
-        await door.say(f"`{answer}` was not done: the question stands; y or n.")
+        await frontend.say(f"`{answer}` was not done: the question stands; y or n.")
     return None
 
 
@@ -391,14 +393,14 @@ def either(names: list[str]) -> str:
     return " or ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
-def _own_fault(error: Exception, before: str = "") -> Answer:
+def _own_fault(error: Exception, before: str = "") -> CommandResult:
     journal.tell("trouble", traceback.format_exc(), journal.ERROR)
     told = f"{before}a fault in facetd itself: {type(error).__name__}: {_one_line(error)}; please send a `bundle`"
-    return Answer(told, {"error": told, "why": "internal"}, NOT_DONE)
+    return CommandResult(told, {"error": told, "why": "internal"}, NOT_DONE)
 
 
-def _trouble(problem: CommandError) -> Answer:
-    return Answer(str(problem), {"error": str(problem)}, problem.status)
+def _trouble(problem: CommandError) -> CommandResult:
+    return CommandResult(str(problem), {"error": str(problem)}, problem.status)
 
 
 def _one_line(error: BaseException) -> str:

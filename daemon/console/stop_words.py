@@ -1,4 +1,4 @@
-"""What an operator types that is to stop the arm, whatever it was to answer. Every door asks this first."""
+"""What an operator types that is to stop the arm, whatever it was to answer. Every frontend asks this first."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from daemon.dashboard.now import Now
+from daemon.dashboard.state import DashboardState
 from daemon.store.outside import FileError, open_below, read_below
 from daemon.store.pictures import LARGEST_BYTES
 from daemon.store.places import socket_candidates
@@ -21,16 +21,16 @@ ASK_S, AGAIN_S, READ_S = 1.0, 1.0, 0.25
 TAIL_BYTES = 4_000_000
 """Of a run that is under way: enough for the last picks."""
 LONGEST_MESSAGE = 4_000_000
-HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "door": "live"}\n'
+HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "frontend": "dashboard"}\n'
 """All that is ever said to the daemon."""
 
 
-async def follow_daemon(now: Now, run: RunFollower, socket_path: Path | None) -> None:
+async def follow_daemon(now: DashboardState, run: RunFollower, socket_path: Path | None) -> None:
     """Keep `now` up to date for ever. socket_path: None: where the daemon usually has it."""
     await asyncio.gather(_follow_socket(now, run, socket_path), _follow_run(run))
 
 
-async def _follow_socket(now: Now, run: RunFollower, socket_path: Path | None) -> None:
+async def _follow_socket(now: DashboardState, run: RunFollower, socket_path: Path | None) -> None:
     while True:
         for path in [socket_path] if socket_path else socket_candidates():
             with contextlib.suppress(OSError, ValueError):
@@ -43,7 +43,9 @@ async def _follow_socket(now: Now, run: RunFollower, socket_path: Path | None) -
         await asyncio.sleep(AGAIN_S)
 
 
-async def _converse(now: Now, run: RunFollower, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _converse(
+    now: DashboardState, run: RunFollower, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
     """Until the daemon hangs up."""
     writer.write(HELLO + STATUS)
     asking = asyncio.create_task(_ask(writer))
@@ -76,7 +78,7 @@ async def _follow_run(run: RunFollower) -> None:
 class RunFollower:
     """Reads what is added to run.jsonl of the daemon's present run."""
 
-    def __init__(self, now: Now) -> None:
+    def __init__(self, now: DashboardState) -> None:
         self._now = now
         self.folder: Path | None = None
         self._at, self._rest = 0, b""

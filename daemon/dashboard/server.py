@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.dashboard.follow import RunFollower, follow_daemon
-from daemon.dashboard.now import Now
+from daemon.dashboard.state import DashboardState
 from daemon.errors import FacetdError
 from daemon.store.places import how_to_add
 
@@ -30,16 +30,16 @@ ONLY_OURS = "; ".join(
 )
 
 
-class LiveError(FacetdError):
+class DashboardError(FacetdError):
     """The page cannot be served; the message says why and what to do."""
 
 
 def serve(port: int, socket_path: Path | None) -> None:
-    """Serve until told to end. Raises LiveError without the libraries or where the port is taken."""
+    """Serve until told to end. Raises DashboardError without the libraries or where the port is taken."""
     try:
         import uvicorn
     except ImportError:
-        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
+        raise DashboardError(f"needs an extra: {how_to_add('live')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -47,11 +47,11 @@ def serve(port: int, socket_path: Path | None) -> None:
         try:
             uvicorn.Server(config).run()
         except SystemExit:
-            raise LiveError(f"port {port} cannot be had; --port takes another") from None
+            raise DashboardError(f"port {port} cannot be had; --port takes another") from None
 
 
 def app(socket_path: Path | None) -> Any:
-    """The page as an ASGI application. Raises LiveError without the libraries."""
+    """The page as an ASGI application. Raises DashboardError without the libraries."""
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
@@ -60,8 +60,8 @@ def app(socket_path: Path | None) -> Any:
         from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
-        raise LiveError(f"needs an extra: {how_to_add('live')}") from None
-    now = Now()
+        raise DashboardError(f"needs an extra: {how_to_add('live')}") from None
+    now = DashboardState()
     run = RunFollower(now)
 
     @contextlib.asynccontextmanager
@@ -109,7 +109,7 @@ async def written(run: RunFollower, seq: int, eye: str) -> bytes | None:
     return content
 
 
-async def changes(now: Now) -> AsyncIterator[str]:
+async def changes(now: DashboardState) -> AsyncIterator[str]:
     """Server-Sent Events: everything as it is now, again when it has changed; a comment now and then, so that a viewer
     who is gone is noticed."""
     told, quiet_s = -1, 0.0

@@ -26,7 +26,7 @@ from daemon.store.outside import FileError, read_file
 from daemon.store.places import socket_candidates
 
 if TYPE_CHECKING:
-    from daemon.frontends.keyboard import Keyboard
+    from daemon.frontends.keyboard import RawKeyboard
 
 LOOK_S = 0.1
 LONGEST_PIECE = 256 * 1024
@@ -45,11 +45,11 @@ EMERGENCY = "PRESS THE EMERGENCY STOP"
 UNANSWERED = f"{EMERGENCY}: no answer to the stop for {STOP_ANSWER_S:g} s"
 
 
-class NotThereError(FacetdError):
+class DaemonUnreachableError(FacetdError):
     """No daemon answers: where it was sought, and what to do."""
 
 
-class StopUnansweredError(NotThereError):
+class StopUnansweredError(DaemonUnreachableError):
     """Nobody answered a stop: to the emergency stop."""
 
 
@@ -57,11 +57,11 @@ class DaemonLink:
     """One connection to the running daemon."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """Connect to the socket at path, or to the first of the usual ones. Raises NotThereError; StopUnansweredError
-        where control-C was pressed meanwhile."""
+        """Connect to the socket at path, or to the first of the usual ones. Raises DaemonUnreachableError, or
+        StopUnansweredError where control-C was pressed meanwhile."""
         self._path = path
         self._paths = [path] if path is not None else socket_candidates()
-        self._keyboard: Keyboard | None = None
+        self._keyboard: RawKeyboard | None = None
         self._open()
 
     def _open(self) -> None:
@@ -84,17 +84,17 @@ class DaemonLink:
         """Hang up."""
         self.socket.close()
 
-    def stop_beside(self, text: str, door: str, say: Callable[[str], None]) -> dict[str, Any]:
+    def stop_beside(self, text: str, frontend: str, say: Callable[[str], None]) -> dict[str, Any]:
         """Say a stop on a connection of its own, whatever is waited for on this one; gives what `do` does."""
         try:
             with DaemonLink(self._path) as another:
-                return another.do(text, door, say)
-        except NotThereError as error:
+                return another.do(text, frontend, say)
+        except DaemonUnreachableError as error:
             told = str(stop_unanswered(error))
             return {"text": told, "data": {"error": told}, "status": STOP_UNANSWERED}
 
     def connect_again(self) -> None:
-        """To the daemon that runs now, after the one before went away. Raises NotThereError."""
+        """To the daemon that runs now, after the one before went away. Raises DaemonUnreachableError."""
         self.close()
         self._open()
 
@@ -105,23 +105,23 @@ class DaemonLink:
         self.close()
 
     def do(
-        self, text: str, door: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
+        self, text: str, frontend: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
     ) -> dict[str, Any]:
         """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm; where it was
         pressed there is {interrupted: True} as well: whoever did that wants nothing further to be said by itself.
 
         A stop that is not answered in STOP_ANSWER_S is told, and the status says so whatever comes later. ask: puts a
-        question to somebody; without it questions are taken as answered by yes. Raises NotThereError when the daemon
-        goes away; StopUnansweredError where it was to stop.
+        question to somebody; without it questions are taken as answered by yes. Raises DaemonUnreachableError when the
+        daemon goes away; StopUnansweredError where it was to stop.
         """
         columns = shutil.get_terminal_size().columns
         self._alarmed = False
         if takes_leave(text):
             self._unanswered_s = time.monotonic()
         try:
-            self._send({"do": text, "door": door, "asks": ask is not None, "size": [columns, None]})
+            self._send({"do": text, "frontend": frontend, "asks": ask is not None, "size": [columns, None]})
             done = self._listen(text, say, ask)
-        except NotThereError as error:
+        except DaemonUnreachableError as error:
             raise stop_unanswered(error) if self._unanswered_s is not None else error from None
         finally:
             self._unanswered_s = None
@@ -135,7 +135,9 @@ class DaemonLink:
             try:
                 message = next(messages, None)
                 if message is None:
-                    raise NotThereError("the daemon ended before it answered; `facetctl status` tells if it is back")
+                    raise DaemonUnreachableError(
+                        "the daemon ended before it answered; `facetctl status` tells if it is back"
+                    )
                 done = message.get("done", done)
                 self._stops = max(0, self._stops - ("stopped" in message))
                 if self._stops == 0 and ("stopped" in message or (takes_leave(text) and done is not None)):
@@ -164,10 +166,10 @@ class DaemonLink:
         try:
             self._stop()
             told = next((str(m["stopped"]) for m in self._messages(say) if "stopped" in m), None)
-        except NotThereError as error:
+        except DaemonUnreachableError as error:
             raise stop_unanswered(error) from None
         if told is None:
-            raise stop_unanswered(NotThereError("the daemon ended before it answered"))
+            raise stop_unanswered(DaemonUnreachableError("the daemon ended before it answered"))
         self._stops, self._unanswered_s = 0, None
         return told
 
@@ -182,9 +184,9 @@ class DaemonLink:
     def _at_terminal(self, message: dict[str, Any]) -> None:
         """The controller's own terminal, shown here for a while."""
         if message.get("terminal") is True:
-            from daemon.frontends.keyboard import Keyboard
+            from daemon.frontends.keyboard import RawKeyboard
 
-            self._keyboard = Keyboard(self._send, self._stop)
+            self._keyboard = RawKeyboard(self._send, self._stop)
         elif message.get("terminal") is False:
             self._end_terminal()
         elif "show" in message and self._keyboard is not None:
@@ -201,7 +203,7 @@ class DaemonLink:
         try:
             self.socket.sendall(begin + json.dumps(message).encode() + b"\n")
         except OSError:
-            raise NotThereError("the daemon hung up") from None
+            raise DaemonUnreachableError("the daemon hung up") from None
         self._amid = False
 
     def _messages(self, say: Callable[[str], None] = print) -> Iterator[dict[str, Any]]:
@@ -272,7 +274,7 @@ def told_anyway() -> Iterator[None]:
         pass
 
 
-def stop_unanswered(error: NotThereError) -> StopUnansweredError:
+def stop_unanswered(error: DaemonUnreachableError) -> StopUnansweredError:
     """Why no daemon hears a stop, for somebody who wanted the arm to stop."""
     if isinstance(error, StopUnansweredError):
         return error
@@ -296,10 +298,12 @@ def _connect(paths: list[Path]) -> socket.socket:
             connection.connect(str(path))
         except PermissionError:
             connection.close()
-            raise NotThereError(f"{path}: no permission; your user must be in the socket's group (facetd)") from None
+            raise DaemonUnreachableError(
+                f"{path}: no permission; your user must be in the socket's group (facetd)"
+            ) from None
         except BlockingIOError:
             connection.close()
-            raise NotThereError(f"{path}: facetd takes nobody in for {CONNECT_S:g} s: it hangs") from None
+            raise DaemonUnreachableError(f"{path}: facetd takes nobody in for {CONNECT_S:g} s: it hangs") from None
         except OSError:
             connection.close()
             refused.append(str(path))
@@ -310,6 +314,6 @@ def _connect(paths: list[Path]) -> socket.socket:
             _limit_sending(connection, 0.0)
             return connection
     where = " nor ".join(refused)
-    raise NotThereError(
+    raise DaemonUnreachableError(
         f"no daemon answers at {where}; start it (`systemctl start facetd`, or `facetd --sim` to try it)"
     )

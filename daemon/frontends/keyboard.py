@@ -27,7 +27,7 @@ _MODE = threading.Lock()
 another reader has taken meanwhile would be waited for, for ever."""
 
 
-class Lines:
+class InputLines:
     """The lines of standard input, a terminal's or a pipe's, read from construction to close() as they come, in a
     thread: nobody knows when a stop does. One that means to stop goes to `stop` at once, and what waits is dropped;
     another answers the question that was shown before it, where one stands, or else waits to be said in its turn."""
@@ -49,7 +49,7 @@ class Lines:
         self._thread = threading.Thread(target=self._read, name="lines", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> Lines:
+    def __enter__(self) -> InputLines:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -180,7 +180,7 @@ def _read_from(handle: int) -> bytes:
 
 def _gives_lines(handle: int) -> bool:
     """Whether lines come here for us: not from a terminal that somebody else in front of us reads (we would be stopped
-    for it), or that gives its keys one by one to whom they are meant for (Keyboard, a pager)."""
+    for it), or that gives its keys one by one to whom they are meant for (RawKeyboard, a pager)."""
     if not os.isatty(handle):
         return True
     with contextlib.suppress(OSError):  # no terminal of our own session keeps nobody from reading
@@ -189,8 +189,8 @@ def _gives_lines(handle: int) -> bool:
     return bool(termios.tcgetattr(handle)[3] & termios.ICANON)
 
 
-class Keyboard:
-    """From construction to close() every key goes to `send` as a message of frontends/socket.py, control-C to `stop`.
+class RawKeyboard:
+    """From construction to close() every key goes to `send` as a socket message, control-C to `stop`.
 
     Needs a terminal.
     """

@@ -26,12 +26,12 @@ import struct
 from dataclasses import dataclass
 from typing import Literal
 
-from daemon.config import Console
+from daemon.config import ConsoleSettings
 from daemon.errors import FacetdError
 
 
-class DoorError(FacetdError):
-    """A door cannot be opened: which, why, what to do."""
+class FrontendError(FacetdError):
+    """A frontend cannot be opened: which, why, what to do."""
 
 
 May = Literal["look", "all"]
@@ -68,9 +68,9 @@ def peer_of(connection: socket.socket) -> Peer:
 
 
 class Rights:
-    """The table above, for one configuration. Raises DoorError where this machine has no such group."""
+    """The table above, for one configuration. Raises FrontendError where this machine has no such group."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: ConsoleSettings) -> None:
         self.group = os.getegid() if console.group is None else _group("group", console.group)
         self._look_group = None if console.look_group is None else _group("look_group", console.look_group)
 
@@ -90,4 +90,4 @@ def _group(key: str, name: str) -> int:
     try:
         return grp.getgrnam(name).gr_gid
     except KeyError:
-        raise DoorError(f"console.{key}: there is no group {name!r} on this machine") from None
+        raise FrontendError(f"console.{key}: there is no group {name!r} on this machine") from None

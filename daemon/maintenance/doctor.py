@@ -26,17 +26,17 @@ from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
 from daemon.store.runs import list_runs
 
-Level = Literal["good", "note", "bad"]
+CheckLevel = Literal["good", "note", "bad"]
 GOOD_REPROJECTION_PX = 0.5
 GOOD_EPIPOLAR_PX = 0.5
 EARLIEST_YEAR = 2024
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One thing looked at: how it is, and what to do where it is not good."""
 
-    level: Level
+    level: CheckLevel
     what: str
     found: str
     mend: str = ""
@@ -47,30 +47,30 @@ class Finding:
         return f"{sign} {self.what}: {self.found}" + (f". {self.mend}" if self.mend else "")
 
 
-def examine(config: Config, running: bool) -> list[Finding]:
+def examine(config: Config, running: bool) -> list[CheckResult]:
     """Every check that needs no daemon. running: a daemon holds the devices, so they are not tried."""
-    findings: list[Finding] = []
+    findings: list[CheckResult] = []
     for check in CHECKS:
         try:
             findings += check(config, running)
         except (FacetdError, OSError, subprocess.SubprocessError) as error:
-            findings.append(Finding("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
+            findings.append(CheckResult("bad", check.__name__.removeprefix("_").replace("_", " "), str(error)))
     return findings
 
 
-def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | None) -> list[Finding]:
+def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | None) -> list[CheckResult]:
     """What only the running daemon knows. fault: the one that stands."""
     heard = hardware.robot.heard_s
     findings = []
     if "cameras" not in troubles:
-        findings.append(Finding("good", "cameras", hardware.eyes.describe()))
+        findings.append(CheckResult("good", "cameras", hardware.eyes.describe()))
     if "controller" not in troubles and heard is not None:
         ago = f"answered {hardware.clock() - heard:.0f} s ago at {hardware.where}"
-        findings.append(Finding("good", "controller", ago))
+        findings.append(CheckResult("good", "controller", ago))
     if fault is not None:
-        findings.append(Finding("bad", "fault", fault, mend_of(fault) or "`resume` once its cause is gone"))
+        findings.append(CheckResult("bad", "fault", fault, mend_of(fault) or "`resume` once its cause is gone"))
     for source, text in troubles.items():
-        findings.append(Finding("bad", source, text.removeprefix(f"{source}: "), mend_of(text)))
+        findings.append(CheckResult("bad", source, text.removeprefix(f"{source}: "), mend_of(text)))
     return findings
 
 
@@ -80,20 +80,20 @@ def mend_of(text: str) -> str:
     return "" if cause.stage == "operator" or cause.name == why.UNTOLD else cause.remedy
 
 
-def _configuration(config: Config, _: bool) -> Iterator[Finding]:
+def _configuration(config: Config, _: bool) -> Iterator[CheckResult]:
     sections.check(config)
     load_facets(config.file(config.values.files.facets))
     load_parts(config.file(config.values.files.parts))
-    yield Finding("good", "configuration", f"{config.path} ({config.kind} cell)")
+    yield CheckResult("good", "configuration", f"{config.path} ({config.kind} cell)")
     for note in dict.fromkeys((*config.notes, *sections.out_of_reach(config))):
-        yield Finding("note", "configuration", note)
+        yield CheckResult("note", "configuration", note)
 
 
-def _calibration(config: Config, _: bool) -> Iterator[Finding]:
+def _calibration(config: Config, _: bool) -> Iterator[CheckResult]:
     calibration = load_calibration(config.calibration)
     sections.check_hand_eye(config, calibration)
     for wrong in sections.of_another_size(config, calibration):
-        yield Finding("bad", "calibration", wrong)
+        yield CheckResult("bad", "calibration", wrong)
     quality = calibration.quality
     yield _calibration_age(config, calibration)
     for name, value, good in (
@@ -101,36 +101,36 @@ def _calibration(config: Config, _: bool) -> Iterator[Finding]:
         ("epipolar", quality.epipolar_px, GOOD_EPIPOLAR_PX),
     ):
         if value is not None and value > good:
-            yield Finding("bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Calibrate again")
+            yield CheckResult("bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Calibrate again")
     if calibration.tool_from_cyclopean is None:
         mend = "Run `facetctl calibrate hand-eye`; until then only `robot` moves the arm"
-        yield Finding("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
+        yield CheckResult("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
 
 
-def _calibration_age(config: Config, calibration: Calibration) -> Finding:
+def _calibration_age(config: Config, calibration: Calibration) -> CheckResult:
     made = calibration.quality.made
     if made is None:
-        return Finding("note", "calibration", f"{config.calibration} does not say when it was made")
+        return CheckResult("note", "calibration", f"{config.calibration} does not say when it was made")
     made = made if made.tzinfo else made.replace(tzinfo=UTC)
     days = (datetime.now(UTC) - made).total_seconds() / 86400
     if days > config.values.health.calibration_days:
-        return Finding("note", "calibration", f"{days:.0f} days old", "Verify it: `facetctl calibrate verify`")
-    return Finding("good", "calibration", f"{config.calibration}, {max(days, 0):.0f} days old")
+        return CheckResult("note", "calibration", f"{days:.0f} days old", "Verify it: `facetctl calibrate verify`")
+    return CheckResult("good", "calibration", f"{config.calibration}, {max(days, 0):.0f} days old")
 
 
-def _model(config: Config, _: bool) -> Iterator[Finding]:
+def _model(config: Config, _: bool) -> Iterator[CheckResult]:
     model_store = ModelStore(config.state)
     if model_store.current is None:
-        yield Finding("note", "model", "nothing was taught and accepted yet", "`teach LABEL`, `train`, `accept`")
+        yield CheckResult("note", "model", "nothing was taught and accepted yet", "`teach LABEL`, `train`, `accept`")
     else:
         labels = ", ".join(model_store.load(model_store.current).labels)
-        yield Finding("good", "model", f"version {model_store.current} knows {labels}")
+        yield CheckResult("good", "model", f"version {model_store.current} knows {labels}")
     for view in model_store.views():
         if view.damage:
-            yield Finding("bad", "views", view.damage)
+            yield CheckResult("bad", "views", view.damage)
 
 
-def _cameras(config: Config, running: bool) -> Iterator[Finding]:
+def _cameras(config: Config, running: bool) -> Iterator[CheckResult]:
     if config.kind != "real":
         return
     settings = sections.camera_settings(config)
@@ -138,33 +138,33 @@ def _cameras(config: Config, running: bool) -> Iterator[Finding]:
         yield from _device(f"camera {eye}", eye, "video", running) if eye.startswith("/") else ()
 
 
-def _controller_port(config: Config, running: bool) -> Iterator[Finding]:
+def _controller_port(config: Config, running: bool) -> Iterator[CheckResult]:
     if config.kind == "real":
         yield from _device("controller port", config.values.arm.port, "dialout", running)
 
 
-def _console_port(config: Config, running: bool) -> Iterator[Finding]:
+def _console_port(config: Config, running: bool) -> Iterator[CheckResult]:
     tty = config.values.console.tty
     if tty is not None:
         yield from _device("console port", tty.device, "dialout", running)
 
 
-def _device(what: str, path: str, group: str, running: bool) -> Iterator[Finding]:
+def _device(what: str, path: str, group: str, running: bool) -> Iterator[CheckResult]:
     """Whether a device is there, is a device, may be used, and is free."""
     try:
         mode = os.stat(path).st_mode
     except OSError as error:
         mend = "Is it plugged in? Do the udev rules (deploy/60-facetd.rules) name it?"
-        yield Finding("bad", what, f"{path}: {error.strerror}", mend)
+        yield CheckResult("bad", what, f"{path}: {error.strerror}", mend)
         return
     if not stat.S_ISCHR(mode):
-        yield Finding("bad", what, f"{path} is not a device", "Name the device in facetd.yaml")
+        yield CheckResult("bad", what, f"{path} is not a device", "Name the device in facetd.yaml")
     elif not os.access(path, os.R_OK | os.W_OK):
-        yield Finding("bad", what, f"{path}: no permission", f"Put the daemon's user into the group {group}")
+        yield CheckResult("bad", what, f"{path}: no permission", f"Put the daemon's user into the group {group}")
     elif not running and (holders := _holders(path)):
-        yield Finding("bad", what, f"{path} is in use by {', '.join(holders)}", "Stop that program")
+        yield CheckResult("bad", what, f"{path} is in use by {', '.join(holders)}", "Stop that program")
     else:
-        yield Finding("good", what, path)
+        yield CheckResult("good", what, path)
 
 
 def _holders(path: str) -> list[str]:
@@ -179,7 +179,7 @@ def _holders(path: str) -> list[str]:
     return found
 
 
-def _disk(config: Config, _: bool) -> Iterator[Finding]:
+def _disk(config: Config, _: bool) -> Iterator[CheckResult]:
     """The runs' disk, and that of the state where it is another."""
     folders = [next(p for p in (one, *one.parents) if p.exists()) for one in (config.runs, config.state)]
     disks = {os.stat(folder).st_dev: folder for folder in folders}
@@ -188,32 +188,32 @@ def _disk(config: Config, _: bool) -> Iterator[Finding]:
     for disk, folder in disks.items():
         if not os.access(folder, os.W_OK):
             well = False
-            yield Finding("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
+            yield CheckResult("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
         elif free_mb[disk] < config.values.log.keep_free_mb:
             well = False
             mend = "Free some space; old runs go by themselves (log.quota_mb)"
-            yield Finding("bad", "disk", f"{free_mb[disk]:.0f} MB free in {folder}", mend)
+            yield CheckResult("bad", "disk", f"{free_mb[disk]:.0f} MB free in {folder}", mend)
     if well:
         runs = len(list_runs(config.runs))
         kept = "1 run" if runs == 1 else f"{runs} runs"
-        yield Finding("good", "disk", f"{next(iter(free_mb.values())):.0f} MB free, {kept} kept in {config.runs}")
+        yield CheckResult("good", "disk", f"{next(iter(free_mb.values())):.0f} MB free, {kept} kept in {config.runs}")
 
 
-def _clock(config: Config, _: bool) -> Iterator[Finding]:
+def _clock(config: Config, _: bool) -> Iterator[CheckResult]:
     year = datetime.now(UTC).year
     newest = max((run.stat().st_mtime for run in list_runs(config.runs)), default=0.0)
     if year < EARLIEST_YEAR or newest > time.time() + 60:
         found = f"the clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which cannot be"
-        yield Finding(
+        yield CheckResult(
             "bad", "clock", found, "Set it, or let systemd-timesyncd set it; the run log's times depend on it"
         )
     else:
-        yield Finding("good", "clock", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")
+        yield CheckResult("good", "clock", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")
 
 
-def _unit(_: Config, __: bool) -> Iterator[Finding]:
+def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
     if not Path("/run/systemd/system").is_dir() or shutil.which("systemctl") is None:
-        yield Finding("note", "unit", "this machine does not run systemd; the daemon is started by hand")
+        yield CheckResult("note", "unit", "this machine does not run systemd; the daemon is started by hand")
         return
     asked = subprocess.run(
         ["systemctl", "show", "facetd.service", "-p", "LoadState,ActiveState,UnitFileState,NRestarts"],
@@ -221,15 +221,15 @@ def _unit(_: Config, __: bool) -> Iterator[Finding]:
     )  # fmt: skip
     unit = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
     if unit.get("LoadState") != "loaded":
-        yield Finding("note", "unit", "facetd.service is not installed", "deploy/install.sh install")
+        yield CheckResult("note", "unit", "facetd.service is not installed", "deploy/install.sh install")
     else:
         restarts = unit.get("NRestarts", "0")
-        level: Level = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
+        level: CheckLevel = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
         found = f"{unit.get('ActiveState')}, {unit.get('UnitFileState')}, restarted {restarts} times"
-        yield Finding(level, "unit", found, "" if level == "good" else "journalctl -u facetd -b")
+        yield CheckResult(level, "unit", found, "" if level == "good" else "journalctl -u facetd -b")
 
 
-CHECKS: tuple[Callable[[Config, bool], Iterator[Finding]], ...] = (
+CHECKS: tuple[Callable[[Config, bool], Iterator[CheckResult]], ...] = (
     _configuration,
     _calibration,
     _model,

@@ -46,7 +46,7 @@ def tell(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
     Returns at once: a journal, or a terminal, that takes nothing must not hold up whoever moves an arm.
     """
     plain = {name: printable(str(value)) for name, value in fields.items() if value is not None}
-    _TELLER.put((kind, visible(text), priority, plain))
+    _JOURNAL.put((kind, visible(text), priority, plain))
 
 
 def tell_removed(runs: Sequence[Path]) -> None:
@@ -62,10 +62,10 @@ def stuck(run: Path, why: str) -> str:
 
 def flush(timeout_s: float) -> None:
     """Wait until what was told is out, but no longer than that."""
-    _TELLER.flush(timeout_s)
+    _JOURNAL.flush(timeout_s)
 
 
-class _Teller:
+class JournalThread:
     """Says things in a thread of its own, in order; what piles up beyond a thousand is dropped."""
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class _Teller:
                     _say(*item)
 
 
-_TELLER = _Teller()
+_JOURNAL = JournalThread()
 
 
 def _say(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from daemon.config import ConfigError
-from daemon.maintenance.watched import Watched
+from daemon.maintenance.troubles import WatchedDaemon
 from daemon.store.places import how_to_add
 
 LOOPBACK = "127.0.0.1"
@@ -20,14 +20,14 @@ MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0
 """At once; how long one may say nothing, and how long it may take, a byte now and then."""
 
 
-class _Handler(WSGIRequestHandler):
+class MetricsHandler(WSGIRequestHandler):
     timeout = SILENCE_S
 
     def log_message(self, *_: Any) -> None:
         """Scrapes are not told."""
 
 
-class _Server(ThreadingMixIn, WSGIServer):
+class MetricsHTTPServer(ThreadingMixIn, WSGIServer):
     """A thread for each scrape, and no more of them than the unit has room for: who comes on top is hung up."""
 
     daemon_threads = True
@@ -67,7 +67,7 @@ class _Server(ThreadingMixIn, WSGIServer):
 class MetricsServer:
     """Answers scrapes on one port, in a thread of its own; reads values only."""
 
-    def __init__(self, context: Watched, port: int) -> None:
+    def __init__(self, context: WatchedDaemon, port: int) -> None:
         self._context, self._port = context, port
         self._server: Any = None
 
@@ -79,9 +79,9 @@ class MetricsServer:
             where = self._context.config.document
             raise where.error(("metrics", "port"), f"needs an extra: {how_to_add('metrics')}") from None
         registry = CollectorRegistry()
-        registry.register(_Collector(self._context))
+        registry.register(MetricsCollector(self._context))
         try:
-            self._server = make_server(LOOPBACK, self._port, make_wsgi_app(registry), _Server, _Handler)
+            self._server = make_server(LOOPBACK, self._port, make_wsgi_app(registry), MetricsHTTPServer, MetricsHandler)
         except OSError as error:
             raise ConfigError(f"metrics.port: {self._port}: {error.strerror}") from None
         threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True).start()
@@ -94,8 +94,8 @@ class MetricsServer:
             self._server = None
 
 
-class _Collector:
-    def __init__(self, context: Watched) -> None:
+class MetricsCollector:
+    def __init__(self, context: WatchedDaemon) -> None:
         self._context = context
 
     def collect(self) -> Iterator[Any]:

@@ -16,7 +16,7 @@ class Known(NamedTuple):
 KNOWN: Mapping[str, Known] = {
     "operator's stop": Known(
         "operator",
-        "`resume` once whoever stopped it is content; the journal says who, and at which door",
+        "`resume` once whoever stopped it is content; the journal says who, and at which frontend",
     ),
     "operator's abort": Known("operator", "the part was given up; `pick` takes it up again"),
     "operator's no": Known("operator", "the move asked about in step mode was refused; `step off` ends asking"),

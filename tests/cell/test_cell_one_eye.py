@@ -11,7 +11,7 @@ import pytest
 from daemon.commands.moving import resume
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes import simulated_cell
-from tests.fakes.fake_context import FakeDoor
+from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_hours import Hours, cell_in_time
 
 pytestmark = pytest.mark.slow
@@ -58,7 +58,7 @@ def test_an_eye_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clear
     assert lie == ["bin", "bin"]
 
 
-class Yes(FakeDoor):
+class Yes(FakeFrontend):
     """Says how the gripper is, and yes to all else."""
 
     def __init__(self, here: Hours) -> None:

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from daemon.arm import RefusedError
-from daemon.commands.learning import teach
+from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.teaching.mesh import read_mesh
 from daemon.teaching.walked_round import deviations
 from daemon.vision.geometry import Polyhedron
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.fakes.fake_context import FakeDoor
+from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 pytestmark = pytest.mark.slow
 
 
-class Person(FakeDoor):
+class Person(FakeFrontend):
     """Answers every question alike, and keeps what was asked and said."""
 
     def __init__(self, answer: str = "y") -> None:
@@ -79,9 +79,9 @@ def test_without_a_yes_nothing_moves(tmp_path: Path) -> None:
     async def story() -> Any:
         async with drawn_cell(7, tmp_path) as here:
             lay(here, "brick", 0, 0.3)
-            door = Person("n")
-            answer = await teach.run(here.context, ["brick", "--around"], door)
-            return answer, door.asked[-1], here.log.said("move")
+            frontend = Person("n")
+            answer = await teach.run(here.context, ["brick", "--around"], frontend)
+            return answer, frontend.asked[-1], here.log.said("move")
 
     answer, asked, moves = run(story())
     assert answer.data == {"kept": False}

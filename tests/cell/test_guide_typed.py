@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from daemon.commands import every_command
-from daemon.commands.awaiting import READ_S
+from daemon.commands.step_mode import READ_S
 from daemon.console.stop_words import means_stop
 from daemon.frontends.client import DaemonLink
 from daemon.store import places

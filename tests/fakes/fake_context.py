@@ -17,7 +17,7 @@ from daemon.arm.hold import Waiting
 from daemon.arm.operators import Let, RefusedError
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
-from daemon.maintenance.watched import Troubles
+from daemon.maintenance.troubles import Troubles
 from daemon.pick.order import PickOrder
 
 
@@ -162,7 +162,7 @@ class FakeLog:
 
 
 @dataclass
-class FakeDoor:
+class FakeFrontend:
     """An operator who answers questions in turn."""
 
     name: str = "test"

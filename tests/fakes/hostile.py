@@ -1,4 +1,4 @@
-"""Hostile inputs for every reader of files and every door: what is valid, spoiled at random, and what may be answered.
+"""Hostile inputs for every reader of files and every frontend: valid input, spoiled at random, and allowed answers.
 
 An input is made of a valid one by a few spoilings (bits, cuts, doublings, foreign words, values of other types), all
 from one seed. A reader may give a value or one of its named errors; anything else is a finding.
@@ -25,13 +25,13 @@ import numpy as np
 from daemon.calibration.file import load_calibration
 from daemon.commands import every_command
 from daemon.config import load_config
-from daemon.console.interpreter import Console
-from daemon.dashboard.now import Now
+from daemon.console.interpreter import Interpreter
+from daemon.dashboard.state import DashboardState
 from daemon.errors import FacetdError
 from daemon.fleet.layout import rows_of
 from daemon.fleet.soundness import damages
-from daemon.frontends.lineedit import LineEditor
-from daemon.frontends.socket import _message
+from daemon.frontends.line_editor import LineEditor
+from daemon.frontends.socket_server import _message
 from daemon.review.brief import read_brief
 from daemon.review.cli import told
 from daemon.review.digest import digest
@@ -60,7 +60,7 @@ from daemon.store.standing import Standing, StandingFile, left_behind
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.vision.model import empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise_group
-from tests.fakes.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeFrontend, fake_context
 from tests.fakes.made_run import MadeRun
 from tests.fakes.solids import CUBE, PYRAMID, pose, view_of
 
@@ -289,8 +289,8 @@ def _said(content: bytes, folder: Path) -> object:
     context.log.records.clear()
     if not isinstance(message.do, str):
         return message
-    door = FakeDoor(may="look")
-    answer = asyncio.run(Console(context, every_command()).interpret(message.do, door))
+    frontend = FakeFrontend(may="look")
+    answer = asyncio.run(Interpreter(context, every_command()).interpret(message.do, frontend))
     if answer.data.get("why") == "internal":
         raise AssertionError(answer.text)
     return answer
@@ -339,7 +339,7 @@ def _places(content: bytes, folder: Path) -> object:
 def _made_again(content: bytes, folder: Path) -> object:
     """A run as pages of many runs read it, the live page, tables, and a replay before it begins."""
     (folder / "run.jsonl").write_bytes(content)
-    run, brief, now = read_run(folder), read_brief(folder), Now()
+    run, brief, now = read_run(folder), read_brief(folder), DashboardState()
     json.dumps(week_data([brief], ["x"]), allow_nan=False)
     for record in run.records:
         now.recorded(record)

@@ -16,7 +16,7 @@ from typing import Any
 
 import cv2
 
-from daemon.frontends.client import NotThereError
+from daemon.frontends.client import DaemonUnreachableError
 from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -103,7 +103,7 @@ def killed(daemon: Sentry, act: Act, after_s: float, starting: bool) -> None:
     def acting() -> None:
         try:
             act(daemon)
-        except (NotThereError, OSError, ValueError):
+        except (DaemonUnreachableError, OSError, ValueError):
             return
 
     actor = threading.Thread(target=acting, daemon=True)

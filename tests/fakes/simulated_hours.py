@@ -21,7 +21,7 @@ from daemon.cell.pick_cell import pick_cell
 from daemon.cell.sections import arm_geometry, dialect, truth
 from daemon.config import load_config
 from daemon.console.context import CommandContext
-from daemon.maintenance.watched import Troubles
+from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import Cycle
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser

@@ -86,7 +86,7 @@ BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALW
           "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG")  # fmt: skip
 """What another terminal types."""
 JOGS_DEG = st.sampled_from([-40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0])
-DOOR, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
+FRONTEND, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
 """What the arm was sent to do, and how long ago."""
 STOPS = ("stop", "STOP", "sto", "stop now", "stop '", "stop \u00e9", "control-C", "disable", "abort", "SIGTERM")
@@ -129,50 +129,55 @@ class Surprises(RuleBasedStateMachine):
         """A cell and a daemon; ready: enabled already."""
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
         if ready:
-            self.there.doors[0].say("enable")
+            self.there.frontends[0].say("enable")
             self.there.wait(0.5)
 
-    @rule(door=DOOR, text=words(), seconds=SECONDS, first=AT_WORK)
+    @rule(frontend=FRONTEND, text=words(), seconds=SECONDS, first=AT_WORK)
     @kept
-    def do(self, door: int, text: str, seconds: float, first: bool) -> None:
+    def do(self, frontend: int, text: str, seconds: float, first: bool) -> None:
         """An operator types a line."""
         self.set_to_work(first)
-        self.there.doors[door].say(text)
+        self.there.frontends[frontend].say(text)
         self.there.wait(seconds)
 
-    @rule(door=DOOR, texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4), seconds=SECONDS, first=AT_WORK)
+    @rule(
+        frontend=FRONTEND,
+        texts=st.lists(st.sampled_from(USUAL), min_size=2, max_size=4),
+        seconds=SECONDS,
+        first=AT_WORK,
+    )
     @kept
-    def do_at_once(self, door: int, texts: list[str], seconds: float, first: bool) -> None:
+    def do_at_once(self, frontend: int, texts: list[str], seconds: float, first: bool) -> None:
         """Lines typed ahead."""
         self.set_to_work(first)
         for text in texts:
-            self.there.doors[door].say(text)
+            self.there.frontends[frontend].say(text)
         self.there.wait(seconds)
 
-    @rule(door=DOOR, how=st.sampled_from(STOPS), going=GOING)
+    @rule(frontend=FRONTEND, how=st.sampled_from(STOPS), going=GOING)
     @kept
-    def stop_on_the_way(self, door: int, how: str, going: Going) -> None:
+    def stop_on_the_way(self, frontend: int, how: str, going: Going) -> None:
         """The arm goes somewhere and is stopped, mostly before it is there."""
         self.send_off(going)
         if how == "control-C":
-            self.there.doors[door].interrupt()
+            self.there.frontends[frontend].interrupt()
             self.there.wait(HEARD_S)
         elif how == "SIGTERM":
             self.end_and_start()
         else:
-            self.there.doors[door].say(how)
+            self.there.frontends[frontend].say(how)
         self.there.wait(1.0)
 
     @rule(
-        door=st.integers(0, 1), keys=st.lists(st.sampled_from(KEYS), min_size=1, max_size=8), seconds=SECONDS,
+        frontend=st.integers(0, 1), keys=st.lists(st.sampled_from(KEYS), min_size=1, max_size=8), seconds=SECONDS,
         first=AT_WORK, leaves=AT_WORK,
     )  # fmt: skip
     @kept
-    def talk_to_the_controller(self, door: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
+    def talk_to_the_controller(self, frontend: int, keys: list[str], seconds: float, first: bool, leaves: bool) -> None:
         """An operator takes the controller's own terminal, mostly until he comes back from it."""
         self.set_to_work(first)
         self.there.cell.controller.faults.line.clear()  # what is spoiled is no line that anybody typed
-        here = self.there.sockets[door]
+        here = self.there.sockets[frontend]
         here.say("robot monitor")
         for pressed in keys:
             self.there.wait(0.4)
@@ -183,41 +188,41 @@ class Surprises(RuleBasedStateMachine):
             self.there.wait(0.1)
 
     @rule(
-        door=DOOR,
+        frontend=FRONTEND,
         text=st.sampled_from(["y", "y", "y", "n", "", "stop", "stop now", "yes", "maybe", "disable", "abort"]),
         seconds=SECONDS,
     )
     @kept
-    def answer(self, door: int, text: str, seconds: float) -> None:
+    def answer(self, frontend: int, text: str, seconds: float) -> None:
         """An operator answers what is asked, or what is not."""
-        self.there.doors[door].answer(text)
+        self.there.frontends[frontend].answer(text)
         self.there.wait(seconds)
 
-    @rule(door=DOOR, seconds=SECONDS, going=GOING)
+    @rule(frontend=FRONTEND, seconds=SECONDS, going=GOING)
     @kept
-    def interrupt(self, door: int, seconds: float, going: Going) -> None:
+    def interrupt(self, frontend: int, seconds: float, going: Going) -> None:
         """Control-C."""
         self.send_off(going)
-        self.there.doors[door].interrupt()
+        self.there.frontends[frontend].interrupt()
         self.there.wait(max(seconds, HEARD_S))
 
-    @rule(door=DOOR, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)), going=GOING)
+    @rule(frontend=FRONTEND, data=st.one_of(st.sampled_from(ODD), st.binary(max_size=6)), going=GOING)
     @kept
-    def odd_bytes(self, door: int, data: bytes, going: Going) -> None:
+    def odd_bytes(self, frontend: int, data: bytes, going: Going) -> None:
         """What nobody types, and its end: the rest of a line would be taken for the beginning of the next."""
         self.send_off(going)
         if b"\x03" not in data:
-            self.there.doors[door].throw(data + (b"\n" if door < 3 else b"\x15"))
+            self.there.frontends[frontend].throw(data + (b"\n" if frontend < 3 else b"\x15"))
             self.there.wait(0.02)
 
-    @rule(door=st.integers(0, 2), going=GOING)
+    @rule(frontend=st.integers(0, 2), going=GOING)
     @kept
-    def come_again(self, door: int, going: Going) -> None:
+    def come_again(self, frontend: int, going: Going) -> None:
         """An operator leaves, and comes again."""
         self.send_off(going)
-        self.there.doors[door].close()
+        self.there.frontends[frontend].close()
         self.there.wait(0.05)
-        self.there.doors[door].open()
+        self.there.frontends[frontend].open()
 
     @rule(
         way=st.sampled_from(["to_host", "to_controller"]),
@@ -330,7 +335,7 @@ class Surprises(RuleBasedStateMachine):
         """The arm is put to work, and sent off some time ago."""
         if going is not None:
             self.set_to_work()
-            self.there.doors[0].say(going[0])
+            self.there.frontends[0].say(going[0])
             self.there.wait(going[1])
 
     def set_to_work(self, wanted: bool = True) -> None:
@@ -338,14 +343,14 @@ class Surprises(RuleBasedStateMachine):
         if not wanted or self.there.at_work:
             return
         self.there.repair()
-        door, machine = self.there.sockets[0], self.there.cell.controller.machine
+        frontend, machine = self.there.sockets[0], self.there.cell.controller.machine
         for text in ("refuse", "robot power-up", "resume", "enable", "robot cal", "step off", "dry off"):
             if text == "robot cal" and machine.calibrated:
                 continue
-            door.say(text)
-            self.there.wait_for(door, 2.0)
-            door.answer("y")
-            self.there.wait_for(door, CAL_S if text == "robot cal" else 2.0)
+            frontend.say(text)
+            self.there.wait_for(frontend, 2.0)
+            frontend.answer("y")
+            self.there.wait_for(frontend, CAL_S if text == "robot cal" else 2.0)
 
     @rule(seconds=st.sampled_from([0.5, 3.0, 30.0]), going=GOING)
     @kept
@@ -385,7 +390,7 @@ class Surprises(RuleBasedStateMachine):
         if signal:
             story.hang_up()
         else:
-            story.doors[0].say("reload")
+            story.frontends[0].say("reload")
         story.wait(0.3)
         calibration.write_bytes(good)
         if what == "bad":

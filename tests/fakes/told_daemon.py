@@ -30,7 +30,7 @@ class ToldDaemon:
                 self._write(writer, {"done": {"text": "", "data": self.status, "status": 0}})
 
     def tell(self, text: str) -> None:
-        """A notice at every door."""
+        """A notice at every frontend."""
         for writer in self._writers:
             self._write(writer, {"notice": text})
 

@@ -4,8 +4,8 @@ The daemon is daemon/service.py's own, its socket and serial terminal are real o
 memory, because a pty has a clock of its own. The cell outlives the daemon, as a real one does.
 
 Who knows what is allowed: what lets the arm move is known from the operators' words alone (Words), as they were typed
-here; what forbids it, from their words, too, and from what the daemon said at its doors: its word counts only against
-it. The rest of the truth is the machine's own history (drivers/simcell/judge.py).
+here; what forbids it, from their words, too, and from what the daemon said at its frontends: its word counts only
+against it. The rest of the truth is the machine's own history (drivers/simcell/judge.py).
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach",
 
 
 Key = tuple[object, object]
-"""The door and which of its lines."""
+"""The frontend and which of its lines."""
 
 
 class Words:
@@ -125,11 +125,11 @@ class Words:
     @property
     def _sent_off(self) -> bool:
         """Whether somebody waits for a motion: a line that was opened meanwhile has its stop tried before it."""
-        lines = (text for key, (text, _) in self._typed.items() if isinstance(key[0], SocketDoor))
+        lines = (text for key, (text, _) in self._typed.items() if isinstance(key[0], SocketOperator))
         return any(is_word(first_word(line), known) for line in lines for known in MOVES)
 
     def said(self, text: str, key: Key, may: str) -> None:
-        """A line was typed at a door that may do so much; key: of the answer to come."""
+        """A line was typed at a frontend that may do so much; key: of the answer to come."""
         word = first_word(text)
         judge, now_s = self._story.cell.judge, self._story.stamp_s()
         if is_word(word, "stop"):
@@ -141,7 +141,7 @@ class Words:
         if aborts or is_word(word, "stop"):
             self._stopping.add(key)
             self._tell(False)
-            if not isinstance(key[0], SocketDoor):  # a terminal tells no answers apart
+            if not isinstance(key[0], SocketOperator):  # a terminal tells no answers apart
                 self._story.loop.call_later(STOPPED_S, self._stop_over, key)
         if may == "look":
             return
@@ -260,9 +260,9 @@ class Words:
         self._stopping.discard(key)
         self._tell(False)
 
-    def gone(self, door: SocketDoor) -> None:
+    def gone(self, frontend: SocketOperator) -> None:
         """Nobody is there any more who could read what came of a stop."""
-        self._stopping = {key for key in self._stopping if key[0] is not door}
+        self._stopping = {key for key in self._stopping if key[0] is not frontend}
         self._tell(False)
 
     def over(self) -> None:
@@ -297,7 +297,7 @@ def is_word(typed: str, name: str) -> bool:
 
 
 @dataclass(eq=False)
-class SocketDoor:
+class SocketOperator:
     """One operator at the daemon's socket."""
 
     story: Story
@@ -451,7 +451,7 @@ class SocketDoor:
 
 
 @dataclass(eq=False)
-class SerialDoor:
+class SerialOperator:
     """An operator at the serial terminal, of which the daemon has the other end."""
 
     story: Story
@@ -592,9 +592,9 @@ class Story:
         for each in self._patches:
             each.start()
         asyncio.set_event_loop(self.loop)
-        self.terminal = SerialDoor(self, may)
-        self.sockets = [SocketDoor(self, asks) for asks in (True, True, False)]
-        self.doors: list[SocketDoor | SerialDoor] = [*self.sockets, self.terminal]
+        self.terminal = SerialOperator(self, may)
+        self.sockets = [SocketOperator(self, asks) for asks in (True, True, False)]
+        self.frontends: list[SocketOperator | SerialOperator] = [*self.sockets, self.terminal]
         _write_files(self.folder, self.terminal)
         manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
@@ -651,8 +651,8 @@ class Story:
                 break
             assert self._live.result() == NO_DEVICE
             self._run(5.0)
-        for door in self.sockets[1:]:
-            door.open()
+        for frontend in self.sockets[1:]:
+            frontend.open()
         if not self._parts:
             self.cell.clear()
 
@@ -667,10 +667,10 @@ class Story:
             if self.now_s >= until_s - 1e-6:
                 return
 
-    def wait_for(self, door: SocketDoor, seconds: float) -> None:
-        """Time passes until what was typed at a door is answered, or it asks; no more than so much."""
+    def wait_for(self, frontend: SocketOperator, seconds: float) -> None:
+        """Time passes until what was typed at a frontend is answered, or it asks; no more than so much."""
         until_s = self.now_s + seconds
-        while door.waits and door.question is None and self.now_s < until_s:
+        while frontend.waits and frontend.question is None and self.now_s < until_s:
             self.wait(SLICE_S)
 
     def hang(self, seconds: float) -> None:
@@ -802,8 +802,8 @@ class Story:
             assert status in (0, 2), f"it ended with status {status}"
             return self.violations()
         finally:
-            for door in self.doors:
-                door.close()
+            for frontend in self.frontends:
+                frontend.close()
             for each in self._patches:
                 each.stop()
             self.loop.close()
@@ -844,7 +844,7 @@ class Story:
         return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
 
 
-def _write_config(folder: Path, terminal: SerialDoor, **pick: Any) -> None:
+def _write_config(folder: Path, terminal: SerialOperator, **pick: Any) -> None:
     keep_out = [{"name": "post", "low_mm": [v - SPARE_MM for v in POST["low_mm"]],
                  "high_mm": [v + SPARE_MM for v in POST["high_mm"]]}]  # fmt: skip
     room = _shipped_room()
@@ -869,7 +869,7 @@ def _shipped_room() -> dict[str, list[float]]:
     return {name: limits[name] for name in ("room_low_mm", "room_high_mm")}
 
 
-def _write_files(folder: Path, terminal: SerialDoor) -> None:
+def _write_files(folder: Path, terminal: SerialOperator) -> None:
     for name, content in cell_files().items():
         (folder / name).write_bytes(content)
     _write_config(folder, terminal)

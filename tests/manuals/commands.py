@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from daemon import ctl, main
 from daemon.cli import commission
 from daemon.commands import every_command
-from daemon.console.interpreter import Command
+from daemon.console.interpreter import ConsoleCommand
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, STOP_UNANSWERED
 
 GRADES = {
@@ -64,7 +64,7 @@ def document() -> str:
     return "\n".join(parts)
 
 
-def described(command: Command) -> str:
+def described(command: ConsoleCommand) -> str:
     """One command of the daemon's: what help of it says."""
     lines = [f"### {command.name}\n", f"`{command.usage}`\n", f"{_sentence(command.summary)}\n"]
     if command.details:

@@ -174,7 +174,7 @@ def sections(kind: type, path: str) -> Iterator[tuple[str, type, list[Setting]]]
 def document() -> str:
     """The page as text."""
     grouped: dict[type, tuple[list[str], list[Setting]]] = {}
-    for path, kind, rows in sections(config._File, ""):
+    for path, kind, rows in sections(config.ConfigFile, ""):
         grouped.setdefault(kind, ([], rows))[0].append(path)
     parts = [HEAD]
     for kind, (paths, rows) in grouped.items():

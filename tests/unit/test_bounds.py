@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from daemon.cell import sections
-from daemon.config import GONE, ConfigError, _File, load_config
+from daemon.config import GONE, ConfigError, ConfigFile, load_config
 from daemon.store.yamlfile import UNIONS, Key, dotted
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
@@ -66,7 +66,7 @@ def leaves(kind: Any, keys: Keys) -> Iterator[Leaf]:
         yield Leaf(keys, kinds[0] if meta is not None else kind, *ends)
 
 
-ALL = [leaf for leaf in leaves(_File, ()) if leaf.name.partition("[")[0] not in GONE]
+ALL = [leaf for leaf in leaves(ConfigFile, ()) if leaf.name.partition("[")[0] not in GONE]
 NUMBERS = [leaf for leaf in ALL if leaf.kind in (int, float)]
 NAMES = [leaf for leaf in ALL if leaf.kind is str and leaf.name != "cameras.formats[0]"]
 
@@ -100,7 +100,7 @@ def told(folder: Path, text: str) -> str:
 
 def file_with(leaf: Leaf, value: str) -> tuple[str, int]:
     """A facetd.yaml with this value and all others of its section as they are by default, and the line it is in."""
-    data: Any = json.loads(msgspec.json.encode(_File(version=1)))
+    data: Any = json.loads(msgspec.json.encode(ConfigFile(version=1)))
     data["cameras"] = json.loads(msgspec.json.encode(CameraSettings("a", "b")))
     data["arm"]["dialect"] = {}
     data["console"]["tty"] = {"device": "d"}

@@ -1,4 +1,4 @@
-"""Errors for people share one root, so that a door can answer all of them, and crash on nothing but faults of ours."""
+"""Errors for people share one root: a frontend answers all of them, and crashes on nothing else but our own faults."""
 
 import re
 from pathlib import Path

@@ -17,7 +17,7 @@ import pytest
 from daemon import ctl, main
 from daemon.commands import every_command
 from daemon.config import Config
-from daemon.console.interpreter import Command
+from daemon.console.interpreter import ConsoleCommand
 from daemon.store import places
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
@@ -56,7 +56,7 @@ def placeholder(word: str) -> bool:
     return word.isupper() or word.endswith("...") or "|" in word or word.startswith("[")
 
 
-def check(command: Command, words: list[str]) -> str | None:
+def check(command: ConsoleCommand, words: list[str]) -> str | None:
     """What is wrong with a command's arguments, as far as the table knows."""
     if command.most is not None and len(words) > command.most:
         return "too many words"

@@ -1,4 +1,4 @@
-"""Every reader of files and every door, 20,000 hostile inputs: a value or a named error, never anything else.
+"""Every reader of files and every frontend, 20,000 hostile inputs: a value or a named error, never anything else.
 
 `python -m tests.bench.long.hostile` goes on for a million, in children with little memory and a clock.
 """

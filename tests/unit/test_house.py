@@ -60,7 +60,7 @@ def test_a_file_or_room_named_in_prose_exists() -> None:
     assert gone == []
 
 
-def test_every_room_says_at_its_door_what_belongs_in_it() -> None:
+def test_every_room_says_at_its_frontend_what_belongs_in_it() -> None:
     rooms = {
         f.parent for f in tracked() if f.suffix == ".py" and f.relative_to(HOUSE).parts[0] in ("daemon", "drivers")
     }
@@ -88,7 +88,7 @@ def test_the_drawing_of_the_floors_is_the_contract_that_imports_are_held_to() ->
         assert all((folder / room).is_dir() or (folder / f"{room}.py").is_file() for room in rooms)
 
 
-def test_a_room_with_public_names_at_its_door_is_entered_by_it() -> None:
+def test_a_room_with_public_names_at_its_frontend_is_entered_by_it() -> None:
     doors = {
         str(f.parent.relative_to(HOUSE)).replace("/", ".")
         for f in (HOUSE / "daemon").rglob("__init__.py")

@@ -30,7 +30,7 @@ def test_a_piece_of_a_page_is_what_the_code_says_today(page: Path, name: str) ->
 
 
 def every_setting() -> list[tuple[str, settings.Setting]]:
-    return [(path, row) for path, _, rows in settings.sections(config._File, "") for row in rows]
+    return [(path, row) for path, _, rows in settings.sections(config.ConfigFile, "") for row in rows]
 
 
 def test_every_setting_says_what_it_means() -> None:

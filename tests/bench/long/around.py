@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.commands.learning import teach
+from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.teaching.solid_from_mesh import DRAWN_MM
 from daemon.teaching.trainer import Recogniser
@@ -27,14 +27,14 @@ from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
 from drivers.simcell.simulated_time import SimulatedLoop
-from tests.fakes.fake_context import FakeDoor
+from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 SCENES, TOURS, PLACES = 6, 2, 12
 GOAL_MM, GOAL_DEG = 0.3, 0.3
 
 
-class Yes(FakeDoor):
+class Yes(FakeFrontend):
     """Says yes to whatever is asked."""
 
     asks = True

@@ -1,4 +1,4 @@
-"""A million hostile inputs for every reader and door, in children with 200 MB beyond what they begin with, and a clock.
+"""A million hostile inputs for every reader and frontend, in children with 200 MB of room and a clock.
 
 usage: python -m tests.bench.long.hostile [INPUTS [SEED [WORKERS]]]
 

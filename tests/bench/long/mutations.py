@@ -1,4 +1,4 @@
-"""Small wrongs put into what keeps the arm from surprising, or into files and doors: does a test notice each?
+"""Small wrongs put into what keeps the arm from surprising, or into files and frontends: does a test notice each?
 
 usage: python -m tests.bench.long.mutations [--count N] [--seed N] [--only TEXT] [--each TEXT] [--named]
                                             [--rooms ROOM ...] [--from N] [--kept FILE]
@@ -54,7 +54,7 @@ FILES = (
     *(f"drivers/val2/{name}.py" for name in ("link", "wire", "session", "conversation")),
     *(f"daemon/store/{name}.py" for name in (
         "outside", "standing", "records", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
-    *(f"daemon/frontends/{name}.py" for name in ("socket", "rights", "turns", "client", "lineedit")),
+    *(f"daemon/frontends/{name}.py" for name in ("socket_server", "rights", "command_queue", "client", "line_editor")),
     *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "why", "tables")),
 )  # fmt: skip
 DAEMON = (

@@ -22,7 +22,7 @@ from daemon.pick.outcome import Outcome
 from daemon.vision.model.model import Model
 from drivers.simcell.parts import TAUGHT
 from tests.fakes import simulated_cell
-from tests.fakes.fake_context import FakeDoor
+from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.in_time import lived
 from tests.fakes.simulated_hours import Hours, cell_in_time
 
@@ -70,7 +70,7 @@ async def pick(seed: int, label: str, alone: EyeName | None, model: Model, tally
 
 
 @dataclass
-class Person(FakeDoor):
+class Person(FakeFrontend):
     """Answers what `resume` asks: whether a part is in the gripper as it is, all else with yes."""
 
     here: Hours | None = None
@@ -106,8 +106,8 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         before = here.cell.world_from_tool()
         await asyncio.sleep(5.0)
         still = np.abs(here.cell.world_from_tool() - before).max() < 0.2
-        door = Person(here=here)
-        said = await resume.run(here.context, [], door) if fault else None
+        frontend = Person(here=here)
+        said = await resume.run(here.context, [], frontend) if fault else None
         if fault:
             ends += await asyncio.wait_for(here.context.auto_ends(), LONGEST_S)
             if here.cycle.supervisor.fault is None and here.cycle.pick_order is None:

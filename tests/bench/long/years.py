@@ -2,7 +2,7 @@
 
 usage: python -m tests.bench.long.years [--folder DIR] [PART=COUNT ...]
 
-year     (365) days of the whole daemon, its watch, log, quota and doors on simulated time, with four picks each, a
+year     (365) days of the whole daemon, its watch, log, quota and frontends on simulated time, with four picks each, a
          restart every week, and a clock that is set a day back, a year forward and back again, by a leap second, by
          summer time and past 2038-01-19, where 32 bits of seconds end
 starts   (100,000) starts and stops of the whole daemon
@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from daemon.maintenance import watch
+from daemon.maintenance import watchdog
 from daemon.review.week import write_week
 from daemon.store.files import being_written
 from daemon.store.outside import FileError
@@ -76,7 +76,7 @@ def year(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tu
     os.environ["TZ"] = CELL_TZ
     time.tzset()
     with (
-        patch.object(watch, "TICK_S", TICK_S),
+        patch.object(watchdog, "TICK_S", TICK_S),
         light_daemon(folder, BEGIN_S + done * DAY_S + progress.get("set_by_s", 0.0)) as daemon,
     ):
         cut_off, made = _where_it_was_ended(daemon, progress)
@@ -86,7 +86,7 @@ def year(folder: Path, done: int, count: int, progress: Progress) -> Iterator[tu
             if day % WEEK == WEEK - 1:
                 daemon.run(_restart(daemon))
             jumped = sum(text.startswith("the clock was set") for _, text in daemon.told)
-            if jumped != (abs(CLOCK.get(day, 0.0)) > watch.CLOCK_JUMP_S):
+            if jumped != (abs(CLOCK.get(day, 0.0)) > watchdog.CLOCK_JUMP_S):
                 raise LostError(f"day {day}: {jumped} jumps of the clock were told")
             _keep_books(daemon, made, cut_off)
             progress["set_by_s"] = progress.get("set_by_s", 0.0) + CLOCK.get(day, 0.0)

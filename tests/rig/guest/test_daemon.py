@@ -33,7 +33,7 @@ from installed import (
     write_down,
 )
 
-from daemon.frontends.client import NotThereError
+from daemon.frontends.client import DaemonUnreachableError
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.camera.find import list_devices
 from drivers.camera.node import LINUX
@@ -223,7 +223,7 @@ def test_a_daemon_that_runs_into_its_memory_limit_comes_back_and_asks(person: Pe
         assert run(*limit, "MemoryHigh=infinity", "MemoryMax=24M", "MemorySwapMax=0").returncode == 0
         until(lambda: unit("Result") == "oom-kill" or int(unit("NRestarts")) > restarts, every_s=0.2)
         assert run(*limit, "MemoryMax=600M").returncode == 0
-        with pytest.raises((OSError, NotThereError)):
+        with pytest.raises((OSError, DaemonUnreachableError)):
             pick.result(timeout=60)
     until(lambda: unit("ActiveState") == "active", 280.0, 2.0)
     before = person.do("tell")

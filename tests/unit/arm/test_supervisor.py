@@ -95,7 +95,7 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
 
 
 def test_a_burst_of_stops_is_told_once_for_each_who_stopped_and_a_later_one_again():
-    """Six hundred from two doors were six hundred faults at every door and in the log."""
+    """Six hundred from two frontends were six hundred faults at every frontend and in the log."""
     world, supervisor, _ = supervised()
 
     async def burst() -> None:
@@ -243,7 +243,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
 
 
 def test_neither_step_on_nor_step_off_is_a_yes_to_the_move_that_waits():
-    """`step off` at one door sent the move about which somebody was being asked at another."""
+    """`step off` at one frontend sent the move about which somebody was being asked at another."""
     world, supervisor, _ = supervised()
 
     async def story() -> None:
@@ -1075,7 +1075,7 @@ def test_an_enable_asked_for_before_the_line_was_opened_anew_is_void():
 
 @pytest.mark.parametrize("enabled", [True, False])
 def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
-    """Its doors are open a moment longer than the arm is stopped."""
+    """Its frontends are open a moment longer than the arm is stopped."""
     world, supervisor, _ = supervised(enabled)
 
     async def story() -> None:

@@ -6,7 +6,15 @@ from pathlib import Path
 import pytest
 
 from daemon.cli.commission import FILE, _keep, _kept, commission, run
-from daemon.cli.commission_steps import STEPS, NotProvenError, Order, Person, Talk, _survey, _zero
+from daemon.cli.commission_steps import (
+    STEPS,
+    CommissioningDialogue,
+    CommissioningPlan,
+    CommissioningSession,
+    NotProvenError,
+    _survey,
+    _zero,
+)
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -31,7 +39,7 @@ class ToldLink:
         self.fails = {command.replace("_", " "): text for command, text in fails.items()}
         self.said, self.calibration, self.model, self.fault, self.paused = [], 0, None, None, False
 
-    def do(self, text, door, say, ask=None):
+    def do(self, text, frontend, say, ask=None):
         if text == "status":
             model = {"version": self.model}
             return done(data={"cell": "real", "model": model, "fault": self.fault, "paused": self.paused})
@@ -54,7 +62,9 @@ def done(text="", data=None, status=0):
 def sitting(link, proofs=None, answer="y"):
     """One: whether all is proven, what was told, the proofs."""
     told, proofs = [], {} if proofs is None else proofs
-    talk = Talk(link, Person(told.append, lambda _: answer), Order("9x6", 16.0, 4.0, "cube"))
+    talk = CommissioningSession(
+        link, CommissioningDialogue(told.append, lambda _: answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+    )
     return commission(talk, proofs, lambda _: None), "\n".join(told), proofs
 
 
@@ -129,7 +139,11 @@ def test_a_table_elsewhere_than_the_guard_has_it_is_told_with_both_heights(monke
 
 def test_a_board_whose_thickness_is_no_number_proves_no_table() -> None:
     told: list[str] = []
-    talk = Talk(ToldLink(), Person(told.append, lambda _: "y"), Order("9x6", 16.0, float("nan"), "cube"))
+    talk = CommissioningSession(
+        ToldLink(),
+        CommissioningDialogue(told.append, lambda _: "y"),
+        CommissioningPlan("9x6", 16.0, float("nan"), "cube"),
+    )
     assert not commission(talk, {}, lambda _: None)
     assert "NOT PROVEN: the table is at z nan" in told[-1]
 
@@ -146,7 +160,7 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
     class Cold(ToldLink):
         asks, power, zero = True, False, False
 
-        def do(self, text, door, say, ask=None):
+        def do(self, text, frontend, say, ask=None):
             if text == "robot power-up":
                 self.asks = False
             if text == "where" and self.asks:
@@ -158,11 +172,13 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
                 return done("calibrated") if self.zero else done("*ARM POWER OFF*", status=1)
             if text == "go survey" and not self.zero:
                 return done("*Not calibrated*", status=1)
-            return super().do(text, door, say, ask)
+            return super().do(text, frontend, say, ask)
 
     link, asked = Cold(), []
-    person = Person(lambda _: None, lambda question: asked.append(question) or "y")
-    assert commission(Talk(link, person, Order("9x6", 16.0, 4.0, "cube")), {}, lambda _: None)
+    person = CommissioningDialogue(lambda _: None, lambda question: asked.append(question) or "y")
+    assert commission(
+        CommissioningSession(link, person, CommissioningPlan("9x6", 16.0, 4.0, "cube")), {}, lambda _: None
+    )
     assert link.said.count("robot cal") == 2
     assert asked.count("CAL. Send it? [y/n]") == 2, "no motion is confirmed for somebody"
 
@@ -175,7 +191,13 @@ def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:
         return left.pop(0) if "another side" in question else "y"
 
     proofs = {}
-    assert commission(Talk(link, Person(told.append, answer), Order("9x6", 16.0, 4.0, "cube")), proofs, lambda _: None)
+    assert commission(
+        CommissioningSession(
+            link, CommissioningDialogue(told.append, answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+        ),
+        proofs,
+        lambda _: None,
+    )
     assert link.said.count("teach cube") == 3
     assert proofs["teach"].shown == "the cube is known from cube/1, cube/1, cube/1"
 
@@ -187,10 +209,14 @@ def test_another_word_is_neither_a_yes_nor_a_no() -> None:
         asked.append(question)
         return ["what?", "ja"][len(asked) - 1]
 
-    Talk(ToldLink(), Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube")).need("Is it clear?")
+    CommissioningSession(
+        ToldLink(), CommissioningDialogue(asked.append, answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+    ).need("Is it clear?")
     assert asked == ["Is it clear? [y/n]", "`what?` is neither: Is it clear? [y/n]"]
     with pytest.raises(NotProvenError):
-        Talk(ToldLink(), Person(asked.append, lambda _: ""), Order("9x6", 16.0, 4.0, "cube")).need("Is it clear?")
+        CommissioningSession(
+            ToldLink(), CommissioningDialogue(asked.append, lambda _: ""), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+        ).need("Is it clear?")
 
 
 def test_a_fault_that_stands_is_for_the_person_to_put_right() -> None:
@@ -208,12 +234,12 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
     """Who was sent to switch arm power on said `stop` there: it was cleared, and the arm went to find its zero."""
 
     class NoPower(ToldLink):
-        def do(self, text, door, say, ask=None):
+        def do(self, text, frontend, say, ask=None):
             if text == "robot cal" and "robot cal" not in self.said:
                 self.said.append(text)
                 self.fault = "ControllerError: *Arm power off*"
                 return done("*Arm power off*", status=1)
-            return super().do(text, door, say, ask)
+            return super().do(text, frontend, say, ask)
 
     link, asked = NoPower(), []
 
@@ -226,7 +252,9 @@ def test_a_stop_or_a_pause_of_somebody_else_is_not_lifted_behind_their_back(mean
             link.paused = meanwhile == "a pause"
         return "n" if "right?" in question or "held" in question else "y"
 
-    talk = Talk(link, Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube"))
+    talk = CommissioningSession(
+        link, CommissioningDialogue(asked.append, answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+    )
     if meanwhile == "nothing":
         _zero(talk)
     else:
@@ -247,20 +275,24 @@ def test_a_stop_that_somebody_says_while_a_fault_is_asked_about_is_not_lifted_by
         return "n" if "bob" in question else "y"
 
     with pytest.raises(NotProvenError, match="stopped by bob"):
-        Talk(link, Person(asked.append, answer), Order("9x6", 16.0, 4.0, "cube")).enable()
+        CommissioningSession(
+            link, CommissioningDialogue(asked.append, answer), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+        ).enable()
     assert link.said == []
 
 
 def test_a_stop_right_behind_what_told_that_the_arm_has_no_zero_is_asked_about() -> None:
     class Stopped(ToldLink):
-        def do(self, text, door, say, ask=None):
+        def do(self, text, frontend, say, ask=None):
             if text == "go survey":
                 self.fault = "ControllerError: *Not calibrated*; then stopped by bob"
                 return done("*Not calibrated*", status=1)
-            return super().do(text, door, say, ask)
+            return super().do(text, frontend, say, ask)
 
     link = Stopped()
-    talk = Talk(link, Person(lambda _: None, lambda question: "n"), Order("9x6", 16.0, 4.0, "cube"))
+    talk = CommissioningSession(
+        link, CommissioningDialogue(lambda _: None, lambda question: "n"), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+    )
     with pytest.raises(NotProvenError, match="stopped by bob"):
         _survey(talk)
     assert link.said == ["enable"]

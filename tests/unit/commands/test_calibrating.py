@@ -18,11 +18,11 @@ from daemon.calibration.hand_eye import ArmDoubt
 from daemon.calibration.session import Session
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
-from daemon.console.interpreter import Answer, CommandError, Console
+from daemon.console.interpreter import CommandError, CommandResult, Interpreter
 from daemon.errors import FacetdError
 from daemon.pick.pose_fusion import Doubt
 from daemon.store.calibrations import Calibrations
-from tests.fakes.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeFrontend, fake_context
 
 ETC = Path(__file__).parents[3] / "etc"
 
@@ -46,8 +46,8 @@ def context(tmp_path: Path) -> Any:
     return context
 
 
-def say(context: Any, text: str, door: FakeDoor | None = None) -> Answer:
-    return asyncio.run(Console(context, every_command()).interpret(text, door or FakeDoor()))
+def say(context: Any, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
+    return asyncio.run(Interpreter(context, every_command()).interpret(text, frontend or FakeFrontend()))
 
 
 def test_where_the_reload_is_refused_the_calibration_before_is_in_use_again(context: Any) -> None:
@@ -78,14 +78,14 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
     calibrations.keep((ETC / "calibration.yaml").read_bytes())
     calibrations.keep(b"version: 1\n")
     assert say(context, "calibrate use 1").text == "Calibration 1 is in use. Taken over."
-    rows = say(context, "calibrate list", FakeDoor(may="look")).text.splitlines()
+    rows = say(context, "calibrate list", FakeFrontend(may="look")).text.splitlines()
     assert len(rows) == 4
     assert "in use" in rows[2]
     broken = say(context, "calibrate use 2")
     assert broken.status == 1
     assert calibrations.current == 1, "what cannot be used is not taken over"
     assert say(context, "calibrate use 7").status == 2
-    assert "may only look" in say(context, "calibrate use 0", FakeDoor(may="look")).text
+    assert "may only look" in say(context, "calibrate use 0", FakeFrontend(may="look")).text
 
 
 @pytest.mark.parametrize(
@@ -155,7 +155,7 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
     monkeypatch.setattr(calibrating, "view_tour", tour)
     board_lies = np.array([500.0, 20.0, -296.0])
     monkeypatch.setattr(calibrating, "board_in_world", lambda *_: frames.rigid(np.eye(3), board_lies))
-    answer = say(context, "calibrate touch", FakeDoor(answers=["0.3 -0.4"]))
+    answer = say(context, "calibrate touch", FakeFrontend(answers=["0.3 -0.4"]))
     assert answer.text.startswith("0.50 mm off: good")
     assert context.cycle.told == ["touch test, 2 mm above the corner, from over it: [500.0, 20.0, -226.0]"]
     assert context.cycle.at[:3, 3].tolist() == [500.0, 20.0, -284.0]

@@ -13,7 +13,7 @@ from daemon.console.notices import Notices
 from daemon.pick.cycle import Cycle
 from daemon.pick.settings import Settings
 from tests.fakes.fake_cell import World, build
-from tests.fakes.fake_context import FakeDoor
+from tests.fakes.fake_context import FakeFrontend
 
 
 def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_holds() -> None:
@@ -31,6 +31,6 @@ def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_h
     context: Any = SimpleNamespace(cycle=cycle, hardware=SimpleNamespace(robot=arm), notices=Notices())
 
     assert cycle.status()["holding"] is False
-    asyncio.run(robot.run(context, ["power-up", "Y"], FakeDoor()))
+    asyncio.run(robot.run(context, ["power-up", "Y"], FakeFrontend()))
     assert answered == ["Y"]
     assert cycle.status()["holding"] is None

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.looking import around_told
+from daemon.commands.observing import around_told
 from daemon.pick.world import Gained
 
 BEFORE, AFTER = "block_60 67 %, cut_60 17 %, step_60 17 %, not taught 0 %", "block_60 99.8 %"

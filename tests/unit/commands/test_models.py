@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from daemon.commands.learning import describe_alike
-from daemon.commands.looking import status
 from daemon.commands.models import accept
+from daemon.commands.observing import status
+from daemon.commands.teaching import describe_alike
 from daemon.console.interpreter import CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
@@ -21,7 +21,7 @@ from tests.fakes import drawn, fake_context, rendered
 
 
 class Nobody:
-    """A door at which nobody is asked."""
+    """A frontend at which nobody is asked."""
 
     name, who, may, asks = "test", "tester", "all", False
     shown: int | None = None
@@ -79,10 +79,10 @@ def with_store(folder: Path, store: Store) -> Any:
     return context
 
 
-def test_accept_takes_the_candidate_that_was_shown_at_that_door_and_no_other(tmp_path: Path) -> None:
+def test_accept_takes_the_candidate_that_was_shown_at_that_frontend_and_no_other(tmp_path: Path) -> None:
     """It took what somebody else had trained meanwhile, seen by nobody who said so."""
     store = Store()
-    context, ann, bob = with_store(tmp_path, store), fake_context.FakeDoor(), fake_context.FakeDoor()
+    context, ann, bob = with_store(tmp_path, store), fake_context.FakeFrontend(), fake_context.FakeFrontend()
     asyncio.run(status.run(context, [], ann))
     store.candidate = 8
     with pytest.raises(CommandError) as refused:
@@ -103,7 +103,7 @@ def test_accept_takes_no_candidate_that_somebody_trains_while_it_is_asked_about(
     context = with_store(tmp_path, store)
     context.cycle.auto = True
 
-    class Slow(fake_context.FakeDoor):
+    class Slow(fake_context.FakeFrontend):
         async def ask(self, question: str) -> str:
             store.candidate = 8
             return "y"

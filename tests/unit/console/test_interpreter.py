@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 
 from daemon.arm import RefusedError
 from daemon.commands import every_command
-from daemon.console.interpreter import Answer, Console
+from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.pick.order import PickOrder
-from tests.fakes.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeFrontend, fake_context
 
 
-def say(context: object, text: str, door: FakeDoor | None = None) -> Answer:
-    console = Console(context, every_command("simulated"))  # type: ignore[arg-type]
-    return asyncio.run(console.interpret(text, door or FakeDoor()))
+def say(context: object, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
+    console = Interpreter(context, every_command("simulated"))  # type: ignore[arg-type]
+    return asyncio.run(console.interpret(text, frontend or FakeFrontend()))
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
 ) -> None:
     """Somebody who types on takes nothing for empty that may hold a part."""
     context.cycle.fault, context.cycle.held = "restarted: the daemon ended in verify", None
-    text = say(context, "resume", FakeDoor(answers=[typed])).text
+    text = say(context, "resume", FakeFrontend(answers=[typed])).text
     assert context.cycle.held is held
     assert ("`holding yes` or `holding no`" in text) is (held is None)
 
@@ -94,20 +94,22 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
         None,
         PickOrder(13),
     )
-    door = FakeDoor(answers=list(answers))
-    text = say(context, "resume", door).text
+    frontend = FakeFrontend(answers=list(answers))
+    text = say(context, "resume", frontend).text
     assert begun == ([(13, None)] if goes_on else [])
     assert ("enable" in context.cycle.told) is goes_on
     assert ("resume" in context.cycle.told) is (goes_on or answers == ["what?"]), "answered no, the fault stands"
     assert ("`auto resume` takes it up" in text) is not goes_on
-    assert all("was not done: the question stands" in said for said in door.said)
-    assert len(door.asked) == len(answers) + len(door.said), "what is no answer is told so, and it is asked again"
+    assert all("was not done: the question stands" in said for said in frontend.said)
+    assert len(frontend.asked) == len(answers) + len(frontend.said), (
+        "what is no answer is told so, and it is asked again"
+    )
 
 
 def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: Any) -> None:
     context.cycle.fault, context.cycle.held = "stopped by ann", None
 
-    class Stopping(FakeDoor):
+    class Stopping(FakeFrontend):
         async def ask(self, question: str) -> str:
             await context.cycle.stop("by bob")
             return await super().ask(question)
@@ -116,7 +118,7 @@ def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: 
     assert context.cycle.fault == "stopped by bob"
 
 
-def test_resume_at_a_door_that_cannot_ask_moves_nothing(context: Any) -> None:
+def test_resume_at_a_frontend_that_cannot_ask_moves_nothing(context: Any) -> None:
     context.cycle.fault, context.cycle.pick_order = "stopped by ann", PickOrder(2)
     assert "`auto resume` takes it up" in say(context, "resume").text
     assert context.cycle.told == ["resume"]
@@ -156,13 +158,13 @@ def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: object) 
 def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
     context: object, columns: int, rows: int
 ) -> None:
-    door = FakeDoor(answers=[" "] * 50, columns=columns, rows=rows)
-    answer = say(context, "help all", door)
-    pages = [*door.said, answer.text]
+    frontend = FakeFrontend(answers=[" "] * 50, columns=columns, rows=rows)
+    answer = say(context, "help all", frontend)
+    pages = [*frontend.said, answer.text]
     assert len(pages) > 2
     assert all(len(page.splitlines()) <= rows - 1 for page in pages)
     assert max(len(line) for page in pages for line in page.splitlines()) <= columns
-    assert set(door.asked) == {"-- more (Enter, q) --"}
+    assert set(frontend.asked) == {"-- more (Enter, q) --"}
     if columns >= 60:
         (beside,) = {
             len(line) - len(line.lstrip()) for page in pages for line in page.splitlines() if line[:12] == " " * 12
@@ -170,7 +172,7 @@ def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
         assert beside > 12, "what is said of a word stays in its column where it is folded"
     told = " ".join(" ".join(pages).split())
     assert all(" ".join(c.summary.split()) in told for c in every_command("simulated"))
-    left = FakeDoor(answers=["q"], columns=columns, rows=rows)
+    left = FakeFrontend(answers=["q"], columns=columns, rows=rows)
     assert say(context, "help all", left).text == ""
     assert len(left.said) == 1
 
@@ -209,9 +211,9 @@ def test_another_model_amid_an_auto_is_asked_about_and_refused_where_nobody_can_
     context.trainer.judge_version = lambda _: ()
     context.use_model = lambda *_: None
     assert "auto is on" in say(context, word).text
-    assert say(context, word, FakeDoor(answers=["n"])).status == 1
+    assert say(context, word, FakeFrontend(answers=["n"])).status == 1
     assert taken == []
-    assert say(context, word, FakeDoor(answers=["y"])).status == 0
+    assert say(context, word, FakeFrontend(answers=["y"])).status == 0
     assert len(taken) == 1
 
 
@@ -222,7 +224,7 @@ def test_every_answer_is_json_too(context: object) -> None:
 
 
 def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(context: object) -> None:
-    say(context, "enable", FakeDoor(name="terminal", who="anna"))
+    say(context, "enable", FakeFrontend(name="terminal", who="anna"))
     say(context, "status")
     assert context.log.records == [("command", {"who": "anna", "door": "terminal", "text": "enable"})]  # type: ignore[attr-defined]
 
@@ -230,8 +232,8 @@ def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(conte
 @pytest.mark.parametrize(
     "text", ["pick cube", "enable", "teach cube", "train", "go home", "robot monitor WHERE", "reload"]
 )
-def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(context: object, text: str) -> None:
-    answer = say(context, text, FakeDoor(may="look"))
+def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context: object, text: str) -> None:
+    answer = say(context, text, FakeFrontend(may="look"))
     assert answer.status == 1
     assert "may only look" in answer.text
     assert context.cycle.told == []  # type: ignore[attr-defined]
@@ -239,18 +241,18 @@ def test_a_door_that_may_only_look_moves_nothing_and_changes_nothing(context: ob
 
 
 @pytest.mark.parametrize("text", ["disable", "pause"])
-def test_a_door_that_may_only_look_may_take_motion_away(context: object, text: str) -> None:
-    assert "may only look" not in say(context, text, FakeDoor(may="look")).text
+def test_a_frontend_that_may_only_look_may_take_motion_away(context: object, text: str) -> None:
+    assert "may only look" not in say(context, text, FakeFrontend(may="look")).text
 
 
 @pytest.mark.parametrize("text", ["resume", "enable"])
 def test_and_gives_none_back_be_it_after_its_own_pause(context: object, text: str) -> None:
-    say(context, "pause", FakeDoor(may="look"))
-    assert "may only look" in say(context, text, FakeDoor(may="look")).text
+    say(context, "pause", FakeFrontend(may="look"))
+    assert "may only look" in say(context, text, FakeFrontend(may="look")).text
 
 
-def test_stop_is_heard_at_every_door_and_whatever_else_is_on_the_line(context: object) -> None:
-    answer = say(context, "stop at once please!!", FakeDoor(may="look"))
+def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(context: object) -> None:
+    answer = say(context, "stop at once please!!", FakeFrontend(may="look"))
     assert answer.status == 0
     assert context.cycle.told == ["stop by tester"]  # type: ignore[attr-defined]
 
@@ -272,7 +274,7 @@ def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(co
 
 @pytest.mark.parametrize("text", ["stop '", 'stop "', "stop\xfc", "st\x00op", "\x1bstop", "STOP!", "sto", "halt\udcff"])
 def test_no_line_is_too_odd_to_stop(context: Any, text: str) -> None:
-    answer = say(context, text, FakeDoor(who="o\ud800dd\x00", may="look"))
+    answer = say(context, text, FakeFrontend(who="o\ud800dd\x00", may="look"))
     assert (answer.status, answer.text) == (0, "Stopped. Nothing moves until `resume`.")
     assert context.cycle.told == ["stop by o\ud800dd\x00"]
 
@@ -332,7 +334,7 @@ def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_
     context: Any, answers: list[str], told: list[str]
 ) -> None:
     context.calibration.tool_from_cyclopean = None
-    answer = say(context, "enable", FakeDoor(answers=answers))
+    answer = say(context, "enable", FakeFrontend(answers=answers))
     assert answer.status == (not told)
     assert context.cycle.told == told
     if not told:
@@ -344,23 +346,23 @@ def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
 def test_in_step_mode_the_move_is_shown_and_sent_only_after_a_yes(context: object, said: str, told: str) -> None:
     context.cycle.slow, context.cycle.pending = True, "home: joints to 420 0 60 at 100 %"  # type: ignore[attr-defined]
-    door = FakeDoor(answers=[said, "n"])
-    say(context, "go home", door)
-    assert door.asked == ["home: joints to 420 0 60 at 100 %. Send it? [y/n]"]
+    frontend = FakeFrontend(answers=[said, "n"])
+    say(context, "go home", frontend)
+    assert frontend.asked == ["home: joints to 420 0 60 at 100 %. Send it? [y/n]"]
     assert context.cycle.told == ["go home", told]  # type: ignore[attr-defined]
 
 
 def test_a_view_that_is_not_there_is_told_before_anybody_is_asked_whether_to_remove_it(context: Any) -> None:
     context.trainer.model_store.labels = lambda: ["cube"]
     context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 3)]
-    door = FakeDoor(answers=["y"])
-    answer = say(context, "forget cube 2", door)
+    frontend = FakeFrontend(answers=["y"])
+    answer = say(context, "forget cube 2", frontend)
     assert (answer.status, answer.text) == (1, "there is no view cube/2; of cube there are 1, 3")
-    assert door.asked == []
+    assert frontend.asked == []
 
 
 def test_completion_offers_commands_and_then_what_they_can_be_given(context: object) -> None:
-    console = Console(context, every_command())  # type: ignore[arg-type]
+    console = Interpreter(context, every_command())  # type: ignore[arg-type]
     assert console.complete("ste") == ["step"]
     assert console.complete("teach cube --") == ["teach cube --around", "teach cube --mesh"]
     context.trainer.model_store.views = lambda _: [SimpleNamespace(number=n) for n in (1, 2, 11)]  # type: ignore[attr-defined]
@@ -382,14 +384,16 @@ def test_no_line_whatever_it_holds_ends_in_an_exception(text: str) -> None:
 
 
 ENDS_MOTION = ("stop", "disable", "abort", "pause")
-"""Of what moves or changes something, all that a door that may only look may say."""
+"""Of what moves or changes something, all that a frontend that may only look may say."""
 
 
 @pytest.mark.parametrize(
     "name", [c.name for c in every_command("simulated") if c.does([]) != "look" and c.name not in ENDS_MOTION]
 )
-def test_a_door_that_may_only_look_is_refused_whatever_does_more_than_end_motion(context: object, name: str) -> None:
-    assert "may only look" in say(context, name, FakeDoor(may="look")).text
+def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_motion(
+    context: object, name: str
+) -> None:
+    assert "may only look" in say(context, name, FakeFrontend(may="look")).text
     assert context.cycle.told == []  # type: ignore[attr-defined]
 
 
@@ -420,4 +424,4 @@ def test_a_yes_that_comes_together_with_somebody_elses_ends_nothing_here(context
         raise RefusedError("no move waits for an answer")
 
     context.cycle.confirm = decided
-    assert say(context, "go home", FakeDoor(answers=["y", "n"])).text == "At home."
+    assert say(context, "go home", FakeFrontend(answers=["y", "n"])).text == "At home."

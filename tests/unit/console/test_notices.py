@@ -1,4 +1,4 @@
-"""What operators hear unasked reaches every open door once, but not as news to whoever waits for it as an answer."""
+"""What operators hear unasked reaches every open frontend once, but not whoever gets it as an answer."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from unittest.mock import Mock
 import pytest
 
 from daemon.arm import RefusedError, Waiting
-from daemon.commands import awaiting
-from daemon.commands.awaiting import tell_what_waits, with_questions
+from daemon.commands import step_mode
 from daemon.commands.moving import tell_end
+from daemon.commands.step_mode import tell_what_waits, with_questions
 from daemon.console.context import CommandContext
-from daemon.console.notices import Level, Notices
+from daemon.console.notices import NoticeLevel, Notices
 
 HOME = Waiting("home: joints", Mock(), 0.0)
 
 
-class Door:
+class Frontend:
     """Keeps what it is told; answers nothing."""
 
     asks = True
@@ -46,45 +46,53 @@ class Door:
         return ""
 
 
-def test_every_open_door_is_told_and_a_closed_one_no_longer() -> None:
-    notices, doors = Notices(), [Door(), Door()]
-    for door in doors:
-        notices.listen(door)
+def test_every_open_frontend_is_told_and_a_closed_one_no_longer() -> None:
+    notices, frontends = Notices(), [Frontend(), Frontend()]
+    for frontend in frontends:
+        notices.listen(frontend)
     notices.tell("FAULT one")
-    notices.leave(doors[0])
-    notices.leave(doors[0])
+    notices.leave(frontends[0])
+    notices.leave(frontends[0])
     notices.tell("FAULT two")
-    assert [door.heard for door in doors] == [["FAULT one"], ["FAULT one", "FAULT two"]]
+    assert [frontend.heard for frontend in frontends] == [["FAULT one"], ["FAULT one", "FAULT two"]]
 
 
 def test_who_waits_for_an_outcome_hears_faults_but_not_the_outcome() -> None:
-    notices, asked, other = Notices(), Door(), Door()
+    notices, asked, other = Notices(), Frontend(), Frontend()
     notices.listen(asked)
     notices.listen(other)
     with notices.answered(asked):
-        notices.tell("picked: cube", Level.OUTCOMES)
+        notices.tell("picked: cube", NoticeLevel.OUTCOMES)
         notices.tell("FAULT stopped by ann")
-    notices.tell("picked: pyramid", Level.OUTCOMES)
+    notices.tell("picked: pyramid", NoticeLevel.OUTCOMES)
     assert asked.heard == ["FAULT stopped by ann", "picked: pyramid"]
     assert other.heard == ["picked: cube", "FAULT stopped by ann", "picked: pyramid"]
 
 
-def test_each_door_hears_as_much_as_its_operator_wants_and_faults_always() -> None:
-    notices, doors = Notices(), [Door(), Door(), Door()]
-    for door, level in zip(doors, Level, strict=True):
-        notices.listen(door)
-        notices.set_level(door, level)
-    doors[2].who = "ann"  # type: ignore[attr-defined]
-    for text, level in (("FAULT", Level.FAULTS), ("picked", Level.OUTCOMES), ("bob: train", Level.ALL)):
+def test_each_frontend_hears_as_much_as_its_operator_wants_and_faults_always() -> None:
+    notices, frontends = Notices(), [Frontend(), Frontend(), Frontend()]
+    for frontend, level in zip(frontends, NoticeLevel, strict=True):
+        notices.listen(frontend)
+        notices.set_level(frontend, level)
+    frontends[2].who = "ann"  # type: ignore[attr-defined]
+    for text, level in (
+        ("FAULT", NoticeLevel.FAULTS),
+        ("picked", NoticeLevel.OUTCOMES),
+        ("bob: train", NoticeLevel.ALL),
+    ):
         notices.tell(text, level)
-    notices.tell("ann: train", Level.ALL, by="ann")
-    assert [door.heard for door in doors] == [["FAULT"], ["FAULT", "picked"], ["FAULT", "picked", "bob: train"]]
-    notices.leave(doors[0])
-    assert notices.level(doors[0]) is None
+    notices.tell("ann: train", NoticeLevel.ALL, by="ann")
+    assert [frontend.heard for frontend in frontends] == [
+        ["FAULT"],
+        ["FAULT", "picked"],
+        ["FAULT", "picked", "bob: train"],
+    ]
+    notices.leave(frontends[0])
+    assert notices.level(frontends[0]) is None
 
 
 def test_who_stops_is_answered_and_not_told_the_same_once_more() -> None:
-    notices, ann, bob = Notices(), Door(), Door()
+    notices, ann, bob = Notices(), Frontend(), Frontend()
     notices.listen(ann)
     notices.listen(bob)
     alarm = "FAULT stopped by ann; NOT CONFIRMED: no answer: press the emergency stop"
@@ -103,11 +111,11 @@ def end(outcome: str) -> Any:
 
 def test_an_empty_table_is_no_news_and_a_fault_is_told_once() -> None:
     context: Any = SimpleNamespace(notices=Notices())
-    door = Door()
-    context.notices.listen(door)
+    frontend = Frontend()
+    context.notices.listen(frontend)
     for outcome in ("empty", "fault", "picked", "missed"):
         tell_end(context, end(outcome))
-    assert door.heard == ["picked: cube, 3 looks, 12.0 s", "missed: cube, 3 looks, 12.0 s (because)"]
+    assert frontend.heard == ["picked: cube, 3 looks, 12.0 s", "missed: cube, 3 looks, 12.0 s (because)"]
 
 
 def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
@@ -118,12 +126,12 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
     async def run() -> list[str]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
-        door = Door()
-        context.notices.listen(door)
+        frontend = Frontend()
+        context.notices.listen(frontend)
         await CommandContext.begin_auto(context, None)
         await context._auto
         await asyncio.sleep(0)
-        return door.heard
+        return frontend.heard
 
     assert asyncio.run(run()) == ["Auto has ended: 2 parts picked."]
 
@@ -173,62 +181,62 @@ def test_a_question_is_taken_back_where_somebody_else_decides() -> None:
     state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
     decided = asyncio.Event()
     context = waited_for(state)
-    door = Door()
+    frontend = Frontend()
 
     async def move() -> str:
         await decided.wait()
         return "moved"
 
     async def run() -> str:
-        waiting = asyncio.create_task(with_questions(context, move(), door))  # type: ignore[arg-type]
-        while not door.asked:
+        waiting = asyncio.create_task(with_questions(context, move(), frontend))  # type: ignore[arg-type]
+        while not frontend.asked:
             await asyncio.sleep(0.01)
         state["waiting"] = None
-        while not door.withdrawn:
+        while not frontend.withdrawn:
             await asyncio.sleep(0.01)
         decided.set()
         return await waiting
 
     assert asyncio.run(asyncio.wait_for(run(), 5)) == "moved"
-    assert door.asked == ["home: joints. Send it? [y/n]"]
+    assert frontend.asked == ["home: joints. Send it? [y/n]"]
 
 
 def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() -> None:
     """Nothing was said: whoever went to the arm to see why stood there when it was let go."""
     state: dict[str, Any] = {"state": "idle", "waiting": None, "predicted_mm": None}
     context = waited_for(state)
-    door = Door()
+    frontend = Frontend()
 
     async def move() -> None:
         for held in ("idle", "paused", "idle", "paused"):
             state["state"] = held
-            await asyncio.sleep(2.5 * awaiting.POLL_S)
+            await asyncio.sleep(2.5 * step_mode.POLL_S)
 
-    asyncio.run(with_questions(context, move(), door))  # type: ignore[arg-type]
-    assert door.said == ["Held before the next move: `resume` lets it go."] * 2
+    asyncio.run(with_questions(context, move(), frontend))  # type: ignore[arg-type]
+    assert frontend.said == ["Held before the next move: `resume` lets it go."] * 2
 
 
-def test_a_door_that_fails_keeps_no_other_from_hearing() -> None:
+def test_a_frontend_that_fails_keeps_no_other_from_hearing() -> None:
     class Broken:
         def notice(self, text: str) -> None:
             raise OSError("gone")
 
-    notices, door = Notices(), Door()
+    notices, frontend = Notices(), Frontend()
     notices.listen(Broken())
-    notices.listen(door)
+    notices.listen(frontend)
     notices.tell("FAULT")
-    assert door.heard == ["FAULT"]
+    assert frontend.heard == ["FAULT"]
 
 
-def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_door_and_again(
+def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_frontend_and_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A script, or an auto, in step mode would hang without a word of what is waited for."""
-    monkeypatch.setattr(awaiting, "UNASKED_S", 0.0)
-    monkeypatch.setattr(awaiting, "REMIND_S", 0.1)
+    monkeypatch.setattr(step_mode, "UNASKED_S", 0.0)
+    monkeypatch.setattr(step_mode, "REMIND_S", 0.1)
     state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
     context = waited_for(state)
-    script, console = Door(), Door()
+    script, console = Frontend(), Frontend()
     script.asks = False
     context.notices.listen(console)
     line = "Waits for a yes: home: joints; `confirm` sends it, `refuse` gives it up."

@@ -9,15 +9,14 @@ from pathlib import Path
 import pytest
 
 from daemon.commands import every_command
-from daemon.config import Console
-from daemon.console.interpreter import Answer, Door
-from daemon.console.interpreter import Console as Interpreter
-from daemon.console.notices import Level
+from daemon.config import ConsoleSettings
+from daemon.console.interpreter import CommandResult, Frontend, Interpreter
+from daemon.console.notices import NoticeLevel
 from daemon.dashboard import follow
 from daemon.dashboard.follow import RunFollower, follow_daemon
-from daemon.dashboard.now import Now
+from daemon.dashboard.state import DashboardState
 from daemon.frontends.rights import Rights
-from daemon.frontends.socket import SocketServer
+from daemon.frontends.socket_server import SocketServer
 from tests.fakes.fake_context import fake_context
 from tests.fakes.made_run import MadeRun
 from tests.fakes.told_daemon import ToldDaemon
@@ -38,7 +37,7 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
     first.pick()
 
     async def story() -> None:
-        now = Now()
+        now = DashboardState()
         following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
         await until(lambda: now.daemon is None)
         daemon = ToldDaemon(tmp_path / "sock", first.folder)
@@ -65,41 +64,41 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
 
 
 def test_whoever_may_only_look_may_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All that is ever said is heard at a door that lets nothing move: the page asks for no more than that."""
+    """All that is ever said is heard at a frontend that lets nothing move: the page asks for no more than that."""
     monkeypatch.setattr(follow, "ASK_S", 0.02)
     context = fake_context(tmp_path)
-    rights = Rights(Console())
+    rights = Rights(ConsoleSettings())
     monkeypatch.setattr(rights, "of", lambda peer: "look")
-    doors: list[str] = []
+    frontends: list[str] = []
 
     async def nothing_moves(who: str, about_to_move: bool) -> str:
         return "Nothing moves."
 
     async def story() -> None:
-        now, console = Now(), Interpreter(context, every_command())
+        now, console = DashboardState(), Interpreter(context, every_command())
         interpret = console.interpret
 
-        async def heard(text: str, door: Door) -> Answer:
-            doors.append(door.may)
-            return await interpret(text, door)
+        async def heard(text: str, frontend: Frontend) -> CommandResult:
+            frontends.append(frontend.may)
+            return await interpret(text, frontend)
 
         monkeypatch.setattr(console, "interpret", heard)
         server = SocketServer(tmp_path / "sock", rights, console, nothing_moves)
         await server.open()
         following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
         await until(lambda: bool(now.daemon))
-        context.notices.tell("missed: cube", Level.OUTCOMES)
+        context.notices.tell("missed: cube", NoticeLevel.OUTCOMES)
         await until(lambda: "missed: cube" in now.lines)
         following.cancel()
         await server.close()
 
     asyncio.run(story())
-    assert set(doors) == {"look"}
+    assert set(frontends) == {"look"}
 
 
 def test_a_record_that_names_a_file_elsewhere_shows_no_file(tmp_path: Path) -> None:
     (tmp_path / "secret").write_bytes(b"x")
-    now = Now()
+    now = DashboardState()
     run = RunFollower(now)
     made = MadeRun(tmp_path / "20260101T000000Z")
     run.go_to(made.folder)

@@ -17,7 +17,7 @@ import pytest
 
 from daemon.dashboard import server
 from daemon.dashboard.follow import RunFollower
-from daemon.dashboard.now import Now
+from daemon.dashboard.state import DashboardState
 from tests.fakes.made_run import MadeRun, part
 from tests.fakes.told_daemon import ToldDaemon
 
@@ -124,7 +124,7 @@ def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "SEND_S", 0.01)
-    now = Now()
+    now = DashboardState()
     now.pictures = {7: {"left": "left.png"}}
     run = RunFollower(now)
     run.folder = tmp_path

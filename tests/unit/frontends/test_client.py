@@ -15,9 +15,9 @@ from unittest.mock import patch
 import pytest
 
 from daemon import ctl
-from daemon.cli.commission_steps import NotProvenError, Order, Person, Talk
-from daemon.frontends import client, prompt
-from daemon.frontends.client import PIECE, DaemonLink, NotThereError, StopUnansweredError, file_in_pieces
+from daemon.cli.commission_steps import CommissioningDialogue, CommissioningPlan, CommissioningSession, NotProvenError
+from daemon.frontends import client, console
+from daemon.frontends.client import PIECE, DaemonLink, DaemonUnreachableError, StopUnansweredError, file_in_pieces
 from tests.fakes.person import piped
 
 
@@ -78,7 +78,7 @@ def test_what_is_said_meanwhile_is_shown_and_the_answer_given(daemon: Scripted) 
         assert link.do("look", "here", said.append) == DONE["done"]
     assert said == ["first", "Stopped.", "last"]
     (heard,) = daemon.heard
-    assert (heard["do"], heard["door"], heard["asks"], heard["size"][1]) == ("look", "here", False, None)
+    assert (heard["do"], heard["frontend"], heard["asks"], heard["size"][1]) == ("look", "here", False, None)
 
 
 def test_a_question_is_answered_by_its_number_and_where_nobody_is_asked_it_is_not(daemon: Scripted) -> None:
@@ -96,7 +96,7 @@ def test_a_question_is_answered_by_its_number_and_where_nobody_is_asked_it_is_no
 
 def test_a_daemon_that_goes_away_is_told(daemon: Scripted) -> None:
     daemon.answers["look"] = None  # type: ignore[assignment]
-    with DaemonLink(daemon.path) as link, pytest.raises(NotThereError, match="ended before it answered"):
+    with DaemonLink(daemon.path) as link, pytest.raises(DaemonUnreachableError, match="ended before it answered"):
         link.do("look", "here", print)
 
 
@@ -136,10 +136,12 @@ def test_control_c_at_what_moves_nothing_keeps_back_what_was_to_follow_and_may_m
     daemon.answers |= {"pick": [DONE]}
     if way == "commission":
         with DaemonLink(daemon.path) as link, pytest.raises(NotProvenError, match="control-C was pressed at `train`"):
-            Talk(link, Person(say, lambda _: "y"), Order("9x6", 16.0, 4.0, "cube")).do("train")
+            CommissioningSession(
+                link, CommissioningDialogue(say, lambda _: "y"), CommissioningPlan("9x6", 16.0, 4.0, "cube")
+            ).do("train")
     else:
         monkeypatch.setattr(ctl, "_tell", say)
-        monkeypatch.setattr(prompt, "_say", say)
+        monkeypatch.setattr(console, "_say", say)
         words = ["script", "-"] if way == "script" else ["console"]
         assert ctl.main(["--socket", str(daemon.path), *words]) == (ctl.NOT_DONE if way == "script" else ctl.DONE)
     assert [message.get("do") for message in daemon.heard] == ["train", None]
@@ -164,7 +166,7 @@ def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -
     daemon.answers["look"] = [DONE]
     assert link.do("look", "here", print) == DONE["done"]
     link.close()
-    with pytest.raises(NotThereError, match="hung up"):
+    with pytest.raises(DaemonUnreachableError, match="hung up"):
         link.do("look", "here", print)
 
 
@@ -197,10 +199,10 @@ def test_a_file_that_the_command_names_is_sent_in_pieces_and_no_other(daemon: Sc
 
 
 def test_where_it_was_sought_is_said(tmp_path: Path) -> None:
-    with pytest.raises(NotThereError, match=rf"no daemon answers at {tmp_path}/none; start it"):
+    with pytest.raises(DaemonUnreachableError, match=rf"no daemon answers at {tmp_path}/none; start it"):
         DaemonLink(tmp_path / "none")
     with patch("daemon.frontends.client.socket_candidates", lambda: [tmp_path / "a", tmp_path / "b"]), \
-            pytest.raises(NotThereError, match=f"at {tmp_path}/a nor {tmp_path}/b;"):  # fmt: skip
+            pytest.raises(DaemonUnreachableError, match=f"at {tmp_path}/a nor {tmp_path}/b;"):  # fmt: skip
         DaemonLink()
 
 
@@ -235,7 +237,7 @@ EVENTS: list[str] = []
 def test_a_terminal_is_shown_between_its_beginning_and_its_end(daemon: Scripted, ends: bool) -> None:
     end = [{"terminal": False}] if ends else []
     daemon.answers["monitor"] = [{"show": "early"}, {"terminal": True}, {"show": "inside"}, *end, {"show": "x"}, DONE]
-    with patch("daemon.frontends.keyboard.Keyboard", Keyboard), DaemonLink(daemon.path) as link:
+    with patch("daemon.frontends.keyboard.RawKeyboard", Keyboard), DaemonLink(daemon.path) as link:
         link.do("monitor", "here", print, lambda _: "")
     later = [] if ends else ["x"]
     assert ["open", "inside", *later, "closed"] == EVENTS

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from daemon.commands import every_command
-from daemon.config import Console as ConsoleConfig
-from daemon.console.interpreter import Command, Console
-from daemon.frontends.rights import DoorError, Peer, Rights, peer_of
+from daemon.config import ConsoleSettings
+from daemon.console.interpreter import ConsoleCommand, Interpreter
+from daemon.frontends.rights import FrontendError, Peer, Rights, peer_of
 from daemon.store.places import HOUSE
-from tests.fakes.fake_context import FakeDoor, fake_context
+from tests.fakes.fake_context import FakeFrontend, fake_context
 
 NOBODY = 54_321
 FIRST, SECOND = sorted(grp.getgrall(), key=lambda group: group.gr_gid)[1:3]
@@ -28,7 +28,7 @@ def peer(*groups: int, user: int = NOBODY) -> Peer:
 
 
 def test_each_kind_of_user_may_what_the_table_says() -> None:
-    rights = Rights(ConsoleConfig(group=FIRST.gr_name, look_group=SECOND.gr_name))
+    rights = Rights(ConsoleSettings(group=FIRST.gr_name, look_group=SECOND.gr_name))
     assert rights.mode == 0o666
     assert rights.of(peer(user=0)) == "all"
     assert rights.of(peer(user=os.geteuid())) == "all"
@@ -40,15 +40,15 @@ def test_each_kind_of_user_may_what_the_table_says() -> None:
 
 
 def test_where_nobody_may_only_look_the_kernel_lets_in_none_but_the_group() -> None:
-    rights = Rights(ConsoleConfig())
+    rights = Rights(ConsoleSettings())
     assert (rights.mode, rights.group) == (0o660, os.getegid())
     assert rights.of(peer(os.getegid())) == "all"
     assert rights.of(peer(NOBODY)) is None
 
 
 def test_a_group_that_is_not_there_is_named_with_its_key() -> None:
-    with pytest.raises(DoorError, match=r"console\.look_group: there is no group 'nosuchgroup'"):
-        Rights(ConsoleConfig(look_group="nosuchgroup"))
+    with pytest.raises(FrontendError, match=r"console\.look_group: there is no group 'nosuchgroup'"):
+        Rights(ConsoleSettings(look_group="nosuchgroup"))
 
 
 def test_who_is_at_the_other_end_is_the_kernels_word() -> None:
@@ -60,7 +60,7 @@ def test_who_is_at_the_other_end_is_the_kernels_word() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
-def test_who_may_only_look_moves_nothing_changes_nothing_and_stops(command: Command, tmp_path: Path) -> None:
+def test_who_may_only_look_moves_nothing_changes_nothing_and_stops(command: ConsoleCommand, tmp_path: Path) -> None:
     context = fake_context(tmp_path)
     ran: list[str] = []
 
@@ -68,10 +68,10 @@ def test_who_may_only_look_moves_nothing_changes_nothing_and_stops(command: Comm
         ran.append(command.name)
         raise asyncio.CancelledError
 
-    spied = [Command(c.name, c.usage, c.summary, run, c.grade, most=None) for c in COMMANDS]  # type: ignore[arg-type]
-    door = FakeDoor(may="look")
+    spied = [ConsoleCommand(c.name, c.usage, c.summary, run, c.grade, most=None) for c in COMMANDS]  # type: ignore[arg-type]
+    frontend = FakeFrontend(may="look")
     try:
-        answer = asyncio.run(Console(context, spied).interpret(command.name, door))
+        answer = asyncio.run(Interpreter(context, spied).interpret(command.name, frontend))
     except asyncio.CancelledError:
         assert command.grade == "look" or command.name in STOPS
     else:

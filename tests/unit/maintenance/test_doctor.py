@@ -18,7 +18,7 @@ import pytest
 
 from daemon.config import Config, load_config
 from daemon.maintenance import doctor
-from daemon.maintenance.doctor import Finding, examine, from_service, mend_of
+from daemon.maintenance.doctor import CheckResult, examine, from_service, mend_of
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
 
@@ -33,7 +33,7 @@ def configured(folder: Path, more: str = "", calibration: str | None = None) -> 
     return load_config(folder / "facetd.yaml")
 
 
-def of(findings: list[Finding], what: str) -> list[Finding]:
+def of(findings: list[CheckResult], what: str) -> list[CheckResult]:
     return [finding for finding in findings if finding.what == what]
 
 

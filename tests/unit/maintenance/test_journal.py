@@ -61,7 +61,7 @@ def test_a_journal_that_is_gone_loses_what_is_told_meanwhile_and_nothing_after(
         said.append(text)
 
     monkeypatch.setattr(journal, "_say", say)
-    monkeypatch.setattr(journal, "_TELLER", journal._Teller())
+    monkeypatch.setattr(journal, "_JOURNAL", journal.JournalThread())
     for text in ("first", "lost", "last"):
         journal.tell("trouble", text)
     journal.flush(5.0)

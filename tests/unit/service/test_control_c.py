@@ -1,4 +1,4 @@
-"""Control-C at any door: the arm first; only one that shows that it rests is left alone."""
+"""Control-C at any frontend: the arm first; only one that shows that it rests is left alone."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import pytest
 
 from daemon.calibration.drift import Drift
 from daemon.calibration.drift_watch import DriftWatch
-from daemon.commands.between_picks import BetweenPicks
+from daemon.commands.cycle_observer import CycleObserver
 from daemon.console.context import Troubles
 from daemon.pick.settings import Settings
 from daemon.service import Service
@@ -30,7 +30,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
     async def story() -> dict[str, str]:
         cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
         context: Any = SimpleNamespace(cycle=cycle, troubles=Troubles(), calibration=None)
-        between: Any = BetweenPicks(context, Service(Path("facetd.yaml")).beside)
+        between: Any = CycleObserver(context, Service(Path("facetd.yaml")).beside)
         between._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
         between.looked(LOOK)
         await asyncio.sleep(0.01)
@@ -59,7 +59,7 @@ def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatc
     asked: list[object] = []
     monkeypatch.setattr(DriftWatch, "seen", lambda watch, clue, at: asked.append(watch))
     context: Any = SimpleNamespace(cycle=None, troubles=Troubles(), calibration="before")
-    between = BetweenPicks(context, lambda work, name: work.close())
+    between = CycleObserver(context, lambda work, name: work.close())
     for calibration in ("before", "before", "after", "after"):
         context.calibration = calibration
         between.looked(LOOK)
@@ -72,4 +72,4 @@ def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.M
     service: Any = Service(Path("facetd.yaml"))
     service._hardware = Mock()
     context = service._furnish(Mock(), Mock(), Mock(), Troubles(), Mock())
-    assert isinstance(context.cycle.observer, BetweenPicks)
+    assert isinstance(context.cycle.observer, CycleObserver)

@@ -24,7 +24,7 @@ from daemon.arm.stopping import ABORT_S
 from daemon.cell import build as build_room
 from daemon.cell.no_arm import CellError
 from daemon.config import load_config
-from daemon.frontends.client import DaemonLink, NotThereError
+from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from daemon.store.yamlfile import ConfigError
@@ -333,7 +333,7 @@ def test_without_a_daemon_facetctl_says_so_in_one_line_and_ends_with_two(tmp_pat
         assert done.stderr.count("\n") == 1
         assert "no daemon answers at" in done.stderr
         assert done.stdout == ""
-    with pytest.raises(NotThereError):
+    with pytest.raises(DaemonUnreachableError):
         DaemonLink(tmp_path / "none")
 
 

@@ -21,7 +21,7 @@ from drivers.simcell.world import Where
 from drivers.val2.conversation import Conversation
 from drivers.val2.wire import Event, Prompt
 from tests.fakes.first_day import arm_yaml
-from tests.fakes.whole_daemon import SerialDoor, SocketDoor, Story
+from tests.fakes.whole_daemon import SerialOperator, SocketOperator, Story
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is no longer enabled: pick.limits changed."
@@ -107,11 +107,11 @@ def test_control_c_after_the_line_was_lost_on_the_way_does_not_say_that_nothing_
     assert "Nothing moves." not in story.texts
 
 
-@pytest.mark.parametrize("door", [0, 3])
-def test_a_move_typed_ahead_behind_an_enable_goes_once_the_stop_was_tried(door: int) -> None:
+@pytest.mark.parametrize("frontend", [0, 3])
+def test_a_move_typed_ahead_behind_an_enable_goes_once_the_stop_was_tried(frontend: int) -> None:
     story = Story()
     for text in ("enable", "go home"):
-        story.doors[door].say(text)
+        story.frontends[frontend].say(text)
     story.wait(0.9)
     assert not story.cell.controller.machine.at_rest()
     assert story.close() == ()
@@ -247,8 +247,8 @@ def test_a_resume_that_would_go_on_lets_no_arm_move_whose_calibration_has_no_han
         story.wait(1.0)
     without_hand_eye(story)
     words = [(1, "reload"), (0, "resume")]
-    for door, text in words if reloaded == "before it was asked" else words[::-1]:
-        story.sockets[door].say(text)
+    for frontend, text in words if reloaded == "before it was asked" else words[::-1]:
+        story.sockets[frontend].say(text)
         story.wait(0.5)
     if story.sockets[0].question is not None:
         story.sockets[0].answer("y")
@@ -293,7 +293,7 @@ def test_a_reload_guards_no_other_arm_than_the_one_that_stands_there(story: Stor
 
 
 def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(story: Story) -> None:
-    """By the answer: the notice to all doors said the same above it. (All sockets here are one operator's.)"""
+    """By the answer: the notice to all frontends said the same above it. (All sockets here are one operator's.)"""
     story.write_config(limits={"box_low_mm": [0, -600, -300], "max_speed_pct": 40})
     story.sockets[0].say("reload")
     story.wait(1.0)
@@ -304,9 +304,9 @@ def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(st
 def test_of_two_reloads_the_later_one_counts(story: Story) -> None:
     """The first one waited for the arm's stop, and then took over what it had read before the second one, whose limits
     were said to be taken over and held no more."""
-    for door, most_mm in ((0, 400.0), (1, 300.0)):
+    for frontend, most_mm in ((0, 400.0), (1, 300.0)):
         story.write_config(limits={"max_step_mm": most_mm})
-        story.sockets[door].say("reload")
+        story.sockets[frontend].say("reload")
         story.wait(0.01)
     story.wait(2.0)
     context = story._service.context
@@ -348,8 +348,8 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
 def test_who_let_the_arm_go_round_a_part_is_not_told_that_it_would_have_gone(story: Story) -> None:
     """Whether `dry` was on was asked before the question, and somebody else switched it off before the yes."""
     story.cell.place_for_teaching("cube", 0)
-    for door, text in ((1, "dry on"), (0, "teach cube --around 6"), (1, "dry off")):
-        story.sockets[door].say(text)
+    for frontend, text in ((1, "dry on"), (0, "teach cube --around 6"), (1, "dry off")):
+        story.sockets[frontend].say(text)
         story.wait(1.0)
     assert "May it?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[0].answer("y")
@@ -364,7 +364,7 @@ def test_who_let_the_arm_go_round_a_part_is_not_told_that_it_would_have_gone(sto
 def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told_and_the_arm_is_stopped(
     story: Story, key: str
 ) -> None:
-    """The daemon stood aside: nothing was said of it at any door, and the next key hung up whoever pressed it."""
+    """The daemon stood aside: nothing was said of it at any frontend, and the next key hung up whoever pressed it."""
     story.cell.judge.by_hand(story.stamp_s(), "DO READY")
     story.sockets[0].say("robot monitor")
     story.wait(0.5)
@@ -671,7 +671,9 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     assert story.violations() == ()
 
 
-def second_move_waits(story: Story, mover: SocketDoor | SerialDoor, sender: SocketDoor) -> tuple[CommandContext, str]:
+def second_move_waits(
+    story: Story, mover: SocketOperator | SerialOperator, sender: SocketOperator
+) -> tuple[CommandContext, str]:
     """One operator goes to the bin step by step, another has sent the first of its moves; and the next one, which has
     just come up, in words."""
     for text in ("step on", "go bin"):
@@ -701,17 +703,17 @@ def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story:
     assert story.violations() == ()
 
 
-@pytest.mark.parametrize("door", [0, 3])
-def test_a_yes_to_a_move_that_somebody_else_has_sent_meanwhile_is_none_to_the_next(story: Story, door: int) -> None:
+@pytest.mark.parametrize("frontend", [0, 3])
+def test_a_yes_to_a_move_that_somebody_else_has_sent_meanwhile_is_none_to_the_next(story: Story, frontend: int) -> None:
     """The question about the one had gone, and that about the next had come, as the key was pressed."""
-    context, second = second_move_waits(story, story.doors[door], story.sockets[1])
+    context, second = second_move_waits(story, story.frontends[frontend], story.sockets[1])
     story.wait(0.2)
     before = story.cell.world_from_tool()
-    story.doors[door].answer("y")
+    story.frontends[frontend].answer("y")
     story.wait(3.0)
     assert context.cycle.status()["pending"] == second
     assert (story.cell.world_from_tool() == before).all()
-    story.doors[door].answer("y")
+    story.frontends[frontend].answer("y")
     story.wait(3.0)
     assert (story.cell.world_from_tool() != before).any()
     assert story.violations() == ()
@@ -844,7 +846,7 @@ def test_who_begins_an_auto_that_a_pause_of_before_holds_is_told_so(story: Story
 def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_arm_as_it_is_being_stopped(
     story: Story, word: str
 ) -> None:
-    """Its report was ended with the job: no door heard of it, no log had it, and after a restart nothing stood."""
+    """Its report was ended with the job: no frontend heard of it, no log had it, and after a restart nothing stood."""
     story.sockets[0].say("go bin")
     story.wait(0.3)
     story.cell.controller.faults.refusals.append("*Location out of range*")
@@ -862,11 +864,11 @@ def test_a_fault_is_told_and_outlives_the_daemon_also_where_somebody_stops_the_a
     assert story.violations() == ()
 
 
-@pytest.mark.parametrize("door", [0, 1])
-def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story, door: int) -> None:
+@pytest.mark.parametrize("frontend", [0, 1])
+def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story, frontend: int) -> None:
     """It was told that no auto is on, and the arm picked on until the table was empty."""
     story.sockets[0].say("auto on")
-    story.sockets[door].say("auto off")
+    story.sockets[frontend].say("auto off")
     story.wait(1.0)
     assert any(text.startswith("Picking, until") for text in story.texts)
     assert "No auto is on." not in story.texts
@@ -889,13 +891,13 @@ def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> Non
     assert story.violations() == ()
 
 
-def reads_nothing(story: Story, door: SocketDoor) -> None:
+def reads_nothing(story: Story, frontend: SocketOperator) -> None:
     """Whoever sits there has frozen the terminal, with more on its way to it than is taken on the way."""
-    assert door.line is not None
-    story.loop.remove_reader(door.line)
+    assert frontend.line is not None
+    story.loop.remove_reader(frontend.line)
     for _ in range(60):
         for _ in range(40):
-            door.send({"complete": ""})
+            frontend.send({"complete": ""})
         story.wait(0.001)
 
 
@@ -951,18 +953,18 @@ def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_open
     assert story.close() == ()
 
 
-@pytest.mark.parametrize("door", [0, 3])
-def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, door: int) -> None:
+@pytest.mark.parametrize("frontend", [0, 3])
+def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, frontend: int) -> None:
     """Tab after `go` hung up whoever pressed it where the named places could not be read; at the terminal what had been
     typed behind it was lost, a control-C, too."""
     story.sockets[1].say("go bin")
     story.wait(0.3)
     (story.folder / "state" / "places.jsonl").mkdir()
-    if door == 3:
+    if frontend == 3:
         story.terminal.send_bytes(b"go \t\x03")
     else:
-        story.sockets[door].send({"complete": "go "})
-        story.sockets[door].interrupt()
+        story.sockets[frontend].send({"complete": "go "})
+        story.sockets[frontend].interrupt()
     story.wait(0.5)
     assert story.cell.controller.machine.at_rest()
     assert any(text.startswith("FAULT stopped by control-C") for text in story.texts)
@@ -972,8 +974,8 @@ def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, d
 def test_the_way_down_of_a_touch_test_follows_the_way_over_the_corner_and_nothing_else(story: Story) -> None:
     """It was a job of its own. Whoever had asked for it read nothing for a while, others moved the arm and aborted what
     it did; then it went straight down to the corner from where it stood."""
-    for door, text, seconds in ((0, "go survey", 6.0), (1, "pause", 0.1), (0, "calibrate touch", 0.02)):
-        story.sockets[door].say(text)
+    for frontend, text, seconds in ((0, "go survey", 6.0), (1, "pause", 0.1), (0, "calibrate touch", 0.02)):
+        story.sockets[frontend].say(text)
         story.wait(seconds)
     reads_nothing(story, story.sockets[0])
     for text, seconds in (("status", 5.0), ("resume", 20.0), ("go home", 0.9), ("abort", 2.0)):

@@ -1,4 +1,4 @@
-"""The whole daemon through several doors at once, random operators and mishaps, against the judge of the cell."""
+"""The whole daemon through several frontends at once, random operators and mishaps, against the judge of the cell."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.cli.modelview import check, compare, describe
+from daemon.cli.model_report import check, compare, describe
 from daemon.store.library import load_facets
 from daemon.store.model import (
     LARGEST_UNFOLDED,

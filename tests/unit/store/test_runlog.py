@@ -184,7 +184,7 @@ def test_a_full_disk_is_told_and_the_gap_is_in_the_log_when_there_is_room_again(
 
 
 def test_a_full_disk_is_told_once_whatever_it_does_not_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Log and ledger told it by turns, at every door, ten times a move."""
+    """Log and ledger told it by turns, at every frontend, ten times a move."""
     disk, told = Disk(monkeypatch), []
     log = RunLog(tmp_path / "run", on_trouble=told.append)
     disk.full = True

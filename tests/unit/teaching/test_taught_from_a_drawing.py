@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.commands.learning import teach
+from daemon.commands.teaching import teach
 from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError
 from daemon.store.library import load_facets, load_parts
 from daemon.teaching.mesh import MeshError, read_mesh
@@ -81,7 +81,7 @@ def test_a_damaged_drawing_on_the_shelf_is_left_out_and_named(trainer: Trainer) 
 
 
 class Reader:
-    """A door whose operator has some files."""
+    """A frontend whose operator has some files."""
 
     name, who, may, asks = "test", "tester", "all", False
 
@@ -121,9 +121,9 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
 
     context = fake_context.fake_context(trainer.model_store.folder)
     context.trainer = trainer
-    door = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP, cube_txt=b"")
+    frontend = Reader(cube_stl=drawn.binary_stl(*CUBE), bad_obj=GAP, cube_txt=b"")
     with pytest.raises(CommandError) as told:
-        asyncio.run(teach.run(context, text.split(), door))  # type: ignore[arg-type]
+        asyncio.run(teach.run(context, text.split(), frontend))  # type: ignore[arg-type]
     assert want in str(told.value)
     assert told.value.status == NOT_UNDERSTOOD
     assert trainer.model_store.views() == []

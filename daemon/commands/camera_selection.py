@@ -1,0 +1,106 @@
+"""The command that says which eyes are looked with, and what is asked after a camera's fault.
+
+Nothing here moves the arm. With one eye each look is two pictures with a move between them (daemon/pick/moved_pair.py).
+"""
+
+from __future__ import annotations
+
+from daemon.arm import EyeName
+from daemon.cell.eye_trial import ailments, distrust
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    NOT_DONE,
+    CommandError,
+    CommandResult,
+    Frontend,
+    command,
+    no_more,
+    one_of,
+    yes_or_no,
+)
+
+WORDS = ("left", "right", "both")
+USAGE = "eyes [left|right|both]"
+OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
+COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about a third longer"
+CAMERA_FAULTS = ("CameraError", "VisionError", "cameras")
+"""Codes of the faults that a camera may be to blame for."""
+
+
+@command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: not words)
+async def eyes(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """Which eyes are looked with.
+
+    left or right: that one alone, where the other is torn off, dark or frozen; the arm moves it between two
+    pictures. both: again with both, once their pictures show that the calibration still holds.
+    Without a word it tries each and says what is wrong; nothing moves.
+    """
+    if not words:
+        return await _told(context)
+    word = one_of(words, 0, WORDS, "word", USAGE)
+    no_more(words, 1, USAGE)
+    if context.hardware.kind == "recorded" or context.calibration.alone is not None:
+        raise CommandError("this cell looks as it was made to; there is nothing to change to")
+    if word == "both":
+        hardware, supervisor = context.hardware, context.cycle.supervisor
+        trial = distrust(hardware.eyes, context.calibration.rig, hardware.clock)
+        wrong = await supervisor.run("try both eyes", trial, moves=False)
+        if wrong is not None:
+            raise CommandError(f"both eyes are not trusted yet: {wrong}", NOT_DONE)
+        await context.look_with(None, "both eyes show one scene, as calibrated")
+        return CommandResult("Looking with both eyes.", {"alone": None})
+    alone: EyeName = "left" if word == "left" else "right"
+    wrong = (await _ailments(context)).get(alone)
+    if wrong is not None:
+        raise CommandError(f"the {alone} eye cannot be looked with: {wrong}", NOT_DONE)
+    await context.look_with(alone, "an operator said so")
+    context.one_eye_allowed = True
+    return CommandResult(f"Looking with the {alone} eye alone: {COST}. `eyes both` goes back.", {"alone": alone})
+
+
+async def _told(context: CommandContext) -> CommandResult:
+    wrong = {} if context.calibration.alone is not None else await _ailments(context)
+    used = context.hardware.eyes.alone
+    lines = ["Looking with both eyes." if used is None else f"Looking with the {used} eye alone."]
+    lines += [f"The {eye} eye: {why}" for eye, why in wrong.items()]
+    return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong)})
+
+
+async def _ailments(context: CommandContext) -> dict[EyeName, str]:
+    """Each eye tried, while nobody else looks or moves. Raises RefusedError."""
+    trial = ailments(context.hardware.eyes, context.hardware.clock)
+    return await context.cycle.supervisor.run("try the eyes", trial, moves=False)
+
+
+async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] | None:
+    """The one eye that still sees after a camera's fault, and what is wrong with the other; None where both see, or
+    none does, or something else was the matter."""
+    hardware = context.hardware
+    if fault.partition(":")[0] not in CAMERA_FAULTS or hardware.kind == "recorded" or hardware.eyes.alone is not None:
+        return None
+    wrong = await _ailments(context)
+    if len(wrong) != 1:
+        return None
+    lost, why = next(iter(wrong.items()))
+    return OTHER[lost], why
+
+
+async def offered(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
+    """After a camera's fault: ask whether to go on with the eye that is left, and do so. Gives what is to be told, None
+    where there is nothing to; raises CommandError where the operator would not."""
+    left = await remaining(context, fault)
+    if left is None:
+        knocked = "knocked" in fault and context.hardware.eyes.alone is None
+        return "Was one eye knocked? `eyes left` or `eyes right` goes on with the other." if knocked else None
+    alone, why = left
+    told = f"The {OTHER[alone]} eye does not see: {why}. The {alone} one does; {COST}."
+    if not frontend.asks:
+        return f"{told} `eyes {alone}` goes on with it."
+    if not await yes_or_no(frontend, f"{told} Go on with the {alone} eye alone? [y/n]"):
+        raise CommandError(f"The fault stands: {fault}. Mend the {OTHER[alone]} eye and say `resume`.", NOT_DONE)
+    await context.look_with(alone, f"{OTHER[alone]} eye: {why}")
+    context.one_eye_allowed = True
+    return f"Looking with the {alone} eye alone. `eyes both` goes back, once the {OTHER[alone]} one is mended."
+
+
+COMMANDS = (eyes,)

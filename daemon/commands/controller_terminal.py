@@ -1,0 +1,218 @@
+"""The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
+
+Words known to be harmless (drivers/val2/commands.py) go to the controller as they are typed. The end of any other line
+is kept back: while the arm may not move, or is held by `pause`; and else until the operator has said yes to it. A line
+in which something was taken back is spoiled and typed anew: nobody knows which keys the controller knows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
+from daemon.cell.no_arm import CellError
+from daemon.console.context import ANSWERABLE, CommandContext
+from daemon.console.interpreter import CommandError, CommandResult, Frontend
+from daemon.console.phrases import is_yes
+from daemon.console.stop_words import means_stop
+from daemon.errors import FacetdError
+
+ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
+YES = (b"Y", b"y")
+"""How a line begins that a controller takes for a yes."""
+SPOIL = CANCEL + b"!!\r"
+"""Takes a typed line back; makes it an error where the controller knows no such key."""
+GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
+ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
+NO_TURNING_OVER = "the next way of the arm would be another than facetd looks along (turn its joints over by DO DRIVE)"
+POLL_S = 0.2
+"""How often it is looked whether there is still a line to the controller."""
+ANSWER_AFTER_S = 0.3
+"""A key that comes sooner after the question was on its way before it was read."""
+
+
+async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
+    """Talk to the controller until control-]. Raises CommandError where the frontend is no terminal."""
+    if not frontend.asks:
+        raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
+    await frontend.say(GREETING)
+    try:
+        return await context.cycle.supervisor.converse("monitor", lambda: _monitored(context, frontend), moves=True)
+    except ANSWERABLE as error:
+        fault = context.cycle.status()["fault"]
+        raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
+
+
+async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
+    typist = Typist(context, frontend)
+    async with context.hardware.robot.terminal(lambda data: frontend.show(shown(data))) as send:
+        if context.hardware.robot.question is None:
+            send(b"\r")  # an empty line, for the controller to show its prompt
+        else:  # to which that might be an answer
+            frontend.show(f"{context.hardware.robot.question} ".encode("ascii", "replace"))
+
+        def typed(keys: bytes) -> None:
+            with contextlib.suppress(*ANSWERABLE):  # the line is gone, or a stop has it: that is told otherwise
+                typist.typed(keys, send)
+
+        await _while_connected(context, frontend.terminal(typed))
+    return CommandResult(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
+
+
+async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any, None]) -> None:
+    """Until the operator leaves. Raises CellError where the line goes: nobody is told of it otherwise, or stops an arm
+    that is on its way, because the daemon stands aside."""
+    left = asyncio.ensure_future(leaving)
+    try:
+        while not left.done():
+            await asyncio.wait([left], timeout=POLL_S)
+            if not context.hardware.robot.connected:
+                raise CellError("the line to the controller is gone")
+        left.result()
+    finally:
+        left.cancel()
+        await asyncio.wait([left])
+
+
+def shown(data: bytes) -> bytes:
+    """What the controller says, as a terminal may have it: no byte of it steers more than the cursor in its line."""
+    return b"".join(_SHOWN[byte] for byte in data)
+
+
+_SHOWN = [
+    bytes([k]) if chr(k) in "\r\n\b\t\a\0\x7f" or 0x20 <= k < 0x7F else b"^%c" % (k ^ 64) if k < 0x20 else b"?"
+    for k in range(256)
+]
+
+
+class Typist:
+    """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
+
+    def __init__(self, context: CommandContext, frontend: Frontend) -> None:
+        self._context, self._frontend, self._clock = context, frontend, context.hardware.clock
+        self._line, self._plain = bytearray(), bytearray()
+        """The line; and all that was typed, whatever it was taken for."""
+        self._unsent = bytearray()
+        """What the controller has not of the line: a Y that may be a yes to a motion goes out with its end only. One
+        that stands there is a yes, whatever is typed behind it to spoil it."""
+        self._asked: tuple[str, float] | None = None
+        """The line that waits for a yes, and when it was asked for."""
+        self._edited, self._moving = False, context.hardware.robot.asks_whether_to_move
+        """Whether something of the line was taken back; whether a yes may move the arm: to a line sent, or before."""
+        self._stopping: asyncio.Task[str | None] | None = None
+        self.lines = 0
+
+    def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
+        """Take some keys and send on what may be sent: plain characters and the keys known here. Others could edit the
+        line past our knowledge: a controller may pass over a byte that is no ASCII, and read a motion behind it."""
+        for key in (bytes([k]) for k in keys):
+            self._plain += key
+            if key in ENDS and self._stops():
+                self._withdraw(send)
+            elif self._asked is not None:
+                self._answered(key, *self._asked, send)
+            elif key in ENDS:
+                self._end_line(send)
+            elif key == CANCEL or key in RUBOUTS:
+                self._take_back(0 if key == CANCEL else -1, key, send)
+            elif b" " <= key <= b"~":
+                self._add(key, send)
+
+    def _add(self, key: bytes, send: Callable[[bytes], None]) -> None:
+        begins = not self._line.strip()
+        self._line += key
+        if self._unsent or (self._moving and begins and key in YES):
+            self._unsent += key
+        else:
+            send(key)
+
+    def _take_back(self, to: int, key: bytes, send: Callable[[bytes], None]) -> None:
+        del self._line[to:]
+        if self._unsent:
+            del self._unsent[to:]
+        else:
+            self._edited = True
+            send(key)
+
+    def _stops(self) -> bool:
+        """Whether the line that ends here is a stop, also where its letters were taken for an answer, or came too soon
+        for one; then the arm is stopped."""
+        text = self._plain.decode("latin-1")
+        self._plain.clear()
+        stops = means_stop(text) or means_stop(self._line.decode("latin-1"))
+        if stops:
+            self._stopping = asyncio.ensure_future(self._context.cycle.supervisor.stop(f"by {self._frontend.who}"))
+        return stops
+
+    def _withdraw(self, send: Callable[[bytes], None]) -> None:
+        """Nothing of what was typed is sent, and nothing waits for a yes."""
+        self._line.clear()
+        self._unsent.clear()
+        if self._asked is not None:
+            text, _ = self._asked
+            self._asked = None
+            self._keep_back(text, "stopped", send)
+
+    def _end_line(self, send: Callable[[bytes], None]) -> None:
+        text = self._line.decode("latin-1").strip()
+        self._line.clear()
+        moves, why = moves_the_arm(text), self._held()
+        if why is not None and (moves or (self._moving and text[:1].encode() in YES)):
+            self._keep_back(text, why, send)
+        elif turns_over(text):
+            self._keep_back(text, NO_TURNING_OVER, send)
+        elif moves:
+            self._asked = text, self._clock()
+            self._frontend.show(f"\r\nfacetd: {ASKED} ".encode())
+        else:
+            self._send(text, send)
+
+    def _answered(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
+        if key in ENDS or self._clock() - asked_s < ANSWER_AFTER_S:
+            return
+        self._asked = None
+        why = self._held() if is_yes(key.decode("latin-1")) else "not confirmed"
+        if why is None:
+            self._send(text, send)
+        else:
+            self._keep_back(text, why, send)
+
+    def _held(self) -> str | None:
+        """Why a line that may move the arm may not be sent now."""
+        supervisor = self._context.cycle.supervisor
+        try:
+            supervisor.may_move_by_hand()
+        except FacetdError as refused:
+            return f"the arm may not move now: {refused}"
+        return "moves are held: say `resume`" if supervisor.hold.paused else None
+
+    def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
+        send(SPOIL)
+        self._unsent.clear()
+        self._edited = False
+        self._frontend.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
+        self._record(f"not sent: {text}")
+
+    def _send(self, text: str, send: Callable[[bytes], None]) -> None:
+        if text:
+            self.lines += 1
+            self._record(text)
+        if self._moving and text[:1].encode() in YES:  # a program may go on with it
+            self._context.cycle.doubt_the_hand()
+        note_hand(self._context, text)
+        self._moving |= moves_the_arm(text)
+        send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
+        self._unsent.clear()
+        self._edited = False
+
+    def _record(self, text: str) -> None:
+        self._context.log.record("command", who=self._frontend.who, door=f"{self._frontend.name}, monitor", text=text)
+
+
+def note_hand(context: CommandContext, text: str) -> None:
+    """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
+    if works_the_hand(text):
+        context.cycle.doubt_the_hand()

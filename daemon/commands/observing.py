@@ -1,0 +1,270 @@
+"""Commands that only look: status, look, try, where, parts. Nothing moves but for `look around`, no model changes."""
+
+from __future__ import annotations
+
+import asyncio
+import textwrap
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.commands.ascii_sketch import COLUMNS, sketch
+from daemon.commands.step_mode import with_questions
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of, version
+from daemon.console.phrases import cut_off, duration, millimetres, plural
+from daemon.console.text_layout import table
+from daemon.maintenance.doctor import mend_of
+from daemon.pick.find import in_all
+from daemon.pick.looking import Look
+from daemon.pick.world import WorldModel
+from daemon.vision.health import SAID, findings_json, troubles
+from daemon.vision.report import scene_json
+from daemon.vision.values import Facet, Part, Scene
+
+PLACES, MOST_PLACES = 3, 20
+MARKS = "abcdefghijklmnopqrstuvwxyz"
+
+
+@command("status", at_once=True, first=True)
+async def status(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """How things stand, what is being done, what is wrong."""
+    state = context.cycle.status()
+    model = context.trainer.model
+    model_store = context.trainer.model_store
+    in_use = "not accepted yet" if model_store.current is None else f"version {model_store.current}"
+    up = duration(time.monotonic() - context.started_s)
+    lines = [
+        f"cell      {context.hardware.kind}; {_standing(state)}",
+        f"doing     {_doing(context, state)}",
+        f"model     {in_use}; knows {', '.join(model.labels)}"
+        if model.labels
+        else "model     none: `teach`, then `train`",
+        f"so far    {state['picked']} picked, {state['failed']} failed; up {up}; facetd {version()}",
+        f"run       {context.run_log.folder}",
+    ]
+    pick_order = context.cycle.pick_order
+    if pick_order is not None and not state["auto"]:
+        lines.insert(2, f"left      {cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up")
+    candidate = frontend.shown = model_store.candidate
+    if candidate is not None:
+        lines.insert(3, f"candidate version {candidate}, not in use: `try` it, then `accept`")
+    left_out: Any = state["skipped"]
+    lines += map(_left_out, left_out)
+    lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
+    lines[1:1] = _to_do(state)
+    data: dict[str, Any] = {
+        **state,
+        "version": version(),
+        "cell": context.hardware.kind,
+        "seed": context.hardware.seed,
+        "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
+        "troubles": dict(context.troubles.standing),
+        "run": str(context.run_log.folder),
+        "up_s": round(time.monotonic() - context.started_s, 1),
+    }
+    return CommandResult("\n".join(lines), data)
+
+
+def _standing(state: dict[str, Any]) -> str:
+    if state["fault"]:
+        moves = "being stopped, not seen at rest yet" if state.get("stopping") else "nothing moves until `resume`"
+        return f"FAULT: {state['fault']} ({moves})"
+    by_hand = state.get("by_hand_only")
+    words = ["enabled" if state["enabled"] else "enabled for `robot` only" if by_hand else "the arm is not enabled"]
+    words += [word for word in ("paused", "dry", "step") if state.get(word)]
+    return ", ".join(words)
+
+
+def _to_do(state: dict[str, Any]) -> list[str]:
+    """What a fault asks for before `resume`, and a hand of which nobody knows what it holds."""
+    lines = []
+    if state["fault"] and (mend := mend_of(state["fault"])):
+        lines.append(f"to mend   {mend}")
+    if not state["doing"] and state["holding"] is None:
+        lines.append("gripper   nobody knows whether it holds a part: `holding yes` or `holding no`")
+    if not state["doing"] and state["holding"]:
+        lines.append("gripper   holds a part: the next pick first puts it into the bin")
+    return lines
+
+
+def _left_out(part: dict[str, Any]) -> str:
+    """A part that the last pick or auto left alone."""
+    x, y, z = part["at"]
+    return f"left out  {part['label']} at {x:.0f}, {y:.0f}, {z:.0f} mm: {part['why']}"
+
+
+def _doing(context: CommandContext, state: dict[str, Any]) -> str:
+    text = f"{state['doing'] or 'nothing'} ({state['state']})"
+    if state["auto"] and context.cycle.pick_order is not None and context.cycle.pick_order.count is not None:
+        text += f", {plural(context.cycle.pick_order.count, 'part')} still to pick"
+    if state["target"]:
+        text += f", {state['target']}, look {state['stop']}"
+    if state["pending"]:
+        text += f"; waits for `confirm` or `refuse`: {state['pending']}"
+    if not state["doing"] and state["last"] and state["last"] != f"fault: {state['fault']}":
+        text += f"; last: {state['last']}"
+    return text
+
+
+@command("look [around [N]]", "move", most=2, choices=("around",), first=True, looks=lambda words: not words)
+async def look(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """See what the cameras see; nothing moves.
+
+    With one eye the arm moves it by 40 to 120 mm between two pictures, and back: it must be enabled, and the hand
+    above what lies on the table.
+    look around moves the arm: it looks from where it stands and then from up to N places more (3), each the one
+    that is expected to settle most for its time, until all has a name and two sides more show nothing new. It
+    tells look by look what was thought before and what is known now. The arm stays where it looked last.
+    """
+    if words:
+        one_of(words, 0, ("around",), "word", look.usage)
+        most = number(words[1], "N", 1, MOST_PLACES) if len(words) > 1 else PLACES
+        return around_told(await with_questions(context, context.cycle.look_around(most), frontend), frontend.columns)
+    seen = await look_of(context, frontend, "look")
+    lines = [describe_scene(seen.scene, frontend.columns), _timing(seen), *troubles(seen.health)]
+    return CommandResult("\n".join(lines), look_json(seen))
+
+
+def around_told(known: WorldModel, columns: int) -> CommandResult:
+    """What each look has brought, and what is known at the end."""
+    told = [f"Look {n}, at {g.about}: was {g.before}; now {g.after}." for n, g in enumerate(known.gained, start=2)]
+    lines = [line for text in told for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
+    for part in known.found:
+        x, y, z = part.centre
+        name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
+        why = "" if part.named else f": {part.taken_for.reason}"
+        lines += textwrap.wrap(f"{name} at {x:.0f}, {y:.0f}, {z:.0f} mm{why}", columns - 1, subsequent_indent="  ")
+    end = f"{plural(len(known.looks), 'look')}: {in_all(known.found)}."
+    lines += textwrap.wrap(end, columns - 1, subsequent_indent="  ")
+    data = {"looks": len(known.looks), "gained": [vars(g) for g in known.gained]}
+    parts = [{"label": p.label, "confidence": p.taken_for.confidence, "at": p.centre.tolist()} for p in known.found]
+    return CommandResult("\n".join(lines), {**data, "parts": parts}, 0 if all(p.named for p in known.found) else 1)
+
+
+async def look_of(context: CommandContext, frontend: Frontend, purpose: str) -> Look:
+    """A look; with one eye it moves the arm, which not every frontend may. Raises CommandError."""
+    if context.hardware.eyes.alone is not None and frontend.may == "look":
+        raise CommandError(
+            f"with one eye a look moves the arm: this {frontend.name} may only look; use another frontend"
+        )
+    return await with_questions(context, context.cycle.look(purpose), frontend)
+
+
+@command("try")
+async def try_now(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Recognise now, with the candidate model if there is one, with reasons."""
+    candidate = frontend.shown = context.trainer.model_store.candidate
+    recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
+    seen = await look_of(context, frontend, "try")
+    scene = await asyncio.to_thread(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
+    which = "the model in use" if candidate is None else f"candidate {candidate}"
+    lines = [f"With {which}:"]
+    for mark, part in zip(MARKS, scene.parts, strict=False):
+        found = part.recognition
+        lines.append(f"{mark} {describe_part(part)}")
+        lines.append(f"    because: {found.reason}")
+        lines.append(f"    runner-up {found.runner_up or 'none'}, activation {found.activation:.3f}")
+    if not scene.parts:
+        lines.append("no part is seen" + "".join(f"; {note}" for note in scene.notes))
+    return CommandResult("\n".join(lines), {"with": which, **scene_json(scene)}, 0 if scene.parts else 1)
+
+
+@command("where")
+async def where(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """Ask the controller where the arm is."""
+    reading = await context.cycle.where()
+    x, y, z = reading.world_from_tool[:3, 3]
+    a = reading.world_from_tool[:3, 2]
+    joints = np.degrees(reading.joints_rad)
+    tilt = np.degrees(np.arccos(np.clip(-a[2], -1.0, 1.0)))
+    lines = [
+        f"tool  x {x:.2f}  y {y:.2f}  z {z:.2f} mm; the hand leans {tilt:.1f} degrees from straight down",
+        "joints " + "  ".join(f"{angle:.2f}" for angle in joints) + " degrees",
+    ]
+    return CommandResult(
+        "\n".join(lines), {"world_from_tool": reading.world_from_tool.tolist(), "joints_deg": joints.tolist()}
+    )
+
+
+@command("parts")
+async def parts(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """The parts that have a name here, and how well each is known."""
+    views = context.trainer.model_store.views()
+    rows, data = [], {}
+    for label in context.parts:
+        stored = sum(view.label == label for view in views)
+        metric = context.trainer.model.metric.get(label)
+        known = (
+            f"{plural(len(metric.solid.facets), 'facet')}, {metric.solid.size_mm:.0f} mm across"
+            if metric
+            else "not taught"
+        )
+        rows.append((label, f"{plural(stored, 'view')}, {known}"))
+        data[label] = {"views": stored, "taught": metric is not None}
+    return CommandResult(
+        table(rows, frontend.columns) or "no part is named in parts.yaml and none was taught", {"parts": data}
+    )
+
+
+def describe_scene(scene: Scene, columns: int) -> str:
+    """What a look saw, for a terminal: a sketch of the left image and a line or two a part."""
+    outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
+    lines = [drawn(outlines, columns)] if outlines else ["No part is seen."]
+    for mark, part in zip(MARKS, scene.parts, strict=False):
+        lines.append(f"{mark} {describe_part(part)}")
+        if part.recognition.cause is not None:
+            lines.append("    not named: {0.words}; {0.remedy}".format(SAID[part.recognition.cause]))
+    reasons = {part.recognition.reason for part in scene.parts}
+    lines += [f"  note: {note}" for note in scene.notes if not any(reason in note for reason in reasons)]
+    return "\n".join(lines)
+
+
+def drawn(outlines: Sequence[tuple[Array, str]], columns: int) -> str:
+    """Outlines (N, 2) px with a name each, no wider than a terminal."""
+    return sketch(outlines, min(columns - 1, COLUMNS))
+
+
+def describe_part(part: Part) -> str:
+    """One part in words: name, sureness, where, its facets."""
+    found = part.recognition
+    x, y, z = part.cyclopean_from_part[:3, 3]
+    beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
+    at = f"at {z:.0f} mm, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
+    name = f"{found.label} ({100 * found.confidence:.1f} %)"
+    if found.label == "unknown":
+        name = "unknown" + (f", perhaps {' or '.join(found.candidates)}" if found.candidates else "")
+    return f"{name} {at}: {', '.join(describe_facet(facet) for facet in part.facets)}"
+
+
+def describe_facet(facet: Facet) -> str:
+    """square 50 50 50 50 mm."""
+    sides = np.linalg.norm(facet.corners_mm - np.roll(facet.corners_mm, -1, axis=0), axis=1)
+    return f"{facet.type} {millimetres(sides)}"
+
+
+def look_json(seen: Look) -> dict[str, Any]:
+    """A look as JSON values."""
+    return {
+        **scene_json(seen.scene),
+        "world_from_cyclopean": seen.world_from_cyclopean.tolist(),
+        "seconds": round(seen.seconds, 4),
+        "settled_s": round(seen.taken.settled_s, 4),
+        "from_light_s": round(seen.from_light_s, 4),
+        "epipolar_px": None if np.isnan(seen.epipolar_px) else round(seen.epipolar_px, 4),
+        "health": findings_json(seen.health),
+    }
+
+
+def _timing(seen: Look) -> str:
+    stages = "  ".join(f"{name} {1000 * s:.0f} ms" for name, s in seen.scene.seconds.items())
+    return (
+        f"settled {1000 * seen.taken.settled_s:.0f} ms, from light to answer {1000 * seen.from_light_s:.0f} ms, "
+        f"in all {1000 * seen.seconds:.0f} ms ({stages})"
+    )
+
+
+COMMANDS = (status, look, try_now, where, parts)

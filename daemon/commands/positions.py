@@ -1,0 +1,185 @@
+"""Commands for whoever sets a cell up: small moves relative to where the arm is, and places with names."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.commands.step_mode import with_questions
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    CommandError,
+    CommandResult,
+    Frontend,
+    command,
+    no_more,
+    one_of,
+    yes_or_no,
+)
+from daemon.console.phrases import at_utc, plural
+from daemon.quantities import decimal, shown
+from daemon.store.named_places import NamedPlaces
+
+AXES = {
+    "x": (0, "mm"),
+    "y": (1, "mm"),
+    "z": (2, "mm"),
+    "rx": (0, "degrees"),
+    "ry": (1, "degrees"),
+    "rz": (2, "degrees"),
+}
+WRITTEN = {"mm": "mm", "degrees": "deg"}
+"""How a unit may stand behind a distance: another than the axis has is no distance along it."""
+FRAMES = ("world", "tool")
+LONGEST = {"mm": 100.0, "degrees": 30.0}
+"""More than that in one go is no small move: `go` to a place."""
+SAME_MM, SAME_DEG = 0.5, 0.2
+"""An arm that is no farther from where it was, and turned by no more, has not moved."""
+JOG_USAGE = "jog x|y|z|rx|ry|rz DISTANCE [world|tool]"
+PLACES_USAGE = "places [NAME] | places drop NAME"
+NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
+
+
+def kept(context: CommandContext) -> NamedPlaces:
+    """The places that operators have named."""
+    return NamedPlaces(context.config.state)
+
+
+def all_places(context: CommandContext) -> list[str]:
+    """Every place there is: the configuration's, and those with a name of the operators' own."""
+    return [*context.cycle.places(), *kept(context).now()]
+
+
+@command(JOG_USAGE, "move", most=3, choices=tuple(AXES), further=lambda _, __: ())
+async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Move the hand a little, straight, from where it is.
+
+    jog z -5          5 mm down, along the world's z
+    jog z 5 tool      5 mm forward, along the hand's own z (out of the gripper)
+    jog rz 10 tool    turn by 10 degrees about it; rx ry rz turn about the point between the fingers
+    At most 100 mm or 30 degrees at a time. Guarded, held by `pause` and `step`, and stopped like every move.
+    """
+    axis = one_of(words, 0, AXES, "axis", JOG_USAGE)
+    number, unit = AXES[axis]
+    distance = _distance(words[1] if len(words) > 1 else "", unit)
+    frame = one_of(words, 2, FRAMES, "frame", JOG_USAGE) if len(words) > 2 else "world"
+    purpose = f"jog {axis} {distance:g} {unit} ({frame})"
+    pose = await with_questions(
+        context, context.cycle.jog(partial(_moved, number, unit, distance, frame), purpose), frontend
+    )
+    if context.cycle.status()["dry"]:
+        return CommandResult("Planned, and not sent: `dry` is on.")
+    x, y, z = pose[:3, 3]
+    return CommandResult(f"At x {x:.1f}  y {y:.1f}  z {z:.1f} mm.", {"world_from_tool": pose.tolist()})
+
+
+def _distance(word: str, unit: str) -> float:
+    try:
+        distance = decimal(word, WRITTEN[unit])
+    except ValueError:
+        distance = np.nan
+    if not 0 < abs(distance) <= LONGEST[unit]:
+        found = shown(word) or "nothing"
+        raise CommandError(
+            f"DISTANCE: expected up to {LONGEST[unit]:g} {unit} either way, found {found}", NOT_UNDERSTOOD
+        )
+    return distance
+
+
+def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: Array) -> Array:
+    """Where the hand is after a small move along or about an axis of world or tool; it turns about its own point."""
+    along = np.eye(3)[axis]
+    turned, shifted = np.eye(3), np.zeros(3)
+    if unit == "mm":
+        shifted = along * distance
+    else:
+        turned = frames.rotation_from_vector(along * np.radians(distance))
+    rotation, point = world_from_tool[:3, :3], world_from_tool[:3, 3]
+    if frame == "tool":
+        return frames.rigid(rotation @ turned, point + rotation @ shifted)
+    return frames.rigid(turned @ rotation, point + shifted)
+
+
+@command("go PLACE", "move", most=1, choices=all_places)
+async def go(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Move to home, bin, a survey place, or one that was named with `here`."""
+    place = one_of(words, 0, all_places(context), "place", go.usage)
+    named = kept(context).now()
+    if place in named and place in context.cycle.places():
+        raise CommandError(
+            f"{place} is a place in facetd.yaml, and another was named so: `places drop {place}`, name that otherwise"
+        )
+    work = context.cycle.move_to(named[place], place) if place in named else context.cycle.go(place)
+    await with_questions(context, work, frontend)
+    dry = context.cycle.status()["dry"]
+    return CommandResult(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
+
+
+@command("here NAME", "change", most=1, choices=lambda context: kept(context).now())
+async def here(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Name the place where the arm is now, for `go NAME`.
+
+    A place of that name is kept in its history (`places NAME`).
+    """
+    if not words:
+        raise CommandError(f"NAME is missing: {here.usage}", NOT_UNDERSTOOD)
+    name = words[0]
+    if not NAME.fullmatch(name):
+        raise CommandError(f"{name}: a place's name is small letters, digits and _, as in bin2", NOT_UNDERSTOOD)
+    if name in context.cycle.places() or name == "drop":
+        raise CommandError(f"{name} is a place of the configuration (`pick` in facetd.yaml); choose another name")
+    pose = await context.cycle.rest()
+    before = kept(context).now().get(name)
+    if before is not None and frontend.asks:
+        apart = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]))
+        if not await yes_or_no(
+            frontend, f"{name} is {apart:.1f} mm from here so far. Name this place {name} instead? [y/n]"
+        ):
+            return CommandResult("Nothing is changed.", status=NOT_DONE)
+        off_mm, turned = frames.size(frames.difference(await context.cycle.rest(), pose))
+        if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
+            raise CommandError(f"the arm has moved since it was asked: say `here {name}` once more")
+    kept(context).keep(name, pose, frontend.who)
+    x, y, z = pose[:3, 3]
+    return CommandResult(f"{name} is x {x:.1f}  y {y:.1f}  z {z:.1f} mm; `go {name}` comes back here.", {"place": name})
+
+
+@command(
+    PLACES_USAGE,
+    "change",
+    most=2,
+    looks=lambda words: words[:1] != ["drop"],
+    choices=lambda context: ("drop", *kept(context).now()),
+    further=lambda context, word: kept(context).now() if word == "drop" else (),
+)
+async def places(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """The places there are; what one was before; drop one."""
+    named = kept(context)
+    if words[:1] == ["drop"]:
+        name = one_of(words, 1, named.now(), "named place", PLACES_USAGE)
+        named.keep(name, None, frontend.who)
+        return CommandResult(f"{name} is no longer a place.", {"dropped": name})
+    no_more(words, 1, PLACES_USAGE)
+    if words:
+        one_of(words, 0, {one.name for one in named.history()}, "named place", PLACES_USAGE)
+        rows = [f"{at_utc(one.kept)} UTC  {_at(one.world_from_tool)}  by {one.who}" for one in named.history(words[0])]
+        return CommandResult("\n".join(rows), {"history": len(rows)})
+    configured, own = context.cycle.places(), named.now()
+    poses, count = {**configured, **own}, len(own)
+    rows = [f"{name:<{max(map(len, poses))}}  {_at(pose)}" for name, pose in [*configured.items(), *own.items()]]
+    own_ones = f"{plural(count, 'place')} named with `here NAME`; the others are" if count else "All are"
+    rows.append(f"{own_ones} the configuration's.")
+    return CommandResult("\n".join(rows), {"places": {name: np.asarray(pose).tolist() for name, pose in poses.items()}})
+
+
+def _at(pose: Array | None) -> str:
+    return "dropped" if pose is None else "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*pose[:3, 3])
+
+
+COMMANDS = (go, jog, here, places)

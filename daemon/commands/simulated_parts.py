@@ -1,0 +1,81 @@
+"""The operator's hand where there is no table to reach: in a simulated cell, and among recorded pairs.
+
+In a real cell a person does this; these commands exist only where the cell is not real.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from daemon.cell.simulated_hand import USUAL, SimulatedHand
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of
+
+
+def _hand(context: CommandContext, label: str | None = None) -> SimulatedHand:
+    """The hand; label: a part that it must have. Raises CommandError."""
+    hand = context.hardware.hand
+    if hand is None:
+        raise CommandError("this cell is real: put the part there yourself")
+    if label is not None and label not in hand.labels:
+        raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
+    return hand
+
+
+def show(context: CommandContext, label: str) -> str:
+    """Hold the part before the cameras in the next of its characteristic views; gives a line about it."""
+    view = _hand(context, label).show(label, len(context.trainer.model_store.views(label)))
+    return f"(simulated) A hand shows the {label}, characteristic view {view + 1}."
+
+
+def lay(context: CommandContext, label: str) -> str:
+    """Lay the part alone amid the table; gives a line about it."""
+    _hand(context, label).lay(label)
+    return f"(simulated) A hand lays the {label} on the table."
+
+
+async def know_drawings(context: CommandContext) -> dict[str, str]:
+    """Give a simulated cell the parts that were drawn, as they are now; gives why for each that it cannot show."""
+    hand = context.hardware.hand
+    if hand is None:
+        return {}
+    return await asyncio.to_thread(lambda: hand.draw(context.trainer.drawings()))
+
+
+@command("place LABEL [VIEW]", most=2, choices=lambda context: _hand(context).labels, aliases=("show",))
+async def place(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """(simulated) hold a part before the cameras.
+
+    Any part that was taught from a drawing is there as well as the cell's own.
+    """
+    label = one_of(words, 0, _hand(context).labels, "part", place.usage)
+    view = _hand(context).show(label, number(words[1], "VIEW", 1, 9) - 1 if len(words) > 1 else 0)
+    return CommandResult(f"The {label} is held before the cameras, view {view + 1}.")
+
+
+@command("scatter [LABEL...]", most=None, choices=lambda context: _hand(context).labels)
+async def scatter(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """(simulated) strew parts over the table."""
+    labels = [one_of(words, k, _hand(context).labels, "part", scatter.usage) for k in range(len(words))]
+    labels = labels or list(USUAL)
+    _hand(context).scatter(labels)
+    return CommandResult(f"On the table: {', '.join(labels)}.")
+
+
+@command("next")
+async def next_pair(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """(recorded) show the next pair."""
+    if not context.hardware.eyes.step():
+        raise CommandError("these cameras are not recorded pairs")
+    return CommandResult("The next pair is shown.")
+
+
+@command("clear")
+async def clear(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """(simulated) take all parts away."""
+    _hand(context).clear()
+    return CommandResult("The table is empty.")
+
+
+RECORDED_COMMANDS = (next_pair,)
+COMMANDS = (place, scatter, clear)

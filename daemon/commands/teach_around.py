@@ -1,0 +1,132 @@
+"""`teach LABEL --around`: the arm walks round a part and learns it whole. Every motion is the cycle's.
+
+What is said of it, asked and kept; where to look from is daemon/pick/around.py's, what is made of it
+daemon/teaching/walked_round.py's.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import numpy as np
+
+from daemon.arm import RefusedError
+from daemon.commands.step_mode import with_questions
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import NOT_DONE, CommandError, CommandResult, Frontend, number, yes_or_no
+from daemon.console.phrases import plural
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, NoThingError, Thing
+from daemon.pick.looking import Look
+from daemon.pick.things import seen_from
+from daemon.teaching.trainer import Recogniser
+from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
+from daemon.vision.facets import Fused, fuse
+from daemon.vision.geometry import Polyhedron, measure
+from daemon.vision.model import TeachError, empty_model
+
+USAGE = "teach LABEL --around [6..12]"
+
+
+def places_asked(words: list[str]) -> int:
+    """How many places, of the words behind --around."""
+    return int(number(words[0], "PLACES", LEAST_PLACES, MOST_PLACES)) if words else USUAL_PLACES
+
+
+async def learnt(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
+    """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
+    seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.eyes.alone is None else 2.0)
+    told = f"The arm goes to {count} places round the {label}, some 300 mm from it: about {seconds:.0f} s"
+    if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it at any moment. May it? [y/n]"):
+        return None
+    trainer = context.trainer
+    sight = Recogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
+    try:
+        thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, frontend.say), frontend)
+    except NoThingError as error:
+        raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
+    if context.cycle.status().get("dry"):
+        raise RefusedError(f"dry: {plural(count, 'place')} would be gone to, and nothing is learnt")
+    found = await asyncio.to_thread(_fused, context, thing, looks)
+    try:
+        part = learnt_round(found, context.cycle.settings.limits.table_z_mm, trainer.library)
+    except TeachError as error:
+        raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
+    await frontend.say("\n".join(_told(part, len(looks))))
+    return part
+
+
+def _fused(context: CommandContext, thing: Thing, looks: list[Look]) -> Fused | None:
+    settings = context.cycle.settings
+    seen = [seen_from(look, thing.groups_in(look), settings.doubt) for look in looks]
+    return fuse(seen, settings.doubt.shared(), settings.limits.table_z_mm)
+
+
+def beside_drawing(part: WalkedRound, drawn: Polyhedron | None) -> tuple[list[str], list[dict[str, Any] | None]]:
+    """How far each side is from the drawing's, in words and as JSON values; nothing where there is no drawing."""
+    if drawn is None:
+        return [], []
+    beside = deviations(part.solid, drawn)
+    known = [one for one in beside if one is not None]
+    if not known:
+        return ["It cannot be laid onto its drawing: is it that part?"], [None] * len(beside)
+    worst = max(one.off_mm for one in known)
+    lines = [f"Beside its drawing: {plural(len(known), 'side')} found again, corners at most {worst:.2f} mm off."]
+    for k, one in enumerate(beside):
+        if one is None:
+            lines.append(f"  side {k + 1}: the drawing has none like it")
+            continue
+        lines.append(
+            f"  side {k + 1}: {one.off_mm:.2f} mm; lengths within {one.length_mm:.2f} mm, "
+            f"angles within {one.angle_deg:.2f} degrees"
+        )
+    return lines, [None if one is None else _json(one) for one in beside]
+
+
+def _json(one: Deviation) -> dict[str, Any]:
+    rounded = {name: round(float(value), 4) for name, value in vars(one).items()}
+    return {**rounded, "facet": one.facet}
+
+
+def _told(part: WalkedRound, looks: int) -> list[str]:
+    """What was learnt, side by side, and what was never seen."""
+    solid = part.solid
+    closed = "" if solid.open_edges else ", closed"
+    lines = [
+        f"From {plural(looks, 'place')}: {plural(len(solid.facets), 'side')}{closed}, "
+        f"corners known to {part.sigma_mm:.2f} mm."
+    ]
+    for k, (ring, kind, places) in enumerate(zip(solid.rings, solid.types, part.looks, strict=True)):
+        sides = measure(solid.corners_mm[ring]).sides
+        lengths = " ".join(f"{mm:.1f}" for mm in sides)
+        lines.append(f"  side {k + 1}: {kind} {lengths} mm, seen from {plural(places, 'place')}")
+    if part.lain:
+        lines.append(f"Never seen: what it lay on ({plural(part.lain, 'edge')} end at the table).")
+    for k, count in part.open_edges:
+        lines.append(f"Never seen: what lies beyond {plural(count, 'edge')} of side {k + 1}.")
+    if part.left_out:
+        lines.append(f"Left out: {plural(part.left_out, 'side')} not seen well enough, or a shadow's.")
+    if solid.open_edges:
+        lines.append("Turn it over and walk round again, to know it from all sides.")
+    return lines
+
+
+def answered(
+    label: str, view: str, stl: str, part: WalkedRound, lines: list[str], data: dict[str, Any]
+) -> CommandResult:
+    """What is said once it is kept."""
+    told = [f"Kept as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
+    values = {
+        "kept": True,
+        "view": view,
+        "stl": stl,
+        "facets": list(part.solid.types),
+        "looks": list(part.looks),
+        "at_table": part.lain,
+        "open_edges": {str(k + 1): n for k, n in part.open_edges},
+        "sigma_mm": round(part.sigma_mm, 4),
+        "corners_mm": np.round(part.solid.corners_mm, 3).tolist(),
+        "rings": [list(ring) for ring in part.solid.facets],
+        **data,
+    }
+    return CommandResult("\n".join(told), values)

@@ -1,0 +1,361 @@
+"""Commands that teach: show a part, or its drawing, keep the view, remove it again. Models are made in models.py."""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from daemon.commands import simulated_parts, teach_around
+from daemon.commands.observing import describe_facet, drawn, look_of
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import (
+    NOT_DONE,
+    NOT_UNDERSTOOD,
+    CommandError,
+    CommandResult,
+    Frontend,
+    command,
+    no_more,
+    number,
+    one_of,
+    yes_or_no,
+)
+from daemon.console.phrases import at_utc, plural
+from daemon.console.text_layout import table
+from daemon.pick.looking import Look
+from daemon.store.outside import read_file
+from daemon.store.yamlfile import LARGEST_BYTES
+from daemon.teaching.mesh import UNITS_MM, MeshError
+from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
+from daemon.teaching.trainer import ROUND, teaching_note
+from daemon.vision.model import TeachError
+from daemon.vision.values import Facet
+
+LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
+MOST_ALIKE = 3
+"""Pairs of look-alikes that `accept` tells of."""
+MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
+
+
+def with_views(context: CommandContext) -> list[str]:
+    """Labels that were shown or drawn."""
+    return context.trainer.model_store.labels()
+
+
+def _numbers(context: CommandContext, label: str) -> list[str]:
+    return [str(view.number) for view in context.trainer.model_store.views(label)]
+
+
+@command("teach LABEL [--mesh FILE | --around [PLACES]]", "change", most=None, choices=lambda context: context.parts,
+         first=True, further=lambda _, __: ("--mesh", "--around"))  # fmt: skip
+async def teach(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Keep what is seen as that part.
+
+    Show the part alone. What is seen is drawn and you are asked whether it is right.
+    Then you are told which sides are still unseen and what it could be taken for.
+    With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being
+    shown: every characteristic view of it, and its exact shape. The file is read where you sit.
+    With --around the arm walks round it, to 6 to 12 places (10), as it lies alone amid the table: the whole part but
+    for what it lies on, an STL of it, and how far it is from its drawing where there is one. Asked first.
+    """
+    if "--mesh" in words:
+        return await _teach_drawing(context, words, frontend)
+    if "--around" in words:
+        return await _teach_around(context, words, frontend)
+    label = await _label(context, words, frontend)
+    hand = context.hardware.hand
+    if hand is None:
+        return await _teach_what_is_shown(context, label, frontend)
+    await frontend.say(simulated_parts.show(context, label))
+    try:
+        return await _teach_what_is_shown(context, label, frontend)
+    finally:
+        hand.put_back()
+
+
+async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Frontend) -> CommandResult:
+    seen = await look_of(context, frontend, f"teach {label}")
+    left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
+    table = context.table_in(seen)
+    moved = seen.taken.moved
+    group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table, moved)
+    facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
+    apart, elsewhere = apart_from(group, others)
+    await frontend.say(_shown(label, facets, sides, (apart, elsewhere), frontend.columns))
+    if any(len(other.facets) > 1 for other in others) and not frontend.asks:
+        raise CommandError(f"{len(others) + 1} separate things are seen; show the {label} alone, evenly lit")
+    named = _named_otherwise(seen, label)
+    if named:
+        await frontend.say(f"The model in use takes this for {named}.")
+    if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}, alone and whole? [y/n]"):
+        return CommandResult("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
+    note = teaching_note(frontend.who, _digest(context), table, facets, moved)
+    view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
+    verdict, data = await _sufficiency(context, label)
+    text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
+    data |= {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], "apart": len(apart)}
+    return CommandResult(text, data)
+
+
+async def _teach_around(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Learn a part by walking round it as it lies on the table."""
+    at = words.index("--around")
+    no_more(words[at:], 2, teach_around.USAGE)
+    count = teach_around.places_asked(words[at + 1 :])
+    label = await _label(context, words[:at], frontend)
+    context.cycle.supervisor.may_move()
+    hand = context.hardware.hand
+    if hand is not None:
+        await frontend.say(simulated_parts.lay(context, label))
+    try:
+        part = await teach_around.learnt(context, label, count, frontend)
+    finally:
+        if hand is not None:
+            hand.put_back()
+    if part is None:
+        return CommandResult("Not walked round, and nothing is kept.", {"kept": False}, NOT_DONE)
+    lines, beside = teach_around.beside_drawing(part, context.trainer.drawings().get(label))
+    if lines:
+        await frontend.say("\n".join(lines))
+    if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}? [y/n]"):
+        return CommandResult(
+            "Not kept. Light it better or go to more places, and say it again.", {"kept": False}, NOT_DONE
+        )
+    note = {"who": frontend.who, "calibration": _digest(context), "places": count}
+    view = await asyncio.to_thread(context.trainer.store_round, label, part.solid, note)
+    verdict, data = await _sufficiency(context, label)
+    more = [verdict, "`train` makes a candidate with it."]
+    return teach_around.answered(label, view.name, str(view.mesh), part, more, {"beside_drawing": beside, **data})
+
+
+async def _teach_drawing(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Learn a part from its STL or OBJ file, without showing it."""
+    at = words.index("--mesh")
+    file, unit = (*words[at + 1 :], *(None,) * 2)[:2]
+    if file is None:
+        raise CommandError(f"FILE is missing: {MESH_USAGE}", NOT_UNDERSTOOD)
+    no_more(words[at:], 3, MESH_USAGE)
+    unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
+    content = await frontend.fetch(file)
+    name = file.rpartition("/")[2]
+    try:  # what is wrong with the file is said before anything is asked
+        await asyncio.to_thread(solid_drawn, name, content, unit, context.trainer.library)
+        label = await _label(context, words[:at], frontend, shown=False)
+        odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
+        if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Keep it all the same? [y/n]")):
+            raise CommandError(f"not kept: {odd}")
+        view = await asyncio.to_thread(context.trainer.store_mesh, label, name, content, unit, {"who": frontend.who})
+    except (MeshError, TeachError) as error:
+        raise CommandError(str(error), NOT_UNDERSTOOD) from None
+    verdict, data = await _sufficiency(context, label)
+    count = Counter(view.note["facets"][0])
+    facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
+    lines = [f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
+    unmade = (await simulated_parts.know_drawings(context)).get(label)
+    if unmade is not None:
+        lines.append(f"The simulated cell cannot show it: {unmade}.")
+    elif context.hardware.hand is not None:
+        lines.append(f"The simulated cell has it: `show {label}`, or `scatter {label}` onto the table.")
+    lines.append("`train` makes a candidate with it.")
+    return CommandResult("\n".join(lines), {"kept": True, "view": view.name, **data})
+
+
+@command("untaught")
+async def untaught(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+    """Parts never shown, views not in use yet."""
+    missing, waiting = context.trainer.untaught(), context.trainer.waiting()
+    lines = [f"Never shown: {', '.join(missing)}." if missing else "Every part of parts.yaml was shown."]
+    if waiting:
+        names = ", ".join(view.name for view in waiting)
+        lines.append(f"Taught, and not in use yet: {names}; `train`, then `accept`.")
+    return CommandResult("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
+
+
+@command("views [LABEL]", most=1, choices=with_views)
+async def views(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """The views that were taught."""
+    label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
+    found = context.trainer.model_store.views(label)
+    rows = [(view.name, view.damage or _taught(view.note)) for view in found]
+    data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
+    return CommandResult(table(rows, frontend.columns) or "No view is stored: `teach LABEL`.", {"views": data})
+
+
+@command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
+async def forget(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Remove taught views."""
+    label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", forget.usage)
+    which = number(words[1], "NUMBER", 1, 9999) if len(words) > 1 else None
+    what = f"view {label}/{which}" if which else f"all views of {label}"
+    if which and str(which) not in (there := _numbers(context, label)):
+        raise CommandError(f"there is no {what}; of {label} there are {', '.join(there)}")
+    if frontend.asks and not await yes_or_no(frontend, f"Remove {what} for good? [y/n]"):
+        return CommandResult("Nothing is removed.", {"removed": 0}, NOT_DONE)
+    removed = context.trainer.model_store.drop_views(label, which)
+    await simulated_parts.know_drawings(context)
+    if not removed:
+        raise CommandError(f"there is no {what}")
+    text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
+    return CommandResult(text, {"removed": removed})
+
+
+async def _label(context: CommandContext, words: list[str], frontend: Frontend, shown: bool = True) -> str:
+    """The label to teach; one that is new is asked about. shown: a simulated hand must have it. Raises CommandError."""
+    no_more(words, 1, "teach LABEL")
+    if not words:
+        known = ", ".join(context.parts) or "none yet"
+        raise CommandError(f"which part? teach LABEL; known labels: {known}", NOT_UNDERSTOOD)
+    label = words[0]
+    if label in context.parts:
+        return label
+    if not LABEL.fullmatch(label) or label in ("unknown", "nothing"):
+        raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
+    close = difflib.get_close_matches(label, context.parts, 1)
+    hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})."
+    if context.hardware.hand is not None and shown:
+        way = f"The simulated cell has no other to show: teach {label} --mesh FILE"
+    elif not frontend.asks:
+        way = "A new one: at a console, where it can be asked about, or by a line in parts.yaml"
+    else:
+        way = ""
+    if way:
+        raise CommandError(f"{label}: no such part{hint} {way}", NOT_UNDERSTOOD)
+    if not await yes_or_no(frontend, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):
+        raise CommandError("not taught")
+    return label
+
+
+async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
+    """What the views kept so far leave open about a part: in words and as JSON."""
+    model, _ = await asyncio.to_thread(context.trainer.learnt)
+    if label not in model.metric:
+        return "", {}
+    judged = await asyncio.to_thread(context.trainer.judge, model, label)
+    return describe_sufficiency(judged), {"sufficiency": sufficiency_json(judged)}
+
+
+def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
+    """In at most a few lines: what is known, what was never seen, what it could be taken for, what to show next. brief:
+    in one line, without what only helps whoever holds the part."""
+    known = f"{judged.label}: {plural(len(judged.facets), 'side')} known"
+    if judged.unseen:
+        known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides never seen"
+    else:
+        known += ", from every direction enough of it is known"
+    lines = [known + "."]
+    if brief:
+        taken = {name for m in judged.mistakes for name in m.taken_for if name not in (judged.label, "unknown")}
+        return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
+    if judged.turn_away is not None:
+        place, kind = judged.turn_away
+        lines.append(f"  To show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
+    told: dict[str, int] = {}
+    for mistake in judged.mistakes:
+        others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
+        what = f"could be {' or '.join(others)}" if others else "is not named"
+        alone = _counted(mistake.facets)
+        seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
+        told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
+    for text, directions in list(told.items())[:3]:
+        count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
+        lines.append(f"  {text} ({count}); a look from elsewhere settles it.")
+    return "\n".join(lines)
+
+
+def describe_alike(pairs: Sequence[Alike]) -> str:
+    """In one line: which parts could be taken for each other, and what is then seen of them; the likeliest few."""
+    told = [
+        f"{' and '.join(two.labels)} seen as {_counted(two.facets)} alone"
+        f" ({plural(two.viewpoints, 'direction')} of {VIEWPOINTS})"
+        for two in pairs[:MOST_ALIKE]
+    ]
+    if len(pairs) > MOST_ALIKE:
+        told.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more by less")
+    return f"Could be taken for each other: {'; '.join(told)}. A look from elsewhere settles it."
+
+
+def _counted(kinds: Sequence[str]) -> str:
+    return " and ".join(
+        f"one {kind}" if number == 1 else f"{number} {kind}s" for kind, number in Counter(kinds).items()
+    )
+
+
+def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
+    """The same as JSON values."""
+    return {
+        "sides": list(judged.facets),
+        "open_edges": judged.open_edges,
+        "unseen": round(judged.unseen, 3),
+        "named": round(judged.named, 3),
+        "mistakes": [
+            {"taken_for": list(m.taken_for), "facets": list(m.facets), "viewpoints": m.viewpoints}
+            for m in judged.mistakes
+        ],
+    }
+
+
+def _shown(
+    label: str,
+    facets: Sequence[Facet],
+    sides: list[int | None],
+    beside: tuple[Sequence[Facet], Sequence[Facet]],
+    columns: int,
+) -> str:
+    """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. beside: those that
+    may be its own and meet none of them, and those of other things; they have no number."""
+    apart, elsewhere = beside
+    marks = ["?" if side is None else str(side + 1) for side in sides]
+    outlines = [(f.left_px, "") for f in (*apart, *elsewhere)]
+    outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
+    rows: dict[str, list[str]] = {}
+    for facet, mark in zip(facets, marks, strict=True):
+        rows.setdefault(describe_facet(facet), []).append(mark)
+    lines = [drawn(outlines, columns)]
+    lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
+    if elsewhere:
+        lines.append(f"and {plural(len(elsewhere), 'facet')} of something else beside it")
+    if apart:
+        lines.append(_describe_apart(label, len(apart)))
+    return "\n".join(lines)
+
+
+def _describe_apart(label: str, count: int) -> str:
+    """What is the matter with a view in which facets that may be the part's meet none of its sides, and what to do."""
+    meet, they_are, them = ("meets", "it is", "it") if count == 1 else ("meet", "they are", "them")
+    return (
+        f"{plural(count, 'facet')} {meet} none of these sides. If {they_are} the {label}'s, this view teaches little: "
+        f"say n, turn it a little until the edge between shows, and `teach` again. If not, take {them} away."
+    )
+
+
+def _named_otherwise(seen: Look, label: str) -> str | None:
+    """Another label the model in use gives to the part in view."""
+    names = [part.recognition.label for part in seen.scene.parts]
+    others = [name for name in names if name not in (label, "unknown")]
+    return others[0] if others and label not in names else None
+
+
+def _taught(note: dict[str, Any]) -> str:
+    return f"{at_utc(str(note.get('taught', '')))} UTC  {_what_of(note)}, by {note.get('who', '?')}"
+
+
+def _what_of(note: dict[str, Any]) -> str:
+    groups: list[list[str]] = note.get("facets") or [[]]
+    if ROUND in note:
+        return f"walked round, {plural(len(groups[0]), 'facet')}"
+    if "mesh" in note:
+        return f"drawing {note['mesh']} in {note.get('unit', 'mm')}, {plural(len(groups[0]), 'facet')}"
+    return ", ".join(sorted(groups, key=len)[-1]) or "?"
+
+
+def _digest(context: CommandContext) -> str:
+    return hashlib.sha256(read_file(context.config.calibration, LARGEST_BYTES)).hexdigest()
+
+
+COMMANDS = (teach, untaught, views, forget)

@@ -1,0 +1,108 @@
+"""What there is to see at this moment, folded from records, states and notices as they come. Pure; no file, no line."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from daemon.review.cli import told
+from daemon.review.digest import Stop
+from daemon.review.pagedata import stop_json
+from daemon.store.records import Record
+
+Json = dict[str, Any]
+SHOWN = (
+    *("state", "doing", "target", "stop", "fault", "pending", "enabled", "paused", "auto"),
+    *("picked", "failed", "cell", "model", "troubles", "up_s"),
+)
+"""What of the daemon's status is shown."""
+LOOKS = 4
+"""So many are kept."""
+
+
+@dataclass
+class DashboardState:
+    """daemon: None while none answers. version counts the changes."""
+
+    daemon: Json | None = None
+    run: str | None = None
+    start: Json = field(default_factory=dict)
+    look: Json | None = None
+    pictures: dict[int, Mapping[str, str]] = field(default_factory=dict)
+    """Of the last looks, by record and eye: a viewer may still be drawing the one before."""
+    approach: list[Json] = field(default_factory=list)
+    picks: deque[Json] = field(default_factory=lambda: deque(maxlen=20))
+    lines: deque[str] = field(default_factory=lambda: deque(maxlen=40))
+    version: int = 0
+    _began_s: float = 0.0
+
+    def answered(self, status: Json | None) -> None:
+        """What the daemon says of itself, or that none answers."""
+        daemon = None if status is None else {key: status.get(key) for key in SHOWN}
+        steady = {**(daemon or {}), "up_s": None} == {**(self.daemon or {}), "up_s": None}
+        if not steady or (daemon is None) != (self.daemon is None):
+            self.version += 1
+        self.daemon = daemon
+
+    def noticed(self, text: str) -> None:
+        """A line that the daemon tells everybody."""
+        self.lines.append(text)
+        self.version += 1
+
+    def began(self, run: str) -> None:
+        """Another run is being written."""
+        self.run, self.look, self.pictures = run, None, {}
+        self.approach.clear()
+        self.version += 1
+
+    def recorded(self, record: Record) -> None:
+        """One record of the run. Raises nothing, whatever it holds."""
+        kind = record.get("kind")
+        try:
+            self._fold(str(kind), record)
+            line = told(record, self.start.get("utc_offset_s") or 0)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            return  # a record that another version wrote: the others are shown
+        if line is not None:
+            self.lines.append(line)
+        self.version += 1
+
+    def _fold(self, kind: str, record: Record) -> None:
+        if kind == "run_start":
+            self.start = {name: record.get(name) for name in ("name", "cell", "version", "utc_offset_s", "limits")}
+        elif kind == "cycle_start":
+            self.approach.clear()
+            self._began_s = float(record["mono_s"])
+        elif kind == "look":
+            self.look = stop_json(Stop(record.get("stop"), str(record.get("purpose")), record, None, ()))
+            kept = list(self.pictures.items())[1 - LOOKS :]
+            self.pictures = dict([*kept, (int(record["seq"]), dict(record.get("images") or {}))])
+        elif kind == "estimate":
+            told_mm = {"look": record.get("stop"), "mm": record.get("predicted_mm"), "deg": record.get("predicted_deg")}
+            self.approach.append(told_mm | {"label": record.get("label")})
+        elif kind == "cycle_end":
+            self.picks.append(
+                {
+                    "n": record.get("cycle"),
+                    "t": record.get("t"),
+                    "label": record.get("label"),
+                    "outcome": record.get("outcome"),
+                    "why": record.get("why"),
+                    "s": round(float(record["mono_s"]) - self._began_s, 1) if self._began_s else None,
+                }
+            )
+
+    def json(self) -> Json:
+        """All of it, for the page."""
+        return {
+            "daemon": self.daemon,
+            "run": self.run,
+            "start": self.start,
+            "look": self.look,
+            "eyes": [] if self.look is None else sorted(self.pictures.get(self.look["seq"], {})),
+            "approach": self.approach,
+            "picks": list(self.picks),
+            "lines": list(self.lines),
+        }

@@ -1,0 +1,268 @@
+"""A terminal's bytes -> lines of text and what to echo, for a VT100 or better. No I/O: bytes in, bytes and events out.
+
+Keys: backspace or delete, control-U (line), control-W (word), control-A, control-E and the arrows (cursor), control-P,
+control-N and the arrows (history), control-L (draw again, and ask how large the terminal is), tab (complete),
+control-C (interrupt), control-D (end).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+from daemon.console.text_layout import LOWEST, NARROWEST, fold
+from daemon.errors import visible
+
+LONGEST_LINE = 240
+COLUMNS, ROWS = 80, 24
+"""A VT100's, until the terminal says how large it is."""
+ASK_SIZE = b"\x1b7\x1b[999;999H\x1b[6n\x1b8"
+"""To the last corner there is, say where that is, and back."""
+SIZE = re.compile(rb"(\d{1,4});(\d{1,4})R")
+HISTORY = 200
+BELL = b"\x07"
+CLEAR_TO_END = b"\x1b[K"
+BEFORE, BEHIND = "<", ">"
+"""Where a line is longer than the row that shows it."""
+
+
+class EditorKey(Enum):
+    """What an operator can press besides letters."""
+
+    INTERRUPT = "interrupt"
+    END = "end"
+
+
+@dataclass
+class EditorOutput:
+    """What came of some bytes: what to send back to the terminal, and lines or keys in order."""
+
+    echo: bytes = b""
+    events: list[str | EditorKey] = field(default_factory=list)
+
+
+def no_completion(_: str) -> list[str]:
+    """Nothing to complete with."""
+    return []
+
+
+class LineEditor:
+    """One terminal's line being typed. `complete` gives every whole line that the typed one may become."""
+
+    def __init__(self, prompt: str = "> ", complete: Callable[[str], list[str]] = no_completion) -> None:
+        self.prompt = prompt
+        self.complete = complete
+        self.history: list[str] = []
+        self.remember = True
+        self.columns, self.rows = COLUMNS, ROWS
+        self._text, self._cursor, self._back = "", 0, 0
+        self._first, self._whole = 0, True
+        """The first character that stands on the row, and whether all behind it does."""
+        self._kept = ""
+        self._escape = b""
+        self._after_cr = False
+        self._keys: dict[int, Callable[[], bytes]] = {
+            0x01: self._home, 0x02: self._left, 0x04: self._delete, 0x05: self._end, 0x06: self._right,
+            0x08: self._backspace, 0x09: self._tab, 0x0C: self._redraw, 0x0E: self._later, 0x10: self._earlier,
+            0x12: self._redraw, 0x15: self._kill_line, 0x17: self._kill_word, 0x7F: self._backspace,
+        }  # fmt: skip
+        self._escapes: dict[bytes, Callable[[], bytes]] = {
+            b"A": self._earlier, b"B": self._later, b"C": self._right, b"D": self._left,
+            b"H": self._home, b"F": self._end, b"3~": self._delete,
+        }  # fmt: skip
+
+    @property
+    def text(self) -> str:
+        """The line as it is typed so far."""
+        return self._text
+
+    def feed(self, data: bytes) -> EditorOutput:
+        """Take what the terminal sent."""
+        typed = EditorOutput()
+        for byte in data:
+            self._take(byte, typed)
+        return typed
+
+    def show_prompt(self) -> bytes:
+        """The prompt and what is typed so far, on a row of its own; of a line too long for that, what is around the
+        cursor, with a mark where there is more."""
+        room = self._scrolled()
+        shown = list(self._text[self._first : self._first + room])
+        if self._first:
+            shown[0] = BEFORE
+        if not self._whole:
+            shown[-1] = BEHIND
+        back = b"\b" * (self._first + len(shown) - self._cursor)
+        return b"\r" + (self.prompt + "".join(shown)).encode() + CLEAR_TO_END + back
+
+    def notice(self, text: str) -> bytes:
+        """Some lines of text above the line being typed, which is drawn again below them."""
+        return b"\r" + CLEAR_TO_END + to_terminal(text, self.columns - 1) + self.show_prompt()
+
+    def _scrolled(self) -> int:
+        """Move the part of the line that is shown to where the cursor is; gives how many characters fit."""
+        room = max(4, self.columns - 1 - len(self.prompt))
+        at, length = self._cursor - self._first, len(self._text)
+        seen = (at > 0 or self._first == 0) and (at < room - 1 or (at <= room and self._first + room >= length))
+        if length <= room:
+            self._first = 0
+        elif not seen:
+            self._first = max(0, self._cursor - room // 2)
+        self._whole = length - self._first <= room
+        return room
+
+    def _drawn(self, changed: bytes) -> bytes:
+        """What shows a change: these few bytes, as long as all from the first character on stands on the row."""
+        before = self._first, self._whole
+        self._scrolled()
+        return changed if before == (self._first, True) and self._whole else self.show_prompt()
+
+    def _take(self, byte: int, typed: EditorOutput) -> None:
+        if self._escape and (byte < 0x20 or (self._escape == b"\x1b" and byte not in b"[O")):
+            self._escape = b""  # it was a stray one: what follows is typed for itself
+        if self._escape:
+            typed.echo += self._continue_escape(byte)
+        elif byte == 0x0A and self._after_cr:
+            pass  # the other half of a line's end
+        elif byte in (0x0D, 0x0A):
+            typed.echo += b"\r\n"
+            typed.events.append(self._finish())
+        elif byte == 0x03:
+            self._start_over()
+            typed.echo += b"^C\r\n"
+            typed.events.append(EditorKey.INTERRUPT)
+        elif byte == 0x04 and not self._text:
+            typed.events.append(EditorKey.END)
+        elif byte == 0x1B:
+            self._escape = b"\x1b"
+        elif byte in self._keys:
+            typed.echo += self._keys[byte]()
+        elif 0x20 <= byte < 0x7F:
+            typed.echo += self._insert(chr(byte))
+        elif byte:
+            typed.echo += BELL
+        self._after_cr = byte == 0x0D
+
+    def _continue_escape(self, byte: int) -> bytes:
+        self._escape += bytes([byte])
+        body = self._escape[2:]
+        if len(self._escape) == 2:
+            return b""
+        if not (0x40 <= byte <= 0x7E) and len(body) < 8:
+            return b""
+        self._escape = b""
+        if said := SIZE.fullmatch(body):
+            self._sized(int(said[1]), int(said[2]))
+            return b""
+        return self._escapes[body]() if body in self._escapes else BELL
+
+    def _sized(self, rows: int, columns: int) -> None:
+        """A terminal that cannot go to its last corner says something else; it stays as large as a VT100."""
+        if rows >= LOWEST and columns >= NARROWEST:
+            self.rows, self.columns = rows, columns
+
+    def _finish(self) -> str:
+        line = self._text
+        if self.remember and line.strip() and (not self.history or self.history[-1] != line):
+            self.history = [*self.history, line][-HISTORY:]
+        self._start_over()
+        return line
+
+    def _start_over(self) -> None:
+        self._text, self._cursor, self._back, self._kept = "", 0, 0, ""
+        self._first, self._whole = 0, True
+
+    def _insert(self, text: str) -> bytes:
+        if len(self._text) + len(text) > LONGEST_LINE:
+            return BELL
+        tail = self._text[self._cursor :]
+        self._text = self._text[: self._cursor] + text + tail
+        self._cursor += len(text)
+        return self._drawn((text + tail).encode() + b"\b" * len(tail))
+
+    def _cut(self, start: int, end: int) -> bytes:
+        """Take characters out; the cursor ends up at start, having been at start or end."""
+        if start == end:
+            return BELL
+        tail = self._text[end:]
+        moved = b"\b" * (self._cursor - start)
+        self._text, self._cursor = self._text[:start] + tail, start
+        return self._drawn(moved + tail.encode() + CLEAR_TO_END + b"\b" * len(tail))
+
+    def _backspace(self) -> bytes:
+        return self._cut(max(0, self._cursor - 1), self._cursor)
+
+    def _delete(self) -> bytes:
+        return self._cut(self._cursor, min(len(self._text), self._cursor + 1))
+
+    def _kill_line(self) -> bytes:
+        return self._replace("") if self._text else b""
+
+    def _kill_word(self) -> bytes:
+        start = len(self._text[: self._cursor].rstrip().rpartition(" ")[0])
+        return self._cut(start + (start > 0), self._cursor)
+
+    def _home(self) -> bytes:
+        moved, self._cursor = b"\b" * self._cursor, 0
+        return self._drawn(moved)
+
+    def _end(self) -> bytes:
+        tail, self._cursor = self._text[self._cursor :], len(self._text)
+        return self._drawn(tail.encode())
+
+    def _left(self) -> bytes:
+        if self._cursor == 0:
+            return BELL
+        self._cursor -= 1
+        return self._drawn(b"\b")
+
+    def _right(self) -> bytes:
+        if self._cursor == len(self._text):
+            return BELL
+        self._cursor += 1
+        return self._drawn(self._text[self._cursor - 1].encode())
+
+    def _redraw(self) -> bytes:
+        return b"\r\n" + ASK_SIZE + self.show_prompt()
+
+    def _replace(self, text: str) -> bytes:
+        self._text, self._cursor = text, len(text)
+        return self.show_prompt()
+
+    def _earlier(self) -> bytes:
+        if self._back == len(self.history):
+            return BELL
+        if self._back == 0:
+            self._kept = self._text
+        self._back += 1
+        return self._replace(self.history[-self._back])
+
+    def _later(self) -> bytes:
+        if self._back == 0:
+            return BELL
+        self._back -= 1
+        return self._replace(self.history[-self._back] if self._back else self._kept)
+
+    def _tab(self) -> bytes:
+        before = self._text[: self._cursor]
+        options = self.complete(before)
+        if not options:
+            return BELL
+        common = _common_start(options)
+        if len(common) > len(before):
+            return self._insert(common[len(before) :] + (" " if len(options) == 1 and common[-1] != "/" else ""))
+        offered = "  ".join(o.rpartition(" ")[2] for o in options)
+        return b"\r\n" + to_terminal(offered, self.columns - 1) + self.show_prompt()
+
+
+def to_terminal(text: str, columns: int = COLUMNS - 1) -> bytes:
+    """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
+    return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(visible(text), columns))
+
+
+def _common_start(options: list[str]) -> str:
+    first, last = min(options), max(options)
+    same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
+    return first[:same]

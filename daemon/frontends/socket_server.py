@@ -1,0 +1,427 @@
+"""The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
+
+Operator to daemon: {"do": TEXT, "frontend": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS],
+"block": ID}: a command, of one line; where another is still being done it is refused, unless it waits; size: of the
+terminal, ROWS null where pages are not turned there; block: of what was pasted together, done line by line to the first
+that is not. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
+{"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
+a fetch; {"keys": TEXT} {"leave": true} at a terminal.
+Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
+{"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
+{"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
+{"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for.
+Who is speaking is what the kernel says of the other end, not what it says of itself (rights.py: and what they may).
+
+Whoever comes after too many others may still say one thing: stop. Room is kept for that.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+import os
+import re
+import select
+import socket
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import UNSET, UnsetType
+
+from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, CommandError, CommandResult, Interpreter
+from daemon.console.stop_words import means_stop
+from daemon.console.text_layout import LOWEST, NARROWEST, WIDEST
+from daemon.errors import printable, visible
+from daemon.frontends.client import LONGEST_FILE
+from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
+from daemon.frontends.line_editor import COLUMNS
+from daemon.frontends.rights import FrontendError, May, Peer, Rights, peer_of
+
+LONGEST_MESSAGE = 64 * 1024
+SAID = re.compile(r'"(?:do|answer)"\s*:\W*(.*)', re.DOTALL)
+MOST_UNREAD = 256 * 1024
+"""Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
+MOST_UNHEARD = 16_000_000
+"""Bytes beyond which they are hung up."""
+MOST_EACH, MOST_TOGETHER, MOST_TO_STOP = 32, 256, 128
+"""Connections of one user, of all, and beyond those, for a stop. Together far fewer than the unit's descriptors."""
+WAITING = 16
+"""Connections taken in one turn of the loop: fewer than would push out one for a stop before it is read."""
+FIRST_WORD_S, IDLE_S, STOP_S = 30.0, 600.0, 5.0
+"""After how long of silence somebody is hung up: who never said anything; who has nothing to wait for, neither an
+answer nor notices, or does not read what they wait for; who came only to stop, or has said good-bye."""
+SHOWN = ("say", "ask", "notice", "stopped")
+
+
+class SocketMessage(msgspec.Struct):
+    """What an operator's end may send."""
+
+    do: str | UnsetType = UNSET
+    frontend: str | UnsetType = UNSET
+    door: str | UnsetType = UNSET
+    """What `frontend` was called before."""
+    asks: bool | UnsetType = UNSET
+    id: int | str | UnsetType | None = UNSET
+    size: tuple[int, int | None] | UnsetType = UNSET
+    block: int | str | UnsetType | None = UNSET
+    waits: bool = False
+    answer: str | UnsetType = UNSET
+    interrupt: bool | UnsetType = UNSET
+    complete: str | UnsetType = UNSET
+    notices: bool | UnsetType = UNSET
+    file: str | UnsetType = UNSET
+    more: bool = False
+    no_file: str | UnsetType = UNSET
+    keys: str | UnsetType = UNSET
+    leave: bool | UnsetType = UNSET
+
+
+class SocketServer:
+    """Listens at a path; every connection is one operator."""
+
+    def __init__(self, path: Path, rights: Rights, interpreter: Interpreter, interrupt: Interrupt) -> None:
+        self.path, self._rights, self._interpreter, self._interrupt = path, rights, interpreter, interrupt
+        self._server: asyncio.Server | None = None
+        self._operators: dict[asyncio.Task[None], int] = {}
+        """Whose each connection is."""
+        self._to_stop: dict[asyncio.Task[None], None] = {}
+        """Those beyond the limits, the oldest first."""
+
+    async def open(self) -> None:
+        """Bind the socket, for whom rights.py says. Raises FrontendError."""
+        if len(os.fsencode(self.path)) > 100:
+            raise FrontendError(f"{self.path}: too long for a socket's path; set folders.runtime to a shorter one")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._take_over()
+            before = os.umask(0o177)
+            try:
+                self._server = await asyncio.start_unix_server(
+                    self._admit, self.path, limit=LONGEST_MESSAGE, backlog=WAITING
+                )
+            finally:
+                os.umask(before)
+            try:
+                self._give_to(self._rights.group)
+                os.chmod(self.path, self._rights.mode)
+            except (FrontendError, OSError):
+                await self.close()
+                raise
+        except OSError as error:
+            raise FrontendError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
+
+    def _give_to(self, group: int) -> None:
+        """Change the socket's group where it is another: the unit's filter of system calls lets nobody do that."""
+        if os.stat(self.path).st_gid == group:
+            return
+        try:
+            os.chown(self.path, -1, group)
+        except OSError as error:
+            what = f"{self.path}: cannot be given to console.group: {error.strerror}"
+            raise FrontendError(f"{what}; make it the daemon's own group (`systemctl edit facetd`, Group=)") from None
+
+    async def close(self) -> None:
+        """Let go of the path and of every operator; safe to call twice."""
+        if self._server is None:
+            return
+        self._server.close()
+        self._server = None
+        self.path.unlink(missing_ok=True)
+        tasks = [*self._operators, *self._to_stop]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _take_over(self) -> None:
+        """Remove the socket of a daemon that died. Raises FrontendError where one is alive, or it is no socket."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            probe.setblocking(False)  # one that hangs takes nobody in, and is there all the same
+            try:
+                probe.connect(str(self.path))
+            except FileNotFoundError:
+                return
+            except BlockingIOError:
+                pass
+            except ConnectionRefusedError:
+                if not self.path.is_socket():
+                    raise FrontendError(
+                        f"{self.path}: lies where the socket goes, and is no socket; move it away"
+                    ) from None
+                self.path.unlink()
+                return
+        raise FrontendError(f"{self.path}: another facetd answers there; stop it first")
+
+    async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        peer = peer_of(writer.get_extra_info("socket"))
+        may = self._rights.of(peer)
+        operator = SocketFrontend(reader, writer, self._interpreter, self._interrupt, peer, may or "look")
+        try:
+            if may is None:
+                await operator.refuse("you are in neither of the groups that may come in here (console.group)")
+            elif self._crowded(peer):
+                self._make_way(task)
+                await operator.listen_for_a_stop()
+            else:
+                self._operators[task] = peer.user
+                await operator.listen()
+        except (ConnectionError, TimeoutError, asyncio.CancelledError):
+            pass
+        finally:
+            operator.leave()
+            await _hang_up(writer)
+            self._operators.pop(task, None)
+            self._to_stop.pop(task, None)
+
+    def _crowded(self, peer: Peer) -> bool:
+        return len(self._operators) >= MOST_TOGETHER or Counter(self._operators.values())[peer.user] >= MOST_EACH
+
+    def _make_way(self, newest: asyncio.Task[None]) -> None:
+        """Who came to stop says so at once: of those that wait, the oldest go."""
+        for oldest in list(self._to_stop)[: len(self._to_stop) - MOST_TO_STOP + 1]:
+            del self._to_stop[oldest]
+            oldest.cancel()
+        self._to_stop[newest] = None
+
+
+class SocketFrontend:
+    """One connection: the Frontend a command sees."""
+
+    def __init__(
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        interpreter: Interpreter,
+        interrupt: Interrupt,
+        peer: Peer,
+        may: May,
+    ) -> None:
+        self._reader, self._writer, self._interpreter = reader, writer, interpreter
+        self.name, self.asks, self.who, self.may = "socket", False, str(peer), may
+        self.shown: int | None = None
+        self.columns: int = COLUMNS
+        self.rows: int | None = None
+        self._spoke = self._listens = False
+        self._queue = CommandQueue(interpreter, self, interrupt, self._show_question)
+        self._file: asyncio.Future[bytes] | None = None
+        self._content = bytearray()
+        self._typed: Callable[[bytes], None] | None = None
+        self._left = asyncio.Event()
+
+    async def listen(self) -> None:
+        """Serve the operator until they hang up, or have been silent for long with nothing to wait for."""
+        while line := await self._next_line():
+            self._spoke = True
+            try:
+                self._hear(_message(line))
+            except ValueError as error:
+                # Nobody waits here for one who does not read: their next line may be a stop.
+                self._write({"done": _plain(CommandResult(f"not a message: {error}", {}, 2))})
+        if _hears(self._writer.get_extra_info("socket")):  # it has said all, and waits for the answers
+            self._interpreter.context.notices.leave(self)
+            self._queue.say_no_more()
+            self._left.set()
+        else:
+            self.leave()
+        await self._queue.end()
+
+    async def listen_for_a_stop(self) -> None:
+        """Serve somebody who came after too many others. Raises TimeoutError where they say nothing."""
+        message = SocketMessage()
+        with contextlib.suppress(ValueError):
+            async with asyncio.timeout(STOP_S):
+                message = _message(await self._reader.readline())
+        if message.interrupt is UNSET and not (isinstance(message.do, str) and self._interpreter.is_stop(message.do)):
+            await self.refuse("too many connections are open: close some (`stop` and control-C are heard all the same)")
+            return
+        self._hear(message)
+        await self._queue.end()
+
+    async def refuse(self, why: str) -> None:
+        """Say why nothing else is heard here."""
+        await self._send({"done": _plain(CommandResult(why, {"error": why}, NOT_DONE))})
+
+    def leave(self) -> None:
+        """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
+        self._interpreter.context.notices.leave(self)
+        self._queue.leave()
+        self._left.set()
+        if self._file is not None and not self._file.done():
+            self._file.set_exception(CommandError("the operator went away"))
+
+    async def say(self, text: str) -> None:
+        """Show some lines now; waits for nobody's reading, as it may be an arm on its way that says them."""
+        self._write({"say": text})
+
+    def notice(self, text: str) -> None:
+        """Show what nobody there asked for."""
+        if self._writer.transport.get_write_buffer_size() < MOST_UNREAD:
+            self._write({"notice": text})
+
+    async def ask(self, question: str) -> str:
+        """Put a question and wait for the answer."""
+        return await self._queue.ask(question)
+
+    async def fetch(self, path: str) -> bytes:
+        """A file at the operator's end. Raises CommandError."""
+        if self._queue.gone:
+            raise CommandError("the operator went away")
+        self._file, self._content = asyncio.get_running_loop().create_future(), bytearray()
+        await self._send({"fetch": path})
+        return await self._file
+
+    async def terminal(self, typed: Callable[[bytes], None]) -> None:
+        """Keys go to `typed` until the operator leaves."""
+        if not self.asks:
+            raise CommandError("this works only at a terminal", NOT_UNDERSTOOD)
+        self._left.clear()
+        self._typed = typed
+        await self._send({"terminal": True})
+        try:
+            await self._left.wait()
+        finally:
+            self._typed = None
+            self._write({"terminal": False})  # a stop has ended with this: it waits for nobody's reading
+
+    def show(self, data: bytes) -> None:
+        """Bytes onto the operator's terminal."""
+        self._write({"show": data.decode("latin-1")})
+
+    async def _next_line(self) -> bytes:
+        while True:
+            try:
+                async with asyncio.timeout(IDLE_S if self._spoke else FIRST_WORD_S):
+                    return await self._reader.readline()
+            except ValueError:
+                await self._send({"done": _plain(CommandResult("the message is too long", {}, 2))})
+                return b""
+            except TimeoutError:
+                if not (self._listens or self._queue.busy or self._queue.asking):
+                    return b""
+
+    def _hear(self, message: SocketMessage) -> None:
+        if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
+            self._queue.beside(self._stop)
+        elif isinstance(message.do, str):
+            self._take(message.do if self._interpreter.is_stop(message.do) else printable(message.do), message)
+        elif isinstance(message.answer, str):
+            if self._interpreter.withdraws(message.answer):
+                self._queue.take(message.answer, self._stopped)
+            elif message.id == self._queue.question:
+                self._queue.answer(printable(message.answer))
+        elif isinstance(message.file, str) or isinstance(message.no_file, str):
+            self._take_file(message.file, message.no_file, message.more)
+        elif isinstance(message.keys, str):
+            if self._typed is not None:
+                self._typed(message.keys.encode("latin-1", "replace"))
+        elif message.leave is not UNSET:
+            self._left.set()
+        elif isinstance(message.complete, str):
+            self._write({"options": self._interpreter.complete(message.complete)})
+        elif message.notices is not UNSET:
+            if not self._listens:
+                self._interpreter.context.notices.listen(self)
+            self._listens = True
+        else:
+            raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
+
+    def _take(self, text: str, message: SocketMessage) -> None:
+        stops = self._interpreter.is_stop(text)
+        if self._queue.busy and not message.waits and not stops and not self._interpreter.at_once(text):
+            raise ValueError("the last command is still being done")
+        if self._queue.crowded and not stops:
+            raise ValueError(CROWDED)
+        if not stops and len(message.do.strip().splitlines() if isinstance(message.do, str) else ()) > 1:
+            raise ValueError("a command is one line")
+        name = message.door if message.frontend is UNSET else message.frontend
+        self.name = self.name if name is UNSET else printable(name[:20])
+        self.asks = self.asks if message.asks is UNSET else message.asks
+        if message.size is not UNSET:
+            columns, rows = message.size
+            self.columns, self.rows = min(max(columns, NARROWEST), WIDEST), None if rows is None else max(rows, LOWEST)
+        number = {} if message.id is UNSET else {"id": message.id}
+
+        async def answered(answer: CommandResult) -> None:
+            await self._send({"done": _plain(answer), **number})
+
+        self._queue.take(text, answered, None if message.block is UNSET else message.block)
+
+    def _take_file(self, piece: str | UnsetType, no_file: str | UnsetType, more: bool) -> None:
+        """One piece of a file that was asked for, or why there is none."""
+        if self._file is None or self._file.done():
+            return
+        if piece is UNSET:
+            self._file.set_exception(CommandError(printable(str(no_file)), NOT_UNDERSTOOD))
+            return
+        self._content += base64.b64decode(piece, validate=True)
+        if len(self._content) > LONGEST_FILE:
+            self._file.set_exception(CommandError(f"a file may have {LONGEST_FILE // 1_000_000} MB at most"))
+        elif not more:
+            self._file.set_result(bytes(self._content))
+
+    async def _stop(self) -> None:
+        await self._send({"stopped": await self._queue.stop(f"{self.who}, {self.name}")})
+
+    async def _stopped(self, answer: CommandResult) -> None:
+        await self._send({"stopped": answer.text})
+
+    def _show_question(self, question: str | None) -> None:
+        number = self._queue.question
+        self._write({"unasked": number} if question is None else {"ask": question, "id": number})
+
+    def _write(self, message: dict[str, Any]) -> None:
+        if self._writer.transport.get_write_buffer_size() > MOST_UNHEARD:
+            self._writer.transport.abort()
+        elif not self._queue.gone:
+            seen = message | {key: visible(message[key]) for key in SHOWN if key in message}
+            self._writer.write(json.dumps(seen, default=str).encode() + b"\n")
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        self._write(message)
+        try:
+            async with asyncio.timeout(IDLE_S):
+                await self._writer.drain()
+        except TimeoutError:
+            self._writer.transport.abort()
+        except ConnectionError:
+            pass
+
+
+def _hears(connection: socket.socket) -> bool:
+    """Whether the other end, which says nothing more, can still hear."""
+    poll = select.poll()
+    poll.register(connection.fileno(), 0)
+    return not poll.poll(0)
+
+
+async def _hang_up(writer: asyncio.StreamWriter) -> None:
+    """What is on its way is read soon, or by nobody."""
+    writer.close()
+    with contextlib.suppress(ConnectionError, TimeoutError, asyncio.CancelledError):
+        async with asyncio.timeout(STOP_S):
+            await writer.wait_closed()
+    writer.transport.abort()
+
+
+def _message(line: bytes) -> SocketMessage:
+    """What came in one line. One that is no message and still means to stop is taken for that. Raises ValueError."""
+    text = line.decode("utf-8", "replace")
+    said = SAID.search(text)
+    if means_stop(text):
+        return SocketMessage(do="stop")
+    try:
+        return msgspec.json.decode(text, type=SocketMessage)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        if said is not None and means_stop(said[1]):
+            return SocketMessage(do="stop")
+        raise ValueError(str(error)) from None
+
+
+def _plain(answer: CommandResult) -> dict[str, Any]:
+    return {"text": visible(answer.text), "data": answer.data, "status": answer.status}

@@ -1,0 +1,334 @@
+"""After a camera's fault: which eye is offered, that nothing is looked with that was not allowed, and the way back."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from daemon.arm import EyeName, RefusedError, said
+from daemon.commands.camera_selection import eyes
+from daemon.commands.cycle_observer import CycleObserver
+from daemon.commands.moving import resume
+from daemon.commands.observing import look
+from daemon.commands.teaching import teach
+from daemon.console.interpreter import CommandError
+from daemon.pick.order import PickOrder
+from daemon.service import Service
+from drivers.simcell.simulated_time import SimulatedLoop
+from tests.fakes.fake_context import FakeFrontend
+from tests.fakes.simulated_cell import CONFIG
+from tests.fakes.simulated_hours import Hours, cell_in_time
+
+FAULT = "CameraError: simulated pair: no frame within 5.00 s (right eye unplugged)"
+
+
+def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
+    async def life() -> Any:
+        async with cell_in_time(5) as here:
+            here.cell.place_for_teaching("cube", 0)
+            return await story(here)
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        return runner.run(life())
+
+
+def broken(here: Hours) -> None:
+    """The right eye was torn off, and the arm was stopped for it."""
+    here.cell.camera.ail("right", "away")
+    here.cycle.supervisor.latch(FAULT)
+
+
+def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it_after_a_yes() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        frontend = FakeFrontend(answers=["y"])
+        answer = await resume.run(here.context, [], frontend)
+        assert "right eye does not see" in frontend.asked[0]
+        assert "a third longer" in frontend.asked[0]
+        assert "Looking with the left eye alone" in answer.text
+        assert here.cycle.supervisor.fault is None
+        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
+        assert here.log.said("eyes")[0]["alone"] == "left"
+        assert "left eye alone" in here.context.troubles.standing["eyes"]
+        assert not here.log.said("move")
+
+    lived(story)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_were(stopped: bool) -> None:
+    """The cameras were closed and one of them opened again for seconds: a look that began meanwhile had its one picture
+    for both eyes', and the change was refused as `busy`."""
+
+    async def story(here: Hours) -> None:
+        change = here.context.hardware.eyes.use
+
+        async def slowly(alone: EyeName | None) -> None:
+            await change(alone)
+            await asyncio.sleep(2.0)
+
+        here.context.hardware.eyes.use = slowly  # type: ignore[method-assign]
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        await asyncio.sleep(0.1)
+        with pytest.raises(RefusedError, match="busy: change eyes"):
+            await here.cycle.look()
+        with pytest.raises(RefusedError, match="busy: change eyes; eyes are changed in between"):
+            await here.context.look_with(None, "somebody else")
+        if stopped:
+            await here.cycle.supervisor.stop()
+        await asyncio.wait([changing])
+        assert isinstance(changing.exception(), RefusedError) is stopped
+        alone = None if stopped else "left"
+        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == (alone, alone)
+
+    lived(story)
+
+
+def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        with pytest.raises(CommandError, match="The fault stands"):
+            await resume.run(here.context, [], FakeFrontend(answers=["n"]))
+        assert here.cycle.supervisor.fault == FAULT
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the_arm_is_reckoned_with() -> None:
+    """The look began in between: with one eye's pictures, taken for both's; and the change was undone amid it."""
+
+    async def story(here: Hours) -> None:
+        supervisor = here.cycle.supervisor
+        changing = asyncio.create_task(here.context.look_with("left", "a test"))
+        while not supervisor.busy:
+            await asyncio.sleep(0)
+        while supervisor.busy:
+            await asyncio.sleep(0)
+        seen = await here.cycle.look("a test")
+        await changing
+        assert here.cycle.cell.alone == here.context.hardware.eyes.alone == "left"
+        assert seen.taken.moved is not None
+
+    lived(story)
+
+
+def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_it_was_asked_for() -> None:
+    """`abort` leaves no fault: the arm moved the eye aside after it."""
+
+    async def story(here: Hours) -> None:
+        await eyes.run(here.context, ["left"], FakeFrontend())
+        here.context.hardware = replace(here.context.hardware, hand=None)
+        known = SimpleNamespace(labels=lambda: ())
+        here.context.trainer = SimpleNamespace(parts={}, model=SimpleNamespace(labels=()), model_store=known)  # type: ignore[assignment]
+        frontend = FakeFrontend(answers=["y", "n"])
+
+        async def asked(question: str) -> str:
+            await here.cycle.supervisor.abort()
+            return frontend.answers.pop(0)
+
+        frontend.ask = asked  # type: ignore[method-assign]
+        with said("teach", here.cycle.supervisor.stops), pytest.raises(RefusedError, match="say `teach` once more"):
+            await teach.run(here.context, ["bolt"], frontend)
+        assert not here.log.said("move")
+
+    lived(story)
+
+
+def test_a_frontend_that_cannot_ask_is_told_the_word_and_nothing_changes() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        answer = await resume.run(here.context, [], FakeFrontend())
+        assert "`eyes left` goes on with it" in answer.text
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+@pytest.mark.parametrize("fault", [FAULT, "stopped by tester"])
+def test_where_both_eyes_see_or_no_camera_was_to_blame_nothing_is_offered(fault: str) -> None:
+    async def story(here: Hours) -> None:
+        here.cycle.supervisor.latch(fault)
+        frontend = FakeFrontend(answers=["y"])
+        await resume.run(here.context, [], frontend)
+        assert not frontend.asked
+        assert here.cycle.cell.alone is None
+
+    lived(story)
+
+
+def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
+    async def story(here: Hours) -> None:
+        broken(here)
+        await resume.run(here.context, [], FakeFrontend(answers=["y"]))
+        with pytest.raises(CommandError, match="not trusted yet"):
+            await eyes.run(here.context, ["both"], FakeFrontend())
+        assert here.cycle.cell.alone == "left"
+        here.cell.camera.ail("right", None)
+        assert (await eyes.run(here.context, ["both"], FakeFrontend())).text == "Looking with both eyes."
+        assert here.cycle.cell.alone is None
+        assert here.cycle.cell.rig is here.context.calibration.rig
+        assert "eyes" not in here.context.troubles.standing
+
+    lived(story)
+
+
+def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
+    async def story(here: Hours) -> None:
+        here.cell.camera.cover("right")
+        with pytest.raises(CommandError, match=r"right eye cannot be looked with.*covered"):
+            await eyes.run(here.context, ["right"], FakeFrontend())
+        assert "The right eye:" in (await eyes.run(here.context, [], FakeFrontend())).text
+        assert here.context.hardware.eyes.alone is None
+
+    lived(story)
+
+
+def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye() -> None:
+    async def story(here: Hours) -> None:
+        await eyes.run(here.context, ["left"], FakeFrontend())
+        with pytest.raises(CommandError, match="with one eye a look moves the arm"):
+            await look.run(here.context, [], FakeFrontend(may="look"))
+        assert not here.log.said("move")
+        assert (await look.run(here.context, [], FakeFrontend())).text
+        assert len(here.log.said("move")) == len(here.log.said("look")) + 1, "beside for each, and back"
+
+    lived(story)
+
+
+@pytest.mark.parametrize("hindrance", [None, "disabled", "hand", "stopped", "paused", "auto off"])
+def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_stopped_it(
+    hindrance: str | None,
+) -> None:
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        context = here.context
+        context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        if hindrance == "disabled":
+            await here.cycle.supervisor.disable()
+        if hindrance == "hand":
+            here.cycle.hand_full = None
+        going = asyncio.create_task(CycleObserver(context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye())
+        if hindrance == "stopped":
+            await asyncio.sleep(0)
+            await here.cycle.supervisor.stop()
+        if hindrance in ("paused", "auto off"):
+            await asyncio.sleep(0)
+            here.cycle.supervisor.hold.pause() if hindrance == "paused" else here.cycle.auto_off()
+        await going
+        assert here.cycle.supervisor.hold.paused is (hindrance == "paused")
+        assert begun == ([] if hindrance else [(3, None)])
+        assert (here.cycle.supervisor.fault is None) == (hindrance is None)
+
+    lived(story)
+
+
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes() -> None:
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def stopped_meanwhile(*_: Any) -> None:
+            await here.cycle.supervisor.stop()
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.look_with = stopped_meanwhile  # type: ignore[method-assign]
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        await CycleObserver(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        assert here.cycle.supervisor.fault is not None
+        assert begun == []
+
+    lived(story)
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resumed: bool) -> None:
+    """A stop said in the moment in which the pick ended was cleared with the camera's fault; and whoever cleared it,
+    told that nothing goes on by itself, had the auto go on."""
+
+    async def story(here: Hours) -> None:
+        begun: list[Any] = []
+
+        async def begin_auto(*order: Any) -> None:
+            begun.append(order)
+
+        here.context.begin_auto = begin_auto  # type: ignore[method-assign]
+        here.cycle.pick_order = PickOrder(3, None)
+        broken(here)
+        going = CycleObserver(here.context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye()
+        await here.cycle.supervisor.stop()
+        if resumed:
+            here.cycle.supervisor.resume()
+        await going
+        assert (here.cycle.supervisor.fault is None) is resumed
+        assert begun == []
+
+    lived(story)
+
+
+def auto_degrading(here: Hours) -> tuple[CycleObserver, list[str]]:
+    """What happens between picks where the configuration has one eye go on by itself, and what is begun there."""
+    begun: list[str] = []
+
+    def beside(work: Coroutine[Any, Any, None], name: str) -> None:
+        work.close()
+        begun.append(name)
+
+    values = here.context.config.values
+    config = replace(here.context.config, values=replace(values, pick=replace(values.pick, auto_degrade=True)))
+    here.context.config = config
+    here.cycle.pick_order = PickOrder(3, None)
+    return CycleObserver(here.context, beside), begun
+
+
+def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> None:
+    async def story(here: Hours) -> None:
+        between, started = auto_degrading(here)
+        await here.cycle.supervisor.stop()
+        end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
+        between.ended(end)
+        assert started == []
+        here.context.one_eye_allowed = True
+        between.ended(end)
+        assert started == ["one eye"]
+
+    lived(story)
+
+
+def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stopped_for_the_cameras_fault() -> None:
+    async def story(here: Hours) -> None:
+        here.cycle.observer, started = auto_degrading(here)
+        here.context.one_eye_allowed = True
+        here.cell.camera.ail("right", "away")
+        supervisor = here.cycle.supervisor
+        pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
+        while not (supervisor.stopping or pick.done()):
+            await asyncio.sleep(0.01)
+        await supervisor.abort()
+        assert (await pick).outcome == "fault"
+        assert started == []
+        supervisor.resume()
+        assert (await supervisor.begin("pick", here.cycle._one(None, stay=True))).outcome == "fault"
+        assert started == ["one eye"]
+
+    lived(story)
+
+
+async def _end(here: Hours) -> Any:
+    here.cycle.supervisor.resume()
+    here.cell.clear()
+    return await here.cycle._one(None, stay=True)

@@ -1,0 +1,354 @@
+"""One operator's turns: order, what is for now, questions one after the other, and a stop that waits for nothing."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from daemon.console.interpreter import CommandResult, ConsoleCommand, Interpreter
+from daemon.console.notices import Notices
+from daemon.frontends.command_queue import MOST_BESIDE, CommandQueue
+
+
+class Operator:
+    """Somebody at a frontend: what they are shown and answered, and commands that end when they are let."""
+
+    name, who, may, asks = "test", "ann", "all", True
+
+    def __init__(self) -> None:
+        self.shown: list[str | None] = []
+        self.answers: list[str] = []
+        self.done: list[str] = []
+        self.interrupts: list[tuple[str, bool]] = []
+        self.may_end = asyncio.Event()
+        self.stops = 0
+
+        async def slow(_: Any, words: list[str], __: Any) -> CommandResult:
+            await self.may_end.wait()
+            self.done.append(" ".join(words))
+            return CommandResult(f"done {' '.join(words)}")
+
+        async def ask(_: Any, words: list[str], __: Any) -> CommandResult:
+            return CommandResult(f"{words[0]}: {await self.turns.ask(words[0])!r}")
+
+        async def now(_: Any, __: list[str], ___: Any) -> CommandResult:
+            return CommandResult("now")
+
+        commands = [
+            ConsoleCommand("go", "go", "", slow, "move"), ConsoleCommand("read", "read", "", slow),
+            ConsoleCommand("ask", "ask", "", ask),
+            ConsoleCommand("status", "status", "", now, at_once=True),
+            ConsoleCommand("stop", "stop", "", now, "move", at_once=True),
+            ConsoleCommand("resume", "resume", "", ask, at_once=True),
+            ConsoleCommand("disable", "disable", "", now, "move", at_once=True),
+        ]  # fmt: skip
+        context: Any = SimpleNamespace(
+            log=SimpleNamespace(record=lambda *_, **__: None),
+            cycle=SimpleNamespace(supervisor=self),
+            notices=Notices(),
+        )
+        self.turns = CommandQueue(Interpreter(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
+
+    async def interrupt(self, who: str, about_to_move: bool) -> str:
+        self.interrupts.append((who, about_to_move))
+        return "stopped"
+
+    async def answered(self, answer: CommandResult) -> None:
+        self.answers.append(answer.text)
+
+    def types(self, *lines: str) -> None:
+        for line in lines:
+            if not self.turns.answer(line):
+                self.turns.take(line, self.answered)
+
+
+def play(script: Callable[[Operator], Awaitable[None]]) -> Operator:
+    async def run() -> Operator:
+        operator = Operator()
+        await asyncio.wait_for(script(operator), 5)
+        operator.may_end.set()
+        operator.turns.leave()
+        await asyncio.wait_for(operator.turns.end(), 5)
+        return operator
+
+    return asyncio.run(run())
+
+
+async def a_moment() -> None:
+    for _ in range(20):
+        await asyncio.sleep(0)
+
+
+def test_commands_are_done_in_the_order_typed_and_what_is_for_now_beside_them() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2", "read 3", "status")
+        await a_moment()
+        assert operator.answers == ["now"]
+        operator.may_end.set()
+        await a_moment()
+
+    assert play(script).answers == ["now", "done 1", "done 2", "done 3"]
+
+
+def test_who_only_hears_has_what_they_asked_for_done_in_turn_and_answers_no_question() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.turns.take("go 1", operator.answered)
+        operator.turns.take("ask really?", operator.answered)
+        operator.turns.say_no_more()
+        operator.may_end.set()
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers == ["sure?: ''", "done 1", "really?: ''"]
+    assert operator.shown == ["sure?", None]
+
+
+def test_a_pasted_block_is_done_line_by_line_to_the_first_that_is_not_done() -> None:
+    async def script(operator: Operator) -> None:
+        for line in ("go 1", "status", "flurb", "go 2"):
+            operator.turns.take(line, operator.answered, block=7)
+        operator.types("read 3")
+        await a_moment()
+        assert operator.answers == [], "not even what is for now is done before its turn"
+        operator.may_end.set()
+        await a_moment()
+        operator.turns.take("go 4", operator.answered, block=7)
+        operator.turns.take("go 5", operator.answered, block=8)
+        await a_moment()
+
+    operator = play(script)
+    not_done = "not done; a line before it, of the same paste, was not"
+    assert operator.answers[:2] == ["done 1", "now"]
+    assert sorted(operator.answers[2:]) == sorted(
+        [
+            "flurb: no such command; `help` lists what there is",
+            f"go 2: {not_done}",
+            "done 3",
+            f"go 4: {not_done}",
+            "done 5",
+        ]
+    )
+    assert operator.done == ["1", "3", "5"]
+
+
+def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_question_by_nothing() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        assert operator.shown == ["sure?"]
+        operator.turns.take("go 2", operator.answered)
+        operator.types("stop")
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers == ["now", "sure?: ''", "go 2: not done; the arm was stopped after it was typed"]
+    assert operator.shown == ["sure?", None]
+    assert operator.done == []
+
+
+@pytest.mark.parametrize("text", ["disable", "DISABLE", " disa "])
+def test_whoever_disables_answers_no_question_and_it_is_not_asked_any_more(text: str) -> None:
+    """Whoever takes the arm's leave to move while asked whether it may is not told to say y or n first."""
+
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+        assert operator.answers == ["now", "sure?: ''"]
+        assert operator.shown == ["sure?", None]
+
+    play(script)
+
+
+@pytest.mark.parametrize("text", ["disable now", "di", "status", "yes"])
+def test_what_takes_nothing_away_is_an_answer(text: str) -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+
+    assert play(script).answers == [f"sure?: {text!r}"]
+
+
+def test_control_c_says_whether_something_may_be_about_to_move() -> None:
+    async def script(operator: Operator) -> None:
+        await operator.turns.stop("ann")
+        operator.types("read 1")
+        await operator.turns.stop("ann")
+        operator.may_end.set()
+        await a_moment()
+        operator.may_end.clear()
+        operator.types("go 2")
+        await operator.turns.stop("ann")
+
+    assert play(script).interrupts == [("ann", False), ("ann", False), ("ann", True)]
+
+
+def test_two_questions_are_put_one_after_the_other_and_each_gets_its_own_answer() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask first?")
+        await a_moment()
+        operator.turns.take("resume second?", operator.answered)
+        await a_moment()
+        assert operator.shown == ["first?"]
+        operator.types("y")
+        await a_moment()
+        assert operator.shown == ["first?", None, "second?"]
+        operator.types("n")
+        await a_moment()
+
+    assert play(script).answers == ["first?: 'y'", "second?: 'n'"]
+
+
+def test_who_has_left_is_asked_nothing_and_what_they_typed_ahead_is_not_done() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2")
+        await a_moment()
+        operator.turns.leave()
+        assert await operator.turns.ask("still there?") == ""
+
+    operator = play(script)
+    assert operator.done == ["1"]
+    assert operator.shown == []
+
+
+def test_a_stop_at_another_frontend_voids_what_waits_here() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1", "go 2", "read 3")
+        await a_moment()
+        operator.stops += 1
+        operator.types("go 4")
+        operator.may_end.set()
+        await a_moment()
+
+    operator = play(script)
+    assert operator.done == ["1", "4"]
+    voided = [f"{text}: not done; the arm was stopped after it was typed" for text in ("go 2", "read 3")]
+    assert operator.answers == ["done 1", *voided, "done 4"]
+
+
+@pytest.mark.parametrize("text", ["sto", "STOP!", "stop '", "halt", "\x00stop"])
+def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types(text)
+        await a_moment()
+
+    assert play(script).answers == ["now", "sure?: ''"]
+
+
+@pytest.mark.parametrize("typed", [("read 1", "read 2", "read 3"), ("read 1", "resume a")])
+def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
+    typed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.frontends.command_queue.MOST_AHEAD", 2)
+
+    async def script(operator: Operator) -> None:
+        for text in typed:
+            assert not operator.turns.crowded
+            operator.turns.take(text, operator.answered)
+            await asyncio.sleep(0)
+        assert operator.turns.crowded
+        operator.turns.leave()
+
+    play(script)
+
+
+def test_a_question_has_a_number_and_stands_until_it_is_answered() -> None:
+    async def script(operator: Operator) -> None:
+        for number in (1, 2):
+            assert not operator.turns.asking
+            operator.types("ask colour")
+            while not operator.turns.asking:
+                await asyncio.sleep(0)
+            assert operator.turns.question == number
+            assert operator.turns.answer("blue")
+            assert not operator.turns.answer("green"), "it is answered"
+            await operator.turns.end()
+            assert not operator.turns.busy
+        assert not operator.turns.answer("red"), "nothing is asked"
+
+    assert play(script).answers == ["colour: 'blue'"] * 2
+
+
+def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_one_before_was_answered_here(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Somebody else had settled the one before: the answer to that one was on its way, or under a finger."""
+    monkeypatch.setattr("daemon.frontends.command_queue.READ_S", 0.05)
+
+    async def script(operator: Operator) -> None:
+        turns = operator.turns
+        first = asyncio.ensure_future(turns.ask("send 1?"))
+        await a_moment()
+        first.cancel()
+        second = asyncio.ensure_future(turns.ask("send 2?"))
+        await a_moment()
+        assert turns.answer("y")
+        await a_moment()
+        assert not second.done()
+        again = "not taken as an answer, as this has only just come up: send 2?"
+        assert operator.shown == ["send 1?", None, "send 2?", again]
+        assert turns.question == 3, "put again, it is another: an answer to it may come at once"
+        await asyncio.sleep(0.06)
+        assert turns.answer("y")
+        assert await second == "y"
+        third = asyncio.ensure_future(turns.ask("send 3?"))
+        await a_moment()
+        assert turns.answer("y")
+        assert await third == "y"
+
+    play(script)
+
+
+def test_the_end_is_when_all_is_done() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("read 1")
+        ending = asyncio.create_task(operator.turns.end())
+        await asyncio.sleep(0.01)
+        assert not ending.done()
+        operator.may_end.set()
+        await ending
+        assert operator.answers == ["done 1"]
+
+    play(script)
+
+
+def test_a_flood_of_stops_while_one_is_under_way_takes_no_more_room_than_a_thousand() -> None:
+    """Each is the same stop; a controller that is silent lets none of them end for seconds."""
+
+    async def script(operator: Operator) -> None:
+        stopping = asyncio.Event()
+
+        async def interrupt(who: str, about_to_move: bool) -> str:
+            operator.interrupts.append((who, about_to_move))
+            await stopping.wait()
+            return "stopped"
+
+        operator.turns._interrupt = interrupt
+
+        async def stop() -> None:
+            await operator.turns.stop("ann")
+
+        for _ in range(5000):
+            operator.turns.beside(stop)
+        operator.types("stop")
+        await a_moment()
+        assert len(operator.interrupts) == len(operator.turns._tasks) == MOST_BESIDE
+        stopping.set()
+        await operator.turns.end()
+        operator.types("stop", "go 1")
+        operator.may_end.set()
+        await operator.turns.end()
+        assert operator.answers == ["now", "done 1"], "once they are over all is heard"
+
+    play(script)
