@@ -49,6 +49,8 @@ class Supervisor:
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = self._why = ""
+        self.ended_by: Interruption | None = None
+        """What ended the job that was ended last: a person (STOP, ABORT) or an error."""
         self._ending = 0
         self._stopping = Stopping(lambda: self.mover.cell.robot, self._alarmed)
         self._asking: asyncio.Future[bool] | None = None
@@ -295,7 +297,7 @@ class Supervisor:
             self.latch(_on_top_of(self.fault, fault))
         if not self._stop_as_then:
             self._let = Let.NOTHING
-        self._why = why
+        self._why, self.ended_by = why, event
         self.mover.forget()
         self.stops += 1
         if self._stopping.tell(self.fault or why):

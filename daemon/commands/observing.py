@@ -43,7 +43,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         f"model     {in_use}; knows {', '.join(model.labels)}"
         if model.labels
         else "model     none: `teach`, then `train`",
-        f"so far    {state['picked']} picked, {state['failed']} failed; up {up}; facetd {version()}",
+        f"so far    {_counted(state)}; up {up}; facetd {version()}",
         f"run       {context.run_log.folder}",
     ]
     pick_order = context.cycle.pick_order
@@ -95,6 +95,12 @@ def _left_out(part: dict[str, Any]) -> str:
     """A part that the last pick or auto left alone."""
     x, y, z = part["at"]
     return f"left out  {part['label']} at {x:.0f}, {y:.0f}, {z:.0f} mm: {part['why']}"
+
+
+def _counted(state: dict[str, Any]) -> str:
+    """Picks since the start, by the one definition of tried (daemon/events/outcomes.py)."""
+    more = "".join(f", {state[key]} {key}" for key in ("released", "aborted") if state[key])
+    return f"{state['picked']} of {state['tried']} picked{more}"
 
 
 def _doing(context: CommandContext, state: dict[str, Any]) -> str:

@@ -15,7 +15,7 @@ from daemon.store.records import Record
 Json = dict[str, Any]
 SHOWN = (
     *("state", "doing", "target", "stop", "fault", "pending", "enabled", "paused", "auto"),
-    *("picked", "failed", "cell", "model", "troubles", "up_s"),
+    *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "up_s"),
 )
 """What of the daemon's status is shown."""
 LOOKS = 4

@@ -23,16 +23,18 @@ MOST = 9999
 
 RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "run": lambda row: row["run"],
-    "picked": lambda row: f"{row['picked']} of {row['cycles']}",
+    "picked": lambda row: f"{row['picked']} of {row['tried']}",
     "missed": lambda row: row["missed"],
+    "aborted": lambda row: row["aborted"],
     "refused": lambda row: row["refusals"],
     "faults": lambda row: row["faults"],
     "mm": lambda row: None if row["predicted_mm"] is None else f"{row['predicted_mm']:.2f}",
     "true mm": lambda row: None if row["true_mm"] is None else f"{row['true_mm']:.2f}",
     "model": lambda row: row["model_version"] or row["model"],
-    "ended": lambda row: row["ended"],
+    "ended": lambda row: "running" if row["going"] else row["ended"],
 }
-"""What people read of each run, within 80 columns; all of it is with --json. mm: predicted at the grasp, mean."""
+"""What people read of each run, within 80 columns; all of it is with --json. picked: of those tried; mm: predicted at
+the grasp, mean."""
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

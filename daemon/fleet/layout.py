@@ -15,7 +15,7 @@ import numpy as np
 from daemon.fleet.schema import TABLES, VERSION, Column
 from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
-from daemon.review.production import interventions, tried
+from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes
 from daemon.store.places import how_to_add
@@ -118,6 +118,7 @@ def _run(run: Digest) -> Row:
         "model": run.model,
         "calibration": run.kept("calibration"),
         "config": run.kept("config"),
+        "times_life": run.times_life,
     }
 
 
@@ -130,7 +131,7 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
         "t": cycle.started,
         "cycle": cycle.number,
         "target": cycle.records[0].get("target"),
-        "tried": tried(cycle, False),
+        "tried": cycle.tried,
         "cause": next((c.name for c in found), None),
     }
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching
+from daemon.events.outcomes import DEFINITION
 from daemon.fleet.questions import opened
 from daemon.fleet.store import Store, StoreError
 from daemon.review.measures import AXES, NEAR
@@ -71,6 +72,7 @@ def hall_data(store: Store, days: int) -> Json:
         "causes": causes,
         "remedies": {name: KNOWN[name].remedy for name in causes},
         "models": _models(of, between),
+        "definition": DEFINITION,
         "limits": {
             "light": MEASURES["darkness"].limit,
             "drift": Watching().stop_deg,
@@ -112,8 +114,10 @@ def _cells(
     usual = _by(of(f"SELECT cell, {picked}, count(*) FROM cycles WHERE tried AND {before} GROUP BY cell"))
     ever = [cell for (cell,) in of("SELECT DISTINCT cell FROM runs ORDER BY cell")]
     daily = _days(
-        of(f"""SELECT cell, day, {picked}, count(*), median(seconds) FILTER (outcome = 'picked'),
-        median(predicted_mm::DOUBLE) FILTER (outcome = 'picked') FROM cycles WHERE tried AND {between}
+        of(f"""SELECT cell, day, {picked}, count(*),
+        median(seconds) FILTER (outcome = 'picked' AND coalesce(times_life, 1) = 1),
+        median(predicted_mm::DOUBLE) FILTER (outcome = 'picked')
+        FROM cycles LEFT JOIN (SELECT cell, run, times_life FROM runs) USING (cell, run) WHERE tried AND {between}
         GROUP BY cell, day""")
     )
     health = _days(
@@ -174,10 +178,11 @@ def _cells(
 
 
 def _by_cause(faults: Mapping[str, int]) -> dict[str, int]:
-    """How many faults of each cause, by what they say, the most first; of those that tell none by their code."""
+    """How many faults of each cause, by what they say, the most first; of those that tell none by their code. A
+    person's stop is none."""
     counts = Counter[str]()
     for said, count in faults.items():
-        names = [cause.name for cause in causes_of_fault({"text": said})]
+        names = [cause.name for cause in causes_of_fault({"text": said}) if cause.stage != "operator"]
         counts.update({said.partition(":")[0] if name == UNTOLD else name: count for name in names})
     return dict(counts.most_common())
 

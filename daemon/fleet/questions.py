@@ -17,10 +17,18 @@ from daemon.store.places import how_to_add
 SQL_KINDS = {
     "text": "VARCHAR", "integer": "BIGINT", "real": "FLOAT", "flag": "BOOLEAN", "time": "TIMESTAMPTZ", "day": "DATE",
 }  # fmt: skip
-VIEW = (
-    "CREATE VIEW {table} AS FROM read_parquet({files}, union_by_name = true, hive_partitioning = true, "
+READ = (
+    "FROM read_parquet({files}, union_by_name = true, hive_partitioning = true, "
     "hive_types = {{'cell': VARCHAR, 'month': VARCHAR}})"
 )
+VIEW = "CREATE VIEW {table} AS " + READ
+STOPPED = "outcome = 'fault' AND cause = 'operator''s stop'"
+UPGRADED = {
+    "cycles": f""" REPLACE (CASE WHEN {STOPPED} THEN 'aborted' ELSE outcome END AS outcome,
+    tried AND outcome NOT IN ('aborted', 'unfinished') AND ({STOPPED}) IS NOT TRUE AS tried)"""
+}
+"""Rows of earlier versions as today's: a person's stop was a fault, and what a person or the end of a run ended counted
+as tried."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +104,8 @@ def opened(store: Store, months: Sequence[str] | None = None) -> Any:
         columns = ", ".join(f"NULL::{SQL_KINDS[c.kind]} AS {c.name}" for c in spec.columns)
         none = f"SELECT {columns}, NULL::VARCHAR AS cell, NULL::VARCHAR AS month WHERE false"
         if there:
-            connection.execute(f"{VIEW.format(table=table, files=there)} UNION ALL BY NAME {none}")
+            rows = f"{READ.format(files=there)} UNION ALL BY NAME {none}"
+            connection.execute(f"CREATE VIEW {table} AS SELECT *{UPGRADED.get(table, '')} FROM ({rows})")
         else:
             connection.execute(f"CREATE VIEW {table} AS {none}")
     return connection

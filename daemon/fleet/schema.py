@@ -14,9 +14,9 @@ from typing import Literal
 from daemon.review.measures import AXES
 from daemon.vision.health import MEASURES
 
-VERSION = 3
+VERSION = 4
 """Written into every file as `facetd.schema`. Version 1 had cycles and looks alone, and a file a run; 2 did not say
-which eyes looked."""
+which eyes looked; 3 had a person's stop as a fault, counted as tried, and not the pace of a simulated cell."""
 Kind = Literal["text", "integer", "real", "flag", "time", "day"]
 OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
 """Measures of both eyes together; the others are taken of each eye."""
@@ -84,11 +84,12 @@ TABLES: Mapping[str, Table] = {
         Column("seconds", "real", "from its first record to its last", "s"),
         Column("records", "integer", "lines in run.jsonl"),
         Column("cycles", "integer", "picks begun"),
-        Column("interventions", "integer", "what people had to tell it while it picked"),
+        Column("interventions", "integer", "how often a person had to act while a pick or an auto went on"),
         Column("ended", "flag", "whether it ended in an orderly way"),
         MODEL,
         CALIBRATION,
         Column("config", "text", "first digits of the hash of the configuration"),
+        Column("times_life", "real", "pace of a simulated cell: at another than 1, times are not the cell's", since=4),
     )),
     "cycles": Table("a pick", _where(
         CYCLE,
@@ -96,8 +97,8 @@ TABLES: Mapping[str, Table] = {
         Column("seconds", "real", "from its first record to its last", "s", 1),
         Column("target", "text", "the part asked for; null: any"),
         Column("label", "text", "the part it went for", since=1),
-        Column("tried", "flag", "whether there was something to be picked"),
-        Column("outcome", "text", "picked, missed, lost, unknown, unsure, fault, unfinished, ...", since=1),
+        Column("tried", "flag", "whether it counts as tried: something to pick lay there, and no person ended it"),
+        Column("outcome", "text", "picked, released, missed, lost, unknown, aborted, fault, unfinished", since=1),
         Column("cause", "text", "the likeliest cause of what was not picked, as the run's page has it"),
         Column("why", "text", "its end in words", since=1),
         Column("looks", "integer", "looks at the part it went for", since=1),

@@ -12,12 +12,23 @@ from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from daemon.config import ConfigError
+from daemon.events.outcomes import DEFINITION
 from daemon.maintenance.troubles import WatchedDaemon
 from daemon.store.places import how_to_add
 
 LOOPBACK = "127.0.0.1"
 MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0
 """At once; how long one may say nothing, and how long it may take, a byte now and then."""
+
+
+COUNTERS = {
+    "tried": f"picks tried. {DEFINITION}",
+    "picked": "picks tried that succeeded: the part was seen to be picked",
+    "released": "picks tried whose part was let go over the bin and not confirmed",
+    "failed": "picks tried without success",
+    "aborted": "picks that a person ended; not tried",
+}
+"""By their keys in the status of the pick cycle."""
 
 
 class MetricsHandler(WSGIRequestHandler):
@@ -105,8 +116,8 @@ class MetricsCollector:
         context = self._context
         state = context.cycle.status()
         now = context.hardware.clock()
-        for name, key, text in (("picked", "picked", "parts picked"), ("failed", "failed", "picks that failed")):
-            yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[key]))  # type: ignore[arg-type]
+        for name, text in COUNTERS.items():
+            yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[name]))  # type: ignore[arg-type]
         gauges = {
             "facetd_fault": ("1 while a fault stands", state["fault"] is not None),
             "facetd_enabled": ("1 while the arm may move", state["enabled"]),

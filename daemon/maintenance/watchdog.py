@@ -62,7 +62,7 @@ class Watchdog:
         state = self._context.cycle.status()
         troubles = "; ".join(self._context.troubles.standing.values())
         doing = f"FAULT {state['fault']}" if state["fault"] else f"{state['doing'] or 'idle'} ({state['state']})"
-        return f"{doing}; {state['picked']} picked, {state['failed']} failed" + (f"; {troubles}" if troubles else "")
+        return f"{doing}; {state['picked']} of {state['tried']} picked" + (f"; {troubles}" if troubles else "")
 
     def _tick(self) -> None:
         now = time.monotonic()

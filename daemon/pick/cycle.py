@@ -27,6 +27,7 @@ from daemon.arm import (
     ball_of,
 )
 from daemon.arrays import Array
+from daemon.events.outcomes import tally
 from daemon.pick import approach, find, take
 from daemon.pick.around import Thing, Told, walk_round
 from daemon.pick.looking import Look, Recogniser
@@ -51,7 +52,6 @@ HANDLERS: dict[State, Handler] = {
     State.HOME: take.home,
 }
 CUT_OFF = (Event.STOP, Event.ERROR, Event.ABORT)
-FAILED = (Outcome.MISSED, Outcome.LOST, Outcome.FAULT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 KEPT_ENDS = 1000
@@ -91,7 +91,7 @@ class Cycle:
         """How things stand, JSON values only."""
         target = None if self._world is None else self._world.target
         estimate = None if target is None else target.estimate
-        order = self.pick_order
+        order, counted = self.pick_order, tally(self.tally)
         return {
             "state": self.state,
             **self.supervisor.status(),
@@ -103,8 +103,11 @@ class Cycle:
             "predicted_mm": None if estimate is None else round(estimate.predicted_mm, 3),
             "predicted_deg": None if estimate is None else round(estimate.predicted_deg, 3),
             "holding": self.hand_full,
-            "picked": self.tally[Outcome.PICKED],
-            "failed": sum(self.tally[outcome] for outcome in FAILED),
+            "picked": counted.picked,
+            "tried": counted.tried,
+            "failed": counted.failed,
+            "released": counted.released,
+            "aborted": counted.aborted,
             "skipped": [
                 {"label": s.label, "at": s.centre.round(1).tolist(), "why": f"{s.outcome}: {s.why}"}
                 for s in self.skipped
@@ -415,7 +418,8 @@ class Cycle:
         try:
             await self._through(context, world)
         except asyncio.CancelledError:
-            world.outcome = Outcome.FAULT if supervisor.fault else Outcome.ABORTED
+            by_error = supervisor.fault is not None and supervisor.ended_by is Interruption.ERROR
+            world.outcome = Outcome.FAULT if by_error else Outcome.ABORTED
             world.why = supervisor.fault or "aborted"
         except OperatorRefusedError as error:
             world.outcome, world.why = Outcome.ABORTED, str(error)

@@ -4,28 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
 from daemon.arrays import Array
+from daemon.events.outcomes import Outcome as Outcome
 from daemon.pick.looking import Look
-
-
-class Outcome(StrEnum):
-    """How a pick ended, or why a part was left alone, in a word."""
-
-    PICKED = "picked"
-    MISSED = "missed"
-    EMPTY = "empty"
-    LOST = "lost"
-    AMBIGUOUS = "ambiguous"
-    UNKNOWN = "unknown"
-    UNREACHABLE = "unreachable"
-    UNSURE = "unsure"
-    DRY = "dry"
-    PLACED = "placed"
-    ABORTED = "aborted"
-    FAULT = "fault"
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from daemon.events.upgrade import upgraded
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
 from daemon.store.outside import FileError, open_below
@@ -38,9 +39,10 @@ class _Scene(msgspec.Struct, omit_defaults=True):
     parts: list[_Part] | None = None
 
 
-class _Line(msgspec.Struct, omit_defaults=True):
+class _Line(msgspec.Struct, omit_defaults=True, kw_only=True):
     """Of every kind at once; what a kind does not have is left out again, what every kind has is asked for."""
 
+    v: Count = None
     kind: str
     seq: Annotated[int, Meta(ge=0, le=2**53)]
     t: str
@@ -54,6 +56,10 @@ class _Line(msgspec.Struct, omit_defaults=True):
     to: Text = None
     before: Text = msgspec.field(default=None, name="from")
     closed: Flag = None
+    on: Flag = None
+    auto: dict[str, Any] | None = None
+    reloaded: Flag = None
+    times_life: Number = None
     what: Text = None
     code: Text = None
     rule: Text = None
@@ -94,7 +100,7 @@ def read_brief(folder: Path) -> Digest:
             try:
                 read = _DECODER.decode(line)
                 msgspec.convert(read.t, datetime)
-                records.append(msgspec.to_builtins(read))
+                records.append(upgraded(msgspec.to_builtins(read)))
             except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
                 continue
     return digest(folder.name, records, going=being_written(folder / RUN))

@@ -14,6 +14,7 @@ from statistics import fmean
 from typing import Any
 
 from daemon.errors import spelt
+from daemon.events.outcomes import GRASPED, UNFINISHED, is_success, is_tried, tally
 from daemon.store.records import Record
 
 Kept = Mapping[str, str | None]
@@ -56,7 +57,17 @@ class Cycle:
     @property
     def outcome(self) -> str:
         """picked, missed, ... or `unfinished`."""
-        return str(self.end.get("outcome")) if self.end else "unfinished"
+        return str(self.end.get("outcome")) if self.end else UNFINISHED
+
+    @property
+    def tried(self) -> bool:
+        """Whether it counts as tried (daemon/events/outcomes.py)."""
+        return is_tried(self.outcome)
+
+    @property
+    def grasped(self) -> bool:
+        """Whether the gripper closed on the part: an error at the grasp applies only then."""
+        return self.outcome in GRASPED or any(r.get("closed") for r in carried_out(self.records) if r["kind"] == "hand")
 
     @property
     def label(self) -> str | None:
@@ -151,6 +162,12 @@ class Digest:
         return [r for r in self.records if r["kind"] in kinds]
 
     @property
+    def times_life(self) -> float:
+        """How many times as fast as life the cell ran: 1 but for a simulated one. Times of a run at another pace are no
+        times of the cell: motion is faster, the computer is not."""
+        return float((self.start or {}).get("times_life") or 1)
+
+    @property
     def stops(self) -> list[Stop]:
         """Every look of every cycle."""
         return [s for c in self.cycles for s in c.stops]
@@ -190,13 +207,16 @@ class Digest:
     def statistics(self) -> dict[str, Any]:
         """What a table of runs shows: counts, means over picked cycles (None where there are none)."""
         by_outcome = Counter(cycle.outcome for cycle in self.cycles)
-        picked = [c for c in self.cycles if c.outcome == "picked"]
+        picked = [c for c in self.cycles if is_success(c.outcome)]
+        counted = tally(by_outcome)
         return {
             "run": self.name,
             "started": self.records[0].get("t") if self.records else None,
             "seconds": round(duration_s(self.records), 1),
             "cycles": len(self.cycles),
-            "picked": len(picked),
+            "tried": counted.tried,
+            "picked": counted.picked,
+            "aborted": counted.aborted,
             "missed": by_outcome["missed"],
             "outcomes": dict(by_outcome),
             "looks": len(self.of("look")),
@@ -211,6 +231,7 @@ class Digest:
             "calibration": self.kept("calibration"),
             "config": self.kept("config"),
             "ended": self.end is not None,
+            "going": self.going,
         }
 
 

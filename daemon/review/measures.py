@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching, fresh, observe
+from daemon.events.outcomes import is_success
 from daemon.review.digest import Digest, eyes_of
 from daemon.store.records import Record
 from daemon.vision.health import MEASURES, Clue
@@ -78,8 +79,8 @@ def _s(records: Sequence[Record], zero: float) -> list[float]:
 
 
 def _of_pick(run: Digest, zero: float, limits: Json) -> list[Strip]:
-    ended = [c for c in run.cycles if c.predicted_mm is not None]
-    picked = [c for c in run.cycles if c.outcome == "picked"]
+    ended = [c for c in run.cycles if c.grasped and c.predicted_mm is not None]
+    picked = [c for c in run.cycles if is_success(c.outcome)]
     moved = run.of("moved")
     predicted: dict[str, list[float | None]] = {"predicted": [c.predicted_mm for c in ended]}
     if any(c.true_mm is not None for c in ended):

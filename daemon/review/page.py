@@ -48,6 +48,7 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
         data["against"] = {
             "run": other.name,
             "rows": compared(then, data["production"]),
+            "paces": sorted({other.times_life, run.times_life}),
             "differences": kept_differences(against, other, folder, run),
         }
     pictures, left_out = _pictures(folder, shown_of(run))

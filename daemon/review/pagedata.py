@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
 from daemon.review.denied import denied, told_of
 from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
 from daemon.review.measures import strips
@@ -46,6 +47,7 @@ def page_data(digest: Digest) -> Json:
         "going": digest.going,
         "end": (digest.end or {}).get("why"),
         "production": done,
+        "definition": DEFINITION,
         "remedies": remedies(done),
         "skipped": list(digest.skipped),
         "timeline": timeline(shown_of(digest)),
@@ -65,13 +67,13 @@ def shown_of(digest: Digest) -> Digest:
 
 def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
     """One row of the table, and what opens below it."""
-    others = [c for c in all_of_run if c is not cycle] if cycle.outcome != "picked" else []
+    others = [c for c in all_of_run if c is not cycle] if not is_success(cycle.outcome) else []
     found = causes(cycle, others, going)
     return {
         "n": cycle.number,
         "t": cycle.records[0].get("t"),
         "label": cycle.label,
-        "outcome": "going on" if going and cycle.end is None else cycle.outcome,
+        "outcome": GOING_ON if going and cycle.end is None else cycle.outcome,
         "looks": cycle.looks,
         "eyes": cycle.eyes,
         "s": round(cycle.seconds, 2),
@@ -180,7 +182,7 @@ def state_seconds(cycle: Cycle) -> dict[str, float]:
 
 def median_state_seconds(cycles: Sequence[Cycle]) -> dict[str, float]:
     """Where the time of a pick goes: the median seconds in each state, over what was picked, in the order of a pick."""
-    spent = [state_seconds(c) for c in cycles if c.outcome == "picked"]
+    spent = [state_seconds(c) for c in cycles if is_success(c.outcome)]
     names = dict.fromkeys(name for one in spent for name in one)
     return {name: float(np.median([one.get(name, 0.0) for one in spent])) for name in names}
 

@@ -1,6 +1,6 @@
-"""What a production engineer asks of a run first: how many of how many, how fast, what stopped it, who had to come.
+"""The figures of production of a run: picked of tried, pace, causes of stops, interventions by people.
 
-Pure: a digest in, plain JSON values out. A cycle counts as tried when there was something to be picked.
+Pure: a digest in, plain JSON values out. What counts as tried is defined in daemon/events/outcomes.py.
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from daemon.events.outcomes import UNFINISHED, is_success, tally
 from daemon.review.denied import denied
 from daemon.review.digest import Cycle, Digest, told_again
 from daemon.review.remedies import KNOWN
 from daemon.review.why import NOTHING_WRONG, causes, told
 
-ROUTINE = ("pick", "auto")
-"""Commands that are no intervention."""
+ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
+"""Commands that are no intervention: they begin picks, or allow the moves of step mode, in which every move is asked
+about."""
 NAMELESS = ("unknown", "ambiguous")
 
 Json = dict[str, Any]
@@ -26,22 +28,29 @@ Json = dict[str, Any]
 
 def production(runs: Sequence[Digest]) -> Json:
     """Of one run, or of several taken together. Rates are None where nothing says them."""
-    cycles = [c for run in runs for c in run.cycles if tried(c, run.going)]
-    picked = [c for c in cycles if c.outcome == "picked"]
-    seconds = [c.seconds for c in picked]
-    worked_s = sum(filter(None, map(_worked_s, runs)))
+    every = [c for run in runs for c in run.cycles]
+    counted = tally(c.outcome for c in every)
+    cycles = [c for c in every if c.tried]
+    picked = [c for c in cycles if is_success(c.outcome)]
+    timed = [run for run in runs if run.times_life == 1]
+    seconds = [c.seconds for run in timed for c in run.cycles if is_success(c.outcome)]
+    worked_s = sum(filter(None, map(_worked_s, timed)))
     by_part = {
-        label: [sum(c.outcome == "picked" for c in of), len(of)]
+        label: [sum(is_success(c.outcome) for c in of), len(of)]
         for label in sorted({c.label for c in cycles if c.label})
         for of in [[c for c in cycles if c.label == label]]
     }
     return {
         "runs": len(runs),
-        "tried": len(cycles),
-        "picked": len(picked),
+        "tried": counted.tried,
+        "picked": counted.picked,
+        "released": counted.released,
+        "aborted": counted.aborted,
+        "interrupted": sum(c.outcome == UNFINISHED for run in runs if not run.going for c in run.cycles),
+        "paces": sorted({run.times_life for run in runs if run.cycles}),
         "uncounted": sum(len(denied(c)) for c in cycles),
         "parts": by_part,
-        "hourly": 3600 * len(picked) / worked_s if worked_s > 0 and picked else None,
+        "hourly": 3600 * len(seconds) / worked_s if worked_s > 0 and seconds else None,
         "median_s": float(np.median(seconds)) if seconds else None,
         "p95_s": float(np.quantile(seconds, 0.95)) if seconds else None,
         "grasp_mm": median_of(c.predicted_mm for c in picked),
@@ -51,11 +60,6 @@ def production(runs: Sequence[Digest]) -> Json:
         "nameless": sum(map(_nameless, cycles)),
         "interventions": sum(map(interventions, runs)),
     }
-
-
-def tried(cycle: Cycle, going: bool) -> bool:
-    """Whether there was something to be picked."""
-    return cycle.outcome not in ("empty", "dry", "placed") and not (going and cycle.end is None)
 
 
 def _worked_s(run: Digest) -> float | None:
@@ -92,12 +96,29 @@ def _nameless(cycle: Cycle) -> int:
 
 
 def interventions(run: Digest) -> int:
-    """What people had to tell it while it picked."""
-    if not run.cycles:
-        return 0
-    first, last = run.cycles[0].records[0].get("seq", 0), run.cycles[-1].records[-1].get("seq", 0)
-    said = [str(r.get("text")).split() for r in run.of("command") if first < r.get("seq", 0) < last]
-    return sum(bool(words) and words[0] not in ROUTINE for words in said)
+    """How often a person had to act for the picks of a run: commands while a pick or an auto went on, and faults that
+    stood until a person cleared them. A person's own stop and its clearing are one intervention."""
+    count, picking, auto, fault = 0, False, False, False
+    for record in run.records:
+        match record["kind"]:
+            case "cycle_start" | "cycle_end":
+                picking = record["kind"] == "cycle_start"
+            case "auto":
+                auto = bool(record.get("on"))
+            case "command" if (picking or auto) and not fault:
+                words = str(record.get("text")).split()
+                count += bool(words) and words[0] not in ROUTINE
+            case "fault" if (picking or auto) and not fault:
+                fault = True
+                count += 1
+            case "left" if record.get("cycle") is not None or record.get("auto"):
+                fault = True
+                count += 1
+            case "state" if record.get("from") == "fault" and record.get("to") != "fault":
+                fault = auto = False
+            case "run_start" if not record.get("reloaded"):
+                picking = fault = False
+    return count
 
 
 def median_of(values: Iterable[Any]) -> float | None:

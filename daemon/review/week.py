@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching
+from daemon.events.outcomes import DEFINITION
 from daemon.review.brief import that_picked
 from daemon.review.digest import Digest
 from daemon.review.measures import number
@@ -60,6 +61,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
         "cell": {"name": start.get("name"), "kind": start.get("cell"), "version": start.get("version")},
         "utc_offset_s": start.get("utc_offset_s"),
         "production": done,
+        "definition": DEFINITION,
         "remedies": remedies(done),
         "stop_deg": Watching().stop_deg,
         "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],

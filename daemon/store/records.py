@@ -13,6 +13,8 @@ from typing import Annotated, Any, Literal, TypedDict
 import msgspec
 from msgspec import Meta
 
+from daemon.events.upgrade import upgraded
+
 Record = dict[str, Any]
 LONGEST_LINE = 1_000_000
 
@@ -249,7 +251,7 @@ def record_of(line: bytes) -> Record:
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise ValueError(str(error)) from None
     assert isinstance(found, dict)
-    return found
+    return upgraded(found)
 
 
 def _kind(found: object) -> str:

@@ -4,7 +4,7 @@
 `patience_s` for a stalled disk, and no more until the disk has caught up: a log may not delay moves. Reading and
 quotas are in daemon/store/runs.py.
 
-Lines are {"v": 1, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
+Lines are {"v": 2, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
 the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
 """
 
@@ -28,11 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.errors import spelt
+from daemon.events.upgrade import VERSION
 from daemon.store.files import NO_ROOM, LineFile, OpenFile, Syncer, write_atomically
 from daemon.store.outside import read_file
 from daemon.store.standing import Standing, StandingFile, after
 
-VERSION = 1
 PATIENCE_S = 0.1
 LINES_WAITING = 20_000
 LARGEST_KEPT = 256_000_000

@@ -68,7 +68,7 @@ class FakeCycle:
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
-            "picked": 2, "failed": 1, "skipped": self.skipped, "last": None,
+            "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0, "skipped": self.skipped, "last": None,
         }  # fmt: skip
 
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon.events.upgrade import VERSION
 from daemon.store.runlog import RunLog
 
 FACET = {
@@ -41,7 +42,7 @@ def part(label: str, **more: Any) -> dict[str, Any]:
 class MadeRun:
     """Writes cycles that end as they are told."""
 
-    def __init__(self, folder: Path, pictures: bool = True) -> None:
+    def __init__(self, folder: Path, pictures: bool = True, **start: Any) -> None:
         self.now = 1000.0
         self.log = RunLog(folder, clock=lambda: self.now)
         self.folder = folder
@@ -50,7 +51,7 @@ class MadeRun:
         self.moved: dict[str, Any] | None = None
         kept = folder / "made.yaml"
         kept.write_text("version: 1\n")
-        self.log.record("run_start", config=self.log.keep(kept), calibration=self.log.keep(kept), seed=1)
+        self.log.record("run_start", config=self.log.keep(kept), calibration=self.log.keep(kept), seed=1, **start)
 
     def write(self, kind: str, /, after_s: float = 0.1, **fields: Any) -> None:
         self.now += after_s
@@ -91,8 +92,17 @@ class MadeRun:
         self.write("cycle_end", cycle=self.cycle, outcome=outcome, label=label, stops=2, why=why, grasp=None,
                    predicted={"mm": 0.7, "deg": 0.2})  # fmt: skip
 
-    def close(self) -> Path:
+    def close(self, version: int = VERSION) -> Path:
+        """version: of the lines, as an earlier release wrote them."""
         self.log.close("the made run ends")
+        lines = self.folder / "run.jsonl"
+        lines.write_text(lines.read_text().replace(f'{{"v":{VERSION},', f'{{"v":{version},'))
+        return self.folder
+
+    def cut(self, version: int = VERSION) -> Path:
+        """The same of a daemon that was killed: there is no end."""
+        lines = self.close(version) / "run.jsonl"
+        lines.write_text("".join(lines.read_text().splitlines(keepends=True)[:-1]))
         return self.folder
 
 

@@ -152,7 +152,7 @@ def _runs(cell: int, days: Sequence[date], a_day: int, names: pa.Array, found: M
         "release": "0.1.0", "kind": "simulated", "computer": f"cell{cell + 1:02d}", "utc_offset_s": 0,
         "seconds": 86_400.0, "records": sum(map(len, found.values())) // len(days), "cycles": a_day,
         "interventions": cell % 3, "ended": True, "model": found["cycles"]["model"][0].as_py(), "calibration": "0c",
-        "config": "0d",
+        "config": "0d", "times_life": 1.0,
     }  # fmt: skip
     at = [(day - date(1970, 1, 1)).days for day in days]
     given = {"day": pa.array(at, pa.int32()), "run": names, "t": pa.array([d * DAY_MS for d in at])}

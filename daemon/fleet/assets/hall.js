@@ -28,6 +28,8 @@ by("tiles").append(
   bars("success by part", Object.entries(data.parts).map(([label, of]) => el("div", {}, el("i", { class: rate(of) < 99 ? "bad" : "good" }, percent(of)), ` ${label.replaceAll("_", " ")} `, el("small", {}, `${thousands(of[0])} of ${thousands(of[1])}`)))),
   bars("stopped by", Object.entries(data.causes).slice(0, 6).map(([name, n]) => el("div", {}, el("i", { class: "bad" }, thousands(n)), ` ${name}`))));
 
+by("tiles").after(el("p", { class: "dim" }, data.definition));
+
 // ---- the cells: a card each, its days as a line on one scale for all
 const rates = cells.flatMap((c) => c.success.map(rate)).filter(known), low = Math.min(98, ...rates);
 by("cells").append(...cells.map((c) => {
@@ -47,7 +49,7 @@ function open(c) {
     el("dl", {}, ...[["picked", `${thousands(c.picked)} of ${thousands(c.tried)}, ${percent([c.picked, c.tried])}${c.before[1] ? `; ${percent(c.before)} in the four weeks before` : ""}`],
       ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ["stopped by", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
       ["faults", Object.entries(c.faults).map(([name, n]) => `${n} ${name}`).join(", ") || "none"], ["a look", known(c.ms) ? `${number(c.ms)} ms` : "–"], ["last run until", `${c.last.slice(0, 16).replace("T", " ")}, facetd ${c.release || "–"}`]].flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)])),
-    el("div", { class: "charts" }, ...[own("Success", "% of tried", [["", c.success.map(rate)]], null, 101), own("Right eye turned against its calibration", "degrees", Object.entries(c.turn)),
+    el("div", { class: "charts" }, ...[own("Success", "% of tried", [["", c.success.map(rate)]], null, [low, 100]), own("Right eye turned against its calibration", "degrees", Object.entries(c.turn)),
       own("Light: the brightest hundredth", "grey levels", [["", c.light]], data.limits.light), own("Corners off their epipolar lines", "px", [["", c.epipolar]], data.limits.epipolar),
       own("Error predicted at the grasp", "mm", [["", c.mm]]), own("A pick, median", "s", [["", c.seconds]])].filter(Boolean)));
   one.hidden = false;
@@ -80,7 +82,7 @@ function trend(title, y, kinds, of, limit, fit) {
 }
 const turned = (c) => days.map((_, k) => { const off = Object.entries(c.turn).map(([axis, list]) => (known(list[k]) ? Math.abs(list[k] - (c.usual[axis] || 0)) : null)).filter(known); return off.length ? Math.max(...off) : null; });
 by("trends").append(...[
-  trend("Success", "% of tried", ["misses", "faults"], (c) => c.success.map(rate), null, 101),
+  trend("Success", "% of tried", ["misses", "faults"], (c) => c.success.map(rate), null, [low, 100]),
   trend("Right eye turned since it was calibrated", "degrees", ["drifts"], turned, data.limits.drift),
   trend("Light: the brightest hundredth", "grey levels", ["dark"], (c) => c.light, data.limits.light),
   trend("Corners off their epipolar lines", "px", ["drifts"], (c) => c.epipolar, data.limits.epipolar),

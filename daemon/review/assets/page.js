@@ -4,19 +4,19 @@
 const data = JSON.parse(by("data").textContent);
 let pictures = null;                                  // parsed when the first look is opened
 const offset = data.utc_offset_s, zone = known(offset) ? "the cell's time" : "UTC";
-const done = data.production, failed = done.tried - done.picked;
+const done = data.production, failed = done.tried - done.picked - done.released;
 theme();
 
 // ---- head: what was wrong with the night, in a sentence
 const stops = Object.entries(done.stops);
 const worst = data.strips.filter((s) => s.near === 2).map((s) => s.name);
 by("verdict").append(...[
-  done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried",
+  done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried", notTried(done),
   stoppedBy(stops),
   worst.length ? `. Beyond its limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
 by("verdict").className = failed || worst.length ? "bad" : "good";
 const cell = data.cell;
-const simulated_ = (c) => (known(c.times_life) && c.times_life !== 1 ? `simulated, ${number(c.times_life)} times as fast as life` : "simulated");
+const simulated_ = (c) => (known(c.times_life) && c.times_life !== 1 ? `simulated, ${atPace(c.times_life)}` : "simulated");
 by("summary").append(...[
   cell.kind === "simulated" ? el("b", { class: "tag" }, simulated_(cell)) : cell.kind === "recorded" ? el("b", { class: "tag" }, "recorded pictures") : null,
   cell.name ? el("b", {}, `${cell.name} `) : null, `run ${data.run}, `,
@@ -29,17 +29,19 @@ by("summary").append(...[
 const warnings = [...data.skipped];
 if (data.cycles_left_out) warnings.push(`${plural(data.cycles_left_out, "earlier cycle")} not in this page: facetctl export --csv ${data.run} lists them all (figures and measures are of all)`);
 if (data.pictures_left_out) warnings.push(`${plural(data.pictures_left_out, "picture")} not in this page (they are in the run folder)`);
+if (data.against && data.against.paces.length > 1) warnings.push(`The two runs had different paces (${data.against.paces.map(atPace).join(", ")}): their times cannot be compared.`);
 by("warnings").append(...warnings.map((w) => el("p", { class: "warn" }, w)));
 
 // ---- tiles: each with the last run's and the last week's beside it
 const { last, week } = data.before;
 const beside = (of) => [last ? `last run ${of(last)}` : null, week ? `week ${of(week)}` : null].filter(Boolean).join(" · ");
-const tile = (name, value, under, kind = "") => el("div", { class: `tile ${kind}` }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
+const tile = (name, value, under, kind = "", title = null) => el("div", { class: `tile ${kind}`, title }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
 const partOf = (p, label) => (p.parts[label] ? share(p.parts[label]) : "–");
 by("tiles").append(
-  tile("picked of tried", `${done.picked} of ${done.tried}`, [done.uncounted ? `${done.uncounted} more likely in the bin` : null, beside((p) => share([p.picked, p.tried]))].filter(Boolean).join(" · "), failed ? "bad" : done.uncounted ? "warn" : ""),
-  tile("picks an hour", number(done.hourly), beside((p) => number(p.hourly))),
-  tile("a pick, median", duration(done.median_s), [`95 %: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
+  tile("picked of tried", `${done.picked} of ${done.tried}`, [done.released ? `${done.released} released, not confirmed` : null, done.uncounted ? `${done.uncounted} more likely in the bin` : null,
+    done.aborted ? `${done.aborted} ended by a person` : null, done.interrupted ? `${done.interrupted} interrupted` : null, beside((p) => share([p.picked, p.tried]))].filter(Boolean).join(" · "), failed ? "bad" : done.uncounted || done.released ? "warn" : "", data.definition),
+  tile("picks an hour", number(done.hourly), paceOf(done) || beside((p) => number(p.hourly))),
+  tile("a pick, median", duration(done.median_s), paceOf(done) || [`95 %: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
   tile("interventions by people", done.interventions, beside((p) => `${p.interventions}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.interventions ? "warn" : ""),
   tile("without a name", done.nameless, beside((p) => `${p.nameless}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.nameless ? "warn" : ""),
   tile("error at the grasp", known(done.grasp_mm) ? `${number(done.grasp_mm)} mm` : "–",
@@ -48,6 +50,7 @@ by("tiles").append(
     el("div", {}, el("i", { class: n < of ? "bad" : "good" }, `${n} of ${of}`), ` ${label} `, el("small", {}, beside((p) => partOf(p, label))))),
   Object.keys(done.parts).length ? null : el("b", {}, "–")),
   stoppedList(stops, data.remedies));
+by("tiles").after(el("p", { class: "dim" }, data.definition));
 
 // ---- the other run
 if (data.against) {

@@ -37,6 +37,11 @@ const duration = (s) => {
 };
 const share = ([part, of]) => (of ? `${Math.round(100 * part / of)} %` : "–");
 
+// ---- picks that do not count as tried, and a pace at which times are no times of the cell
+const notTried = (p) => [[p.released, "released without confirmation"], [p.aborted, "ended by a person"], [p.interrupted, "interrupted"]].filter(([n]) => n).map(([n, what]) => `, ${n} ${what}`).join("");
+const atPace = (pace) => (pace === 1 ? "real time" : `${number(pace)} times real time`);
+const paceOf = (p) => (p.paces.some((pace) => pace !== 1) ? (known(p.median_s) ? "runs in real time only" : `simulated at ${p.paces.map(atPace).join(", ")}: no cycle times`) : null);
+
 // ---- what stopped it, how often, and what to do about it
 const stoppedBy = (stops) => (stops.length ? `. Stopped by: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
 const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
@@ -118,7 +123,7 @@ function chart(title, series, options) {
   const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
   if (!every.length) return null;
   const xs = every.map((p) => p[0]), ys = every.map((p) => p[1]);
-  const span = [Math.min(...xs), Math.max(...xs)], top = options.fit || Math.max(...ys, options.limit || 0) * 1.1 || 1, low = options.fit ? Math.min(...ys) - Math.max(5, (top - Math.min(...ys)) / 5) : Math.min(0, ...ys);
+  const span = [Math.min(...xs), Math.max(...xs)], [low, top] = options.fit || [Math.min(0, ...ys), Math.max(...ys, options.limit || 0) * 1.1 || 1];
   if (span[0] === span[1]) { span[0] -= 0.5; span[1] += 0.5; }
   const layer = svg("svg", { viewBox: `-46 -24 ${width + 62} ${height + 60}`, role: "img" });
   const scale = curve([], span, [low, top], width, height);

@@ -4,15 +4,16 @@
 const data = JSON.parse(by("data").textContent), runs = data.runs, done = data.production, offset = data.utc_offset_s;
 const stops = Object.entries(done.stops);
 theme();
-by("verdict").textContent = runs.length ? `${done.picked} of ${done.tried} picked in ${plural(runs.length, "run")}${stoppedBy(stops)}.` : "Nothing was tried in this week.";
+by("verdict").textContent = runs.length ? `${done.picked} of ${done.tried} picked${notTried(done)} in ${plural(runs.length, "run")}${stoppedBy(stops)}.` : "Nothing was tried in this week.";
 by("summary").append(...[data.cell.kind === "simulated" ? el("b", { class: "tag" }, "simulated") : null, data.cell.name ? el("b", {}, `${data.cell.name} `) : null,
   runs.length ? `${dayAndTime(runs[0].t, offset)} to ${dayAndTime(runs[runs.length - 1].t, offset)} (${known(offset) ? "the cell's time" : "UTC"})` : ""].filter(Boolean));
 const tile = (name, value, under) => el("div", { class: "tile" }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
 by("tiles").append(
-  tile("success", share([done.picked, done.tried]), `${done.picked} of ${done.tried}`), tile("a pick, median", duration(done.median_s), `95 %: ${duration(done.p95_s)}`),
+  tile("success", share([done.picked, done.tried]), `${done.picked} of ${done.tried}`), tile("a pick, median", duration(done.median_s), paceOf(done) || `95 %: ${duration(done.p95_s)}`),
   tile("interventions by people", done.interventions), tile("without a name", done.nameless),
   el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, of]) => el("div", {}, el("i", { class: of[0] < of[1] ? "bad" : "good" }, share(of)), ` ${label} `, el("small", {}, `${of[0]} of ${of[1]}`)))),
   stoppedList(stops, data.remedies));
+by("tiles").after(el("p", { class: "dim" }, data.definition));
 
 const day = (t) => Date.parse(t) / 86400000 + (offset || 0) / 86400;
 const at = runs.map((r) => day(r.t));
@@ -23,8 +24,8 @@ const trend = (title, y, lines, limit, fit) => chart(title, lines.map(([name, of
 const percent = (of) => (of && of[1] ? 100 * of[0] / of[1] : null);
 const labels = Object.keys(done.parts);
 by("trends").append(...[
-  trend("Success", "% of tried", [["all", (r) => percent([r.production.picked, r.production.tried])]], null, 101),
-  trend("Success by part", "% of tried", labels.slice(0, 6).map((label) => [label, (r) => percent(r.production.parts[label])]), null, 101),
+  trend("Success", "% of tried", [["all", (r) => percent([r.production.picked, r.production.tried])]], null, [0, 100]),
+  trend("Success by part", "% of tried", labels.map((label) => [label, (r) => percent(r.production.parts[label])]), null, [0, 100]),
   trend("Error predicted at the grasp, median", "mm", [["predicted", (r) => r.production.grasp_mm], ["true (simulated)", (r) => r.production.true_mm]].filter(([, of]) => runs.some((r) => known(of(r))))),
   trend("A pick", "s", [["median", (r) => r.production.median_s], ["95 %", (r) => r.production.p95_s]]),
   trend("Right eye turned against the left", "degrees", ["pitch", "roll", "vergence"].map((axis) => [axis, (r) => r.drift[axis]]), data.stop_deg),

@@ -126,7 +126,7 @@ def test_resume_at_a_frontend_that_cannot_ask_moves_nothing(context: Any) -> Non
 
 @pytest.mark.parametrize("word", ["status", "STATUS", "stat", " status  # now"])
 def test_case_and_unambiguous_abbreviations_are_accepted(context: object, word: str) -> None:
-    assert "2 picked, 1 failed" in say(context, word).text
+    assert "2 of 3 picked" in say(context, word).text
 
 
 def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) -> None:

@@ -22,7 +22,16 @@ pytest.importorskip("prometheus_client")
 
 def watched(**state: Any) -> Any:
     """As much of a daemon as is measured."""
-    known = {"picked": 12, "failed": 3, "fault": None, "enabled": True, "doing": None} | state
+    known = {
+        "tried": 15,
+        "picked": 12,
+        "released": 0,
+        "failed": 3,
+        "aborted": 2,
+        "fault": None,
+        "enabled": True,
+        "doing": None,
+    } | state
     document = SimpleNamespace(error=lambda key, text: ConfigError(f"facetd.yaml: {'.'.join(key)}: {text}"))
     return SimpleNamespace(
         cycle=SimpleNamespace(status=lambda: known),

@@ -204,10 +204,10 @@ def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
 
 def test_the_figures_of_a_run(run: Digest) -> None:
     assert run.statistics() == {
-        "run": "20260102T030401Z", "started": "2026-01-02T03:04:01.000Z", "seconds": 13.0, "cycles": 2, "picked": 1,
-        "missed": 0, "outcomes": {"picked": 1, "unfinished": 1}, "looks": 3, "refusals": 1, "faults": 2,
-        "mean_looks": 1, "mean_cycle_s": 6.5, "predicted_mm": 0.704, "true_mm": 0.515, "model": "dddddddd",
-        "model_version": 3, "calibration": "bbbbbbbb", "config": "cccccccc", "ended": True,
+        "run": "20260102T030401Z", "started": "2026-01-02T03:04:01.000Z", "seconds": 13.0, "cycles": 2, "tried": 1,
+        "picked": 1, "aborted": 0, "missed": 0, "outcomes": {"picked": 1, "unfinished": 1}, "looks": 3, "refusals": 1,
+        "faults": 2, "mean_looks": 1, "mean_cycle_s": 6.5, "predicted_mm": 0.704, "true_mm": 0.515, "model": "dddddddd",
+        "model_version": 3, "calibration": "bbbbbbbb", "config": "cccccccc", "ended": True, "going": False,
     }  # fmt: skip
     nothing = digest("x", []).statistics()
     assert (nothing["started"], nothing["seconds"], nothing["model"], nothing["mean_looks"]) == (None, 0, None, None)

@@ -9,6 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.review.brief import read_brief
+from daemon.review.digest import digest
 from daemon.review.measures import strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import events
@@ -19,8 +20,10 @@ from tests.fakes.made_run import MadeRun, part
 def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None:
     made.pick()
     made.pick("missed", why="cube still lies there")
-    made.write("command", who="ann", door="console", text="resume")
+    made.write("command", who="ann", door="console", text="teach cube")
+    made.write("auto", on=True, count=3, every_s=None)
     made.write("command", who="ann", door="console", text="auto on 3")
+    made.write("command", who="ann", door="console", text="pause")
     made.pick("empty", why="nothing on the table")
     made.pick(label="pyramid")
     found = production([read_digest(made.close())])
@@ -91,6 +94,38 @@ def test_a_brief_reading_says_the_same_of_a_run_as_a_whole_one(made: MadeRun) ->
     folder = made.close()
     assert production([read_brief(folder)]) == production([read_digest(folder)])
     assert strips(read_brief(folder)) == strips(read_digest(folder))
+
+
+def test_a_prediction_of_a_pick_that_grasped_nothing_is_beyond_no_limit(made: MadeRun) -> None:
+    """`Beyond its limit: error at the grasp, most 1.6, limit 1 mm`: the first look's prediction of a stopped pick."""
+    made.write("run_start", limits={"grasp_mm": 0.65}, reloaded=True)
+    made.pick("aborted", why="stopped by ann")
+    assert not [s for s in strips(read_digest(made.close())) if s["name"] == "error at the grasp"]
+
+
+def test_a_prediction_of_a_pick_that_grasped_is_held_against_the_limit(made: MadeRun) -> None:
+    made.log.record("run_start", limits={"grasp_mm": 0.65}, reloaded=True)
+    made.pick("missed", why="cube still lies there")
+    made.write("cycle_start", cycle=2, target=None)
+    made.write("hand", cycle=2, closed=True)
+    made.write("cycle_end", cycle=2, outcome="fault", label="cube", why="NoAnswer: x", predicted={"mm": 0.9, "deg": 0})
+    run = read_digest(made.close())
+    (strip,) = [s for s in strips(digest(run.name, run.records[1:])) if s["name"] == "error at the grasp"]
+    assert (strip["worst"], strip["lines"]["predicted"], strip["near"]) == (0.9, [0.7, 0.9], 2)
+
+
+def test_times_of_a_run_at_another_pace_are_no_times_of_the_cell(tmp_path: Path) -> None:
+    """`1347 picks an hour` of a cell simulated at 20 times the pace, beside a run at its own."""
+    fast = MadeRun(tmp_path / "20260101T000000Z", pictures=False, times_life=20.0)
+    fast.pick()
+    plain = MadeRun(tmp_path / "20260102T000000Z", pictures=False, times_life=1.0)
+    plain.pick()
+    runs = [read_digest(one.close()) for one in (fast, plain)]
+    before, now = (production([run]) for run in runs)
+    assert (before["picked"], before["hourly"], before["median_s"], before["p95_s"]) == (1, None, None, None)
+    assert production(runs) | {"runs": 1, "picked": 1, "tried": 1, "paces": [1.0], "parts": {"cube": [1, 1]}} == now
+    assert production(runs)["paces"] == [1.0, 20.0]
+    assert {row["matters"] for row in compared(before, now)} == {None}
 
 
 def test_a_difference_matters_where_chance_would_not_make_it() -> None:

@@ -43,7 +43,7 @@ def test_a_record_carries_version_number_both_clocks_and_kind(log: RunLog) -> No
     log.close()
     first, second, end = read_run(log.folder).records
     assert first == {
-        "v": 1, "seq": 0, "t": "2026-11-21T10:00:00.000Z", "mono_s": 12.5, "kind": "decision",
+        "v": 2, "seq": 0, "t": "2026-11-21T10:00:00.000Z", "mono_s": 12.5, "kind": "decision",
         "cycle": 3, "text": "go on", "margin": 1.5,
     }  # fmt: skip
     assert (second["target"], second["purpose"], second["speed_pct"]) == (np.eye(4).tolist(), "a/b", None)
