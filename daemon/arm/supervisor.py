@@ -297,7 +297,8 @@ class Supervisor:
             self.latch(_on_top_of(self.fault, fault))
         if not self._stop_as_then:
             self._let = Let.NOTHING
-        self._why, self.ended_by = why, event
+        self.ended_by = event
+        self._why = why
         self.mover.forget()
         self.stops += 1
         if self._stopping.tell(self.fault or why):

@@ -13,7 +13,7 @@ class ToldDaemon:
     """Answers at a socket until closed."""
 
     def __init__(self, path: Path, run: Path) -> None:
-        self.path, self.status = path, {"state": "idle", "run": str(run), "picked": 2, "failed": 0, "troubles": {}}
+        self.path, self.status = path, {"state": "idle", "run": str(run), "picked": 2, "tried": 3, "troubles": {}}
         self.heard: list[dict[str, Any]] = []
         self._writers: list[asyncio.StreamWriter] = []
         self._server: asyncio.Server | None = None

@@ -16,7 +16,7 @@ function draw(now) {
       : `${daemon.doing || "idle"}${daemon.target ? `: ${daemon.target}, look ${daemon.stop}` : daemon.doing ? ` (${daemon.state})` : ""}${daemon.paused ? ", paused" : ""}`;
   by("summary").replaceChildren(...[
     start.cell === "simulated" ? el("b", { class: "tag" }, "simulated") : null, start.name ? el("b", {}, `${start.name} `) : null,
-    daemon ? `${daemon.picked} picked, ${daemon.failed} failed, ${daemon.fault ? "nothing moves until `resume`" : daemon.enabled ? "the arm may move" : "the arm is not enabled"}, ${knows(daemon.model)}` : "what was last seen stays below",
+    daemon ? `${daemon.picked} of ${known(daemon.tried) ? daemon.tried : daemon.picked} picked, ${daemon.fault ? "nothing moves until `resume`" : daemon.enabled ? "the arm may move" : "the arm is not enabled"}, ${knows(daemon.model)}` : "what was last seen stays below",
     daemon && daemon.pending ? el("b", {}, `, waits for an operator: ${daemon.pending}`) : null, el("br"), `run ${now.run || "–"}${start.version ? `, facetd ${start.version}` : ""}`].filter(Boolean));
   by("warnings").replaceChildren(...Object.values((daemon && daemon.troubles) || {}).map((text) => el("p", { class: "warn" }, text)));
   const seq = now.look ? `${now.run}-${now.look.seq}` : null;

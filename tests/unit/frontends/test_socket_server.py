@@ -305,7 +305,7 @@ def test_a_person_types_mistypes_and_is_answered_at_9600_baud() -> None:
         assert "2 of 3 picked" in answer
         assert all(len(line) < 80 for line in answer.split("\r\n"))
         await terminal.type(b"\x1b[A\r")
-        assert "2 picked" in await terminal.sees("picked")
+        assert "2 of 3 picked" in await terminal.sees("picked")
         await terminal.type(b"pick kube\r")
         await terminal.sees("kube: no such taught part; did you mean cube?\r\n")
         assert termios.tcgetattr(terminal._daemon)[4] == termios.B9600
@@ -372,7 +372,7 @@ def test_a_notice_does_not_spoil_the_line_being_typed() -> None:
         console.notice("TROUBLE cameras: unplugged")
         await terminal.sees("TROUBLE cameras: unplugged\r\n\rfacetd> sta")
         await terminal.type(b"tus\r")
-        await terminal.sees("2 picked")
+        await terminal.sees("2 of 3 picked")
 
     at_a_terminal(play)
 
