@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from daemon.console.aliases import job_words
 from daemon.console.stop_words import takes_leave
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
@@ -47,10 +48,10 @@ OFFLINE: dict[str, str] = {
     "review": "daemon.review.cli",
     "replay": "daemon.fleet.cli",
     "runs": "daemon.fleet.cli",
-    "hall": "daemon.fleet.cli",
+    "fleet": "daemon.fleet.cli",
     "export": "daemon.review.cli",
     "tail": "daemon.review.cli",
-    "live": "daemon.dashboard.cli",
+    "dashboard": "daemon.dashboard.cli",
     "cameras": "daemon.cli.cameras",
     "snap": "daemon.cli.cameras",
     "stream": "daemon.cli.cameras",
@@ -71,7 +72,7 @@ OWN: dict[str, tuple[str, str]] = {
     "completion": ("completion bash|zsh", 'Tab for your shell: eval "$(facetctl completion bash)" in ~/.bashrc'),
 }
 """The tool's own words: how they are used, what they do."""
-BOTH = ("train", "calibrate", "model", "doctor", "bundle")
+BOTH = ("train", "calibrate", "cameras", "model", "doctor", "bundle")
 """Words of the daemon's that are jobs without it as well."""
 HELP, VERSION = ("-h", "--help"), "--version"
 LARGEST_SCRIPT = 1_000_000
@@ -111,6 +112,7 @@ def _write_no_more() -> None:
 def _main(arguments: list[str] | None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     socket_path, as_json = _take_options(words)
+    words = job_words(words)
     if VERSION in words:
         print(f"facetctl {importlib.metadata.version('facetd')}")
         return DONE
@@ -136,11 +138,13 @@ def _main(arguments: list[str] | None) -> int:
 
 
 def _needs_no_daemon(words: list[str]) -> bool:
-    """Whether it is a job on files; `train` and `calibrate` are both, told apart by what follows."""
+    """Whether it is a job without the daemon. Words that are both (BOTH) differ by what follows."""
     if words[0] == "train":
         return len(words) > 1
     if words[0] == "calibrate":
         return "--left" in words or words[1:2] in ([], ["quick"], ["import"], ["export"])
+    if words[0] == "cameras":
+        return not {*words[1:]} & {"left", "right", "both"}
     if words[0] == "model":
         return words[1:2] not in ([], ["list"], ["use"])
     return words[0] in OFFLINE

@@ -3,7 +3,7 @@
 #
 #   install.sh install      also upgrades: the new release is built beside the old one and checked against your
 #                           configuration before it takes over; configuration, models and runs are kept
-#   install.sh extra NAME   add one of the program's extras to the release in use: live, export, fleet, metrics, systemd
+#   install.sh extra NAME   add one of the program's extras to the release in use: dashboard, export, fleet, metrics, systemd
 #   install.sh rollback     back to the release before
 #   install.sh remove       everything but /etc/facetd, /var/lib/facetd and udev rules that you have edited
 #   install.sh purge        these, too
@@ -46,7 +46,7 @@ build() {
     "${PYTHON:-python3}" -m venv "$release/venv"
     # In place, so that the files in etc/ are found beside the program.
     # shellcheck disable=SC2086
-    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,live]"
+    "$release/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$release[metrics,dashboard]"
     if [ "${FACETD_APT:-yes}" = yes ]; then
         "$release/deploy/systemd-extra.sh" "$release/venv/bin/pip"
     fi
@@ -92,7 +92,8 @@ settings() {
 
 system_files() {
     put "$house/deploy/facetd.service" "$root/etc/systemd/system/facetd.service"
-    put "$house/deploy/facetd-live.service" "$root/etc/systemd/system/facetd-live.service"
+    put "$house/deploy/facetd-dashboard.service" "$root/etc/systemd/system/facetd-dashboard.service"
+    dashboard_of_before
     put "$house/deploy/facetd.sysusers" "$root/usr/lib/sysusers.d/facetd.conf"
     put "$house/deploy/facetd.tmpfiles" "$root/usr/lib/tmpfiles.d/facetd.conf"
     put "$house/deploy/facetd.catalog" "$root/usr/lib/systemd/catalog/facetd.catalog"
@@ -111,6 +112,22 @@ system_files() {
     if alive; then
         udevadm control --reload
         systemctl daemon-reload
+    fi
+}
+
+# The dashboard's unit was facetd-live: whoever had it enabled has the new one enabled, and the old name for it. The old
+# file goes last, so that an installation that was cut off does the rest when it is repeated.
+dashboard_of_before() {
+    units=$root/etc/systemd/system wants=$root/etc/systemd/system/multi-user.target.wants
+    [ -f "$units/facetd-live.service" ] && [ ! -L "$units/facetd-live.service" ] || return 0
+    if [ -L "$wants/facetd-live.service" ]; then
+        ln -sfn /etc/systemd/system/facetd-dashboard.service "$wants/facetd-dashboard.service"
+        ln -sfn /etc/systemd/system/facetd-dashboard.service "$units/.facetd-live.service"
+        rm "$wants/facetd-live.service"
+        mv -T "$units/.facetd-live.service" "$units/facetd-live.service"
+        say "facetd-live is now called facetd-dashboard; it stays enabled"
+    else
+        rm "$units/facetd-live.service"
     fi
 }
 
@@ -153,8 +170,8 @@ do_extra() {
     [ -L "$opt/current" ] || fail "nothing is installed in $opt"
     case ${1:-} in
     systemd) "$opt/current/deploy/systemd-extra.sh" "$opt/current/venv/bin/pip" && return 0 ;;
-    live | export | fleet | metrics) ;;
-    *) fail "which extra? live, export, fleet, metrics or systemd" ;;
+    dashboard | live | export | fleet | metrics) ;;
+    *) fail "which extra? dashboard, export, fleet, metrics or systemd" ;;
     esac
     # shellcheck disable=SC2086
     "$opt/current/venv/bin/pip" install -q ${FACETD_PIP:-} -e "$opt/current[$1]"
@@ -183,7 +200,7 @@ do_rollback() {
 do_remove() {
     need_root
     if alive; then
-        systemctl disable --now -q facetd 2>/dev/null || true
+        systemctl disable --now -q facetd facetd-dashboard 2>/dev/null || true
     fi
     rules=$root/etc/udev/rules.d/60-facetd.rules
     if [ "$command" = purge ] || cmp -s "$opt/current/deploy/60-facetd.rules" "$rules"; then
@@ -192,7 +209,9 @@ do_remove() {
         say "kept your $rules"
     fi
     rm -rf "$opt"
-    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-live.service" "$root/usr/lib/sysusers.d/facetd.conf" \
+    rm -f "$root/etc/systemd/system/facetd.service" "$root/etc/systemd/system/facetd-dashboard.service" \
+        "$root/etc/systemd/system/facetd-live.service" \
+        "$root/etc/systemd/system/multi-user.target.wants/facetd-dashboard.service" "$root/usr/lib/sysusers.d/facetd.conf" \
         "$root/usr/lib/tmpfiles.d/facetd.conf" "$root/usr/lib/systemd/catalog/facetd.catalog" \
         "$root/usr/local/bin/facetctl" "$root/usr/local/bin/facetd" "$root$completion"
     [ -n "$root" ] || journalctl --update-catalog

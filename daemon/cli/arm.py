@@ -1,4 +1,4 @@
-"""`facetctl arm introduce PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
+"""`facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
 
 The way of it is daemon/cell/introduce.py's; here are the command line, the person at the terminal, and the files.
 """
@@ -46,9 +46,9 @@ LARGEST_TRANSCRIPT = 50_000_000
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `arm` to facetctl."""
-    arm = subparsers.add_parser("arm", help="first contact with an arm's controller: introduce, replay")
+    arm = subparsers.add_parser("arm", help="first contact with an arm's controller: identify, replay")
     jobs = arm.add_subparsers(dest="job", required=True, metavar="JOB")
-    meet = jobs.add_parser("introduce", help="find out how a controller speaks and which arm it has; writes arm.yaml")
+    meet = jobs.add_parser("identify", help="find out how a controller speaks and which arm it has; writes arm.yaml")
     meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
     meet.add_argument("--baud", type=whole, help="the line's speed (default: the usual ones, 9600 first)")
     meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
@@ -56,7 +56,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
                       help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
     meet.add_argument("--pendant", action="store_true",
                       help="more WHEREs, at places to which you bring the arm: they tell lengths exactly")  # fmt: skip
-    meet.set_defaults(run=_introduce)
+    meet.set_defaults(run=_identify)
     replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
     replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT", help="transcript.jsonl of a first contact")
     replay.set_defaults(run=_replay)
@@ -70,7 +70,7 @@ def _lengths(text: str) -> tuple[float, float, float, float]:
     raise argparse.ArgumentTypeError(f"{text}: expected four lengths in mm, as in 650,0,190,600")
 
 
-def _introduce(args: argparse.Namespace) -> int:
+def _identify(args: argparse.Namespace) -> int:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:

@@ -108,7 +108,7 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
     """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
     one = sections.alone(context.config)
     if context.hardware.eyes.alone != one:
-        raise CommandError(f"calibrate {kind}: one eye is away; mend it and say `eyes both` first", NOT_DONE)
+        raise CommandError(f"calibrate {kind}: one eye is away; mend it and say `cameras both` first", NOT_DONE)
     wrong = {"stereo": "camera", "by-hand": "camera"} if one else {"camera": "stereo"}
     if kind in wrong:
         cameras = "one camera" if one else "two cameras"

@@ -20,7 +20,7 @@ from daemon.console.interpreter import (
 )
 
 WORDS = ("left", "right", "both")
-USAGE = "eyes [left|right|both]"
+USAGE = "cameras [left|right|both]"
 OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
 COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about a third longer"
 CAMERA_FAULTS = ("CameraError", "VisionError", "cameras")
@@ -28,7 +28,7 @@ CAMERA_FAULTS = ("CameraError", "VisionError", "cameras")
 
 
 @command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: not words)
-async def eyes(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+async def cameras(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Which eyes are looked with.
 
     left or right: that one alone, where the other is torn off, dark or frozen; the arm moves it between two
@@ -55,7 +55,7 @@ async def eyes(context: CommandContext, words: list[str], _: Frontend) -> Comman
         raise CommandError(f"the {alone} eye cannot be looked with: {wrong}", NOT_DONE)
     await context.look_with(alone, "an operator said so")
     context.one_eye_allowed = True
-    return CommandResult(f"Looking with the {alone} eye alone: {COST}. `eyes both` goes back.", {"alone": alone})
+    return CommandResult(f"Looking with the {alone} eye alone: {COST}. `cameras both` goes back.", {"alone": alone})
 
 
 async def _told(context: CommandContext) -> CommandResult:
@@ -91,16 +91,16 @@ async def offered(context: CommandContext, fault: str, frontend: Frontend) -> st
     left = await remaining(context, fault)
     if left is None:
         knocked = "knocked" in fault and context.hardware.eyes.alone is None
-        return "Was one eye knocked? `eyes left` or `eyes right` goes on with the other." if knocked else None
+        return "Was one eye knocked? `cameras left` or `cameras right` goes on with the other." if knocked else None
     alone, why = left
     told = f"The {OTHER[alone]} eye does not see: {why}. The {alone} one does; {COST}."
     if not frontend.asks:
-        return f"{told} `eyes {alone}` goes on with it."
+        return f"{told} `cameras {alone}` goes on with it."
     if not await yes_or_no(frontend, f"{told} Go on with the {alone} eye alone? [y/n]"):
         raise CommandError(f"The fault stands: {fault}. Mend the {OTHER[alone]} eye and say `resume`.", NOT_DONE)
     await context.look_with(alone, f"{OTHER[alone]} eye: {why}")
     context.one_eye_allowed = True
-    return f"Looking with the {alone} eye alone. `eyes both` goes back, once the {OTHER[alone]} one is mended."
+    return f"Looking with the {alone} eye alone. `cameras both` goes back, once the {OTHER[alone]} one is mended."
 
 
-COMMANDS = (eyes,)
+COMMANDS = (cameras,)

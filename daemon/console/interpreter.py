@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 from daemon.arm import said
+from daemon.console.aliases import JOBS, aliases_of
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, means_stop
@@ -97,7 +98,7 @@ FIRST_WIDTH = 9
 MOST_ASKED = 5
 """How often a question is put that is answered by something else."""
 OF_THE_SHELL = (
-    *("arm", "cameras", "commission", "completion", "console", "demo", "export", "hall", "live", "recognise"),
+    *("arm", "commission", "completion", "console", "dashboard", "demo", "export", "fleet", "recognise"),
     *("replay", "review", "runs", "script", "snap", "stream", "tail"),
 )
 """Words of `facetctl` that are none of the daemon's."""
@@ -182,7 +183,7 @@ def command(
             choices,
             most,
             further,
-            aliases,
+            (*aliases, *aliases_of(usage.split()[0])),
             first,
             looks,
         )
@@ -312,6 +313,7 @@ class Interpreter:
             raise CommandError("this console stays open; there is nothing to leave")
         if name == "facetctl":
             raise CommandError("here without `facetctl`: the command alone", NOT_UNDERSTOOD)
+        name = JOBS.get(name, name)
         if name in OF_THE_SHELL:
             raise CommandError(f"{word}: not of this console; in the shell: `facetctl {name}`", NOT_UNDERSTOOD)
         begun = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []

@@ -1,4 +1,4 @@
-"""`facetctl live`: arguments in, a page on the loopback interface."""
+"""`facetctl dashboard`: arguments in, a page on the loopback interface."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ PORT = 8642
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `live` to facetctl."""
-    parser = subparsers.add_parser("live", help="a page for a browser on this machine: what the daemon sees and does")
+    """Add `dashboard` to facetctl."""
+    parser = subparsers.add_parser(
+        "dashboard", help="a page for a browser on this machine: what the daemon sees and does"
+    )
     parser.add_argument("--port", type=whole, default=PORT, help=f"on 127.0.0.1 ({PORT})")
     parser.add_argument("--socket", type=Path, help="the daemon's socket (the usual places)")
     parser.set_defaults(run=run)

@@ -1,4 +1,4 @@
-"""The live page's server: loopback, GET alone, through starlette and uvicorn (extra `live`)."""
+"""The dashboard's server: loopback, GET alone, through starlette and uvicorn (extra `dashboard`)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def serve(port: int, socket_path: Path | None) -> None:
     try:
         import uvicorn
     except ImportError:
-        raise DashboardError(f"needs an extra: {how_to_add('live')}") from None
+        raise DashboardError(f"needs an extra: {how_to_add('dashboard')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -60,7 +60,7 @@ def app(socket_path: Path | None) -> Any:
         from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
-        raise DashboardError(f"needs an extra: {how_to_add('live')}") from None
+        raise DashboardError(f"needs an extra: {how_to_add('dashboard')}") from None
     now = DashboardState()
     run = RunFollower(now)
 
@@ -86,11 +86,11 @@ def app(socket_path: Path | None) -> Any:
             return Response(status_code=404)
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
-    live, review = resources.files("daemon.dashboard") / "assets", resources.files("daemon.review") / "assets"
+    pages, review = resources.files("daemon.dashboard") / "assets", resources.files("daemon.review") / "assets"
     routes = [
-        Route("/", asset((live / "live.html").read_text(), "text/html")),
+        Route("/", asset((pages / "dashboard.html").read_text(), "text/html")),
         Route("/shared.js", asset((review / "shared.js").read_text(), "text/javascript")),
-        Route("/live.js", asset((live / "live.js").read_text(), "text/javascript")),
+        Route("/dashboard.js", asset((pages / "dashboard.js").read_text(), "text/javascript")),
         Route("/style.css", asset((review / "style.css").read_text(), "text/css")),
         Route("/events", events),
         Route("/picture/{seq:int}/{eye}", picture),

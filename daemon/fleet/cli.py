@@ -1,4 +1,4 @@
-"""`facetctl runs | replay | hall`: arguments in, tables and pages out. One cell's runs, or many cells'; no daemon."""
+"""`facetctl runs | replay | fleet`: arguments in, tables and pages out. One cell's runs, or many cells'; no daemon."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
     replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one line for machines")
-    hall = command(subparsers, "hall", _hall, "one HTML page for all cells of a store (extra `fleet`)")
-    hall.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
-    hall.add_argument("--days", type=_count, default=7, metavar="N", help="up to the last run in it (7)")
-    hall.add_argument("--out", type=Path, default=Path("hall.html"), metavar="PAGE.html", help="(hall.html)")
+    fleet = command(subparsers, "fleet", _fleet, "one HTML page for all cells of a store (extra `fleet`)")
+    fleet.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
+    fleet.add_argument("--days", type=_count, default=7, metavar="N", help="up to the last run in it (7)")
+    fleet.add_argument("--out", type=Path, default=Path("fleet.html"), metavar="PAGE.html", help="(fleet.html)")
 
 
 def _count(text: str) -> int:
@@ -223,7 +223,7 @@ def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str,
     return results, failed, out
 
 
-def _hall(args: argparse.Namespace) -> int:
+def _fleet(args: argparse.Namespace) -> int:
     from daemon.fleet.page import write_hall
     from daemon.fleet.store import open_store
 

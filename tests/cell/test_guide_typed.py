@@ -50,8 +50,8 @@ ELSEWHERE = (
     (r"(facetctl )?calibrate (quick|import|stereo --left)", "tests/unit/calibration/test_interchange.py", "on files"),
     (r"calibrate by-hand", "tests/unit/calibration/test_guide.py", "a board held by somebody"),
     (r"facetd --sim", "tests/fakes/running.py", "is the daemon here"),
-    (r"facetctl runs collect .*s3://", "tests/cell/test_cell_hall.py", "a bucket"),
-    (r"facetctl replay .*--cluster", "tests/cell/test_cell_hall.py", "a scheduler elsewhere"),
+    (r"facetctl runs collect .*s3://", "tests/cell/test_cell_fleet.py", "a bucket"),
+    (r"facetctl replay .*--cluster", "tests/cell/test_cell_fleet.py", "a scheduler elsewhere"),
 )
 """What is not typed here: how it begins, what tries it instead, why."""
 REFUSED = {
@@ -67,7 +67,7 @@ REFUSED = {
     "replay": " worse; named",
 }
 """What may be refused, and in which words: a command named without its word; what is past; what is found and told."""
-RUN_ON = {"facetctl live": "http://127.0.0.1", "facetctl tail": "command", "facetctl console": "facetd>"}
+RUN_ON = {"facetctl dashboard": "http://127.0.0.1", "facetctl tail": "command", "facetctl console": "facetd>"}
 """What does not end by itself, and what it shows first."""
 MOVES = ("pick", "auto on", "auto resume", "auto wait", "go", "jog", "hand", "calibrate", "robot cal", "confirm",
          "refuse")  # fmt: skip

@@ -263,11 +263,11 @@ def written_down(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, fo
 
 
 def introduced(folder: Path, strange: Strange, arm: ArmGeometry, seed: int, drawing: Drawing | None = None) -> str:
-    """`facetctl arm introduce`, and what FIRST-DAY.md says to write afterwards; what was on the screen."""
+    """`facetctl arm identify`, and what FIRST-DAY.md says to write afterwards; what was on the screen."""
     lay_down(folder, truth(arm, strange.manners, strange.joints_deg, strange.baud, strange.cold), {})
     with controller(folder, INTRODUCED_AT) as port:
         lengths = () if drawing is None else ("--lengths", ",".join(f"{length:g}" for length in drawing))
-        person = Person(folder, "arm", "introduce", str(port), "--out", str(folder / "first-day"), *lengths)
+        person = Person(folder, "arm", "identify", str(port), "--out", str(folder / "first-day"), *lengths)
         seen = lives_through(person, INTRODUCING_S)
     written_down(folder, strange, arm, seed, yaml.safe_load((folder / "first-day" / "arm.yaml").read_text()))
     return seen
@@ -277,7 +277,7 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
     """What FIRST-DAY.md says to try before the arm is there, typed as it stands at that controller; then its replay,
     and `facetd --check` of a facetd.yaml that names what was found. What is wrong; nothing where all is as told."""
     page = (ETC.parent / "deploy" / "FIRST-DAY.md").read_text(encoding="utf-8")
-    first, second = re.findall(r"```\n(python -m drivers.*)\n(facetctl arm introduce .*)\n```", page)[0]
+    first, second = re.findall(r"```\n(python -m drivers.*)\n(facetctl arm identify .*)\n```", page)[0]
     assert "--manners 3" in first, "another number may stand there"
     port, trial = folder / "puma", folder / "trial"
     here = {"/tmp/puma": str(port), "trial": str(trial), "3": str(seed)}

@@ -20,7 +20,7 @@ OLDER, OLD, NEW, NEXT = "20250101T000000Z", "20260101T000000Z", "20260202T000000
 SETTINGS = ("facetd.yaml", "calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml")
 DEPLOYED = {
     "etc/systemd/system/facetd.service": "facetd.service",
-    "etc/systemd/system/facetd-live.service": "facetd-live.service",
+    "etc/systemd/system/facetd-dashboard.service": "facetd-dashboard.service",
     "usr/lib/sysusers.d/facetd.conf": "facetd.sysusers",
     "usr/lib/tmpfiles.d/facetd.conf": "facetd.tmpfiles",
     "usr/lib/systemd/catalog/facetd.catalog": "facetd.catalog",

@@ -42,7 +42,7 @@ LABELS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
 USUAL = (
     *["enable", "resume", "go home", "go bin", "go survey", "pick", "auto on", "hand open", "hand close"] * 3,
     *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
-    "pick cube", "look around", "eyes left", "eyes both", "auto on 2", "auto on every 9",
+    "pick cube", "look around", "cameras left", "cameras both", "auto on 2", "auto on every 9",
     "auto off", "auto resume", "holding no", "holding yes", "dry on",
     "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
 )  # fmt: skip

@@ -37,8 +37,8 @@ def test_the_units_exposure_is_at_most_one_and_a_half() -> None:
     assert float(found[1]) <= 1.5
 
 
-def test_the_live_pages_unit_has_no_device_and_only_the_loopback_interface() -> None:
-    lines = (DEPLOY / "facetd-live.service").read_text().splitlines()
+def test_the_dashboards_unit_has_no_device_and_only_the_loopback_interface() -> None:
+    lines = (DEPLOY / "facetd-dashboard.service").read_text().splitlines()
     wanted = {"DynamicUser=yes", "PrivateDevices=yes", "IPAddressDeny=any", "IPAddressAllow=localhost"}
     assert wanted <= set(lines)
     assert not [

@@ -49,6 +49,26 @@ def test_an_upgrade_that_nothing_disturbs(installer: Installer, before: Path, tm
     assert runs(root)
 
 
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_dashboard_that_was_enabled_by_its_old_name_stays_enabled(
+    installer: Installer, before: Path, tmp_path: Path, enabled: bool
+) -> None:
+    root = tmp_path / "root"
+    shutil.copytree(before, root, symlinks=True)
+    units = root / "etc/systemd/system"
+    wants = units / "multi-user.target.wants"
+    wants.mkdir()
+    (units / "facetd-live.service").write_text("# of a release before\n")
+    if enabled:
+        (wants / "facetd-live.service").symlink_to("/etc/systemd/system/facetd-live.service")
+    assert installer.run(root, "install").returncode == 0
+    assert os.path.lexists(wants / "facetd-dashboard.service") is enabled
+    assert not os.path.lexists(wants / "facetd-live.service")
+    assert (units / "facetd-live.service").is_symlink() is enabled
+    assert installer.run(root, "remove").returncode == 0
+    assert not [path for path in units.rglob("*") if not path.is_dir()]
+
+
 def cut(installer: Installer, before: Path | None, root: Path, word: str, step: int) -> list[str]:
     """What is wrong after the power went at a step, and after what people do then."""
     if before is None:

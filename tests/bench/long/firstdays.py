@@ -1,4 +1,4 @@
-"""Ten cells drawn at random, each from `facetctl arm introduce` to a picked part by commands alone.
+"""Ten cells drawn at random, each from `facetctl arm identify` to a picked part by commands alone.
 
 `python -m tests.bench.long.firstdays [COUNT] [FIRST]`: a line for each; real time, some minutes a cell.
 """

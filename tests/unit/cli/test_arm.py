@@ -47,7 +47,7 @@ def test_lengths_that_are_none_are_told_with_what_they_should_be(
     typed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        ctl.main(["arm", "introduce", "nowhere", "--lengths", typed])
+        ctl.main(["arm", "identify", "nowhere", "--lengths", typed])
     assert "expected four lengths in mm, as in 650,0,190,600" in capsys.readouterr().err
 
 

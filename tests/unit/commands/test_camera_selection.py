@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daemon.arm import EyeName, RefusedError, said
-from daemon.commands.camera_selection import eyes
+from daemon.commands.camera_selection import cameras
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.moving import resume
 from daemon.commands.observing import look
@@ -122,7 +122,7 @@ def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_
     """`abort` leaves no fault: the arm moved the eye aside after it."""
 
     async def story(here: Hours) -> None:
-        await eyes.run(here.context, ["left"], FakeFrontend())
+        await cameras.run(here.context, ["left"], FakeFrontend())
         here.context.hardware = replace(here.context.hardware, hand=None)
         known = SimpleNamespace(labels=lambda: ())
         here.context.trainer = SimpleNamespace(parts={}, model=SimpleNamespace(labels=()), model_store=known)  # type: ignore[assignment]
@@ -144,7 +144,7 @@ def test_a_frontend_that_cannot_ask_is_told_the_word_and_nothing_changes() -> No
     async def story(here: Hours) -> None:
         broken(here)
         answer = await resume.run(here.context, [], FakeFrontend())
-        assert "`eyes left` goes on with it" in answer.text
+        assert "`cameras left` goes on with it" in answer.text
         assert here.cycle.cell.alone is None
 
     lived(story)
@@ -167,10 +167,10 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
         broken(here)
         await resume.run(here.context, [], FakeFrontend(answers=["y"]))
         with pytest.raises(CommandError, match="not trusted yet"):
-            await eyes.run(here.context, ["both"], FakeFrontend())
+            await cameras.run(here.context, ["both"], FakeFrontend())
         assert here.cycle.cell.alone == "left"
         here.cell.camera.ail("right", None)
-        assert (await eyes.run(here.context, ["both"], FakeFrontend())).text == "Looking with both eyes."
+        assert (await cameras.run(here.context, ["both"], FakeFrontend())).text == "Looking with both eyes."
         assert here.cycle.cell.alone is None
         assert here.cycle.cell.rig is here.context.calibration.rig
         assert "eyes" not in here.context.troubles.standing
@@ -182,8 +182,8 @@ def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
     async def story(here: Hours) -> None:
         here.cell.camera.cover("right")
         with pytest.raises(CommandError, match=r"right eye cannot be looked with.*covered"):
-            await eyes.run(here.context, ["right"], FakeFrontend())
-        assert "The right eye:" in (await eyes.run(here.context, [], FakeFrontend())).text
+            await cameras.run(here.context, ["right"], FakeFrontend())
+        assert "The right eye:" in (await cameras.run(here.context, [], FakeFrontend())).text
         assert here.context.hardware.eyes.alone is None
 
     lived(story)
@@ -191,7 +191,7 @@ def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
 
 def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye() -> None:
     async def story(here: Hours) -> None:
-        await eyes.run(here.context, ["left"], FakeFrontend())
+        await cameras.run(here.context, ["left"], FakeFrontend())
         with pytest.raises(CommandError, match="with one eye a look moves the arm"):
             await look.run(here.context, [], FakeFrontend(may="look"))
         assert not here.log.said("move")

@@ -1,4 +1,4 @@
-"""`facetctl live` where it cannot serve."""
+"""`facetctl dashboard` where it cannot serve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def test_without_its_libraries_it_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    assert ctl.main(["live"]) == 2
+    assert ctl.main(["dashboard"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert places.how_to_add("live") in error
+    assert places.how_to_add("dashboard") in error

@@ -22,8 +22,8 @@ from tests.fakes.made_run import MadeRun, part
 from tests.fakes.told_daemon import ToldDaemon
 
 pytestmark = pytest.mark.slow
-uvicorn = pytest.importorskip("uvicorn", reason="the extra `live` is not installed")
-pytest.importorskip("starlette", reason="the extra `live` is not installed")
+uvicorn = pytest.importorskip("uvicorn", reason="the extra `dashboard` is not installed")
+pytest.importorskip("starlette", reason="the extra `dashboard` is not installed")
 
 
 @pytest.fixture

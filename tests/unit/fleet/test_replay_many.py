@@ -1,4 +1,4 @@
-"""What there is to replay, with what, and when two pieces are the same. In earnest: tests/cell/test_cell_hall.py."""
+"""What there is to replay, with what, and when two pieces are the same. In earnest: tests/cell/test_cell_fleet.py."""
 
 from __future__ import annotations
 

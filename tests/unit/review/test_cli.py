@@ -108,7 +108,7 @@ def test_how_many_runs_or_days_is_a_number_from_one_on(tmp_path: Path, capsys: p
         MadeRun(tmp_path / f"2026010{day}T030405Z", pictures=False).close()
     assert ctl.main(["runs", "--runs", str(tmp_path), "--last", "2"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
-    for words in (["runs", "--last", "0"], ["hall", "STORE", "--days", "0"], ["hall", "STORE", "--days", "1000000"]):
+    for words in (["runs", "--last", "0"], ["fleet", "STORE", "--days", "0"], ["fleet", "STORE", "--days", "1000000"]):
         with pytest.raises(SystemExit):
             ctl.main(words)
         assert "expected a whole number from 1 to 9999" in capsys.readouterr().err

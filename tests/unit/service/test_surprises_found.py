@@ -522,7 +522,7 @@ def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_eye(story: Story) -
     """Asked to look where it had been stopped, 6 mm above the table, it went 40 mm aside through them, and back."""
     story.sockets[0].say("go survey")
     story.wait(6.0)
-    story.sockets[0].say("eyes left")
+    story.sockets[0].say("cameras left")
     story.wait(3.0)
     for text in ["jog z -100"] * 3 + ["jog z -40"] * 6:
         story.sockets[0].say(text)

@@ -45,7 +45,7 @@ def test_a_program_from_a_wheel_keeps_nothing_beside_the_packages(
     assert places.config_file() == places.ETC / "facetd.yaml"
     for simulated in (False, True):
         assert places.state_folder(simulated) == places.runtime_folder(simulated) == tmp_path / "mine" / "facetd"
-    assert places.how_to_add("live") == f"{sys.executable} -m pip install 'facetd[live]'"
+    assert places.how_to_add("dashboard") == f"{sys.executable} -m pip install 'facetd[dashboard]'"
 
 
 def test_installed_the_real_cell_has_the_installed_places_and_a_simulated_one_a_person_s_own(
