@@ -43,7 +43,7 @@ from daemon.maintenance import journal
 from daemon.maintenance.metrics import MetricsServer
 from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.order import PickOrder
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
@@ -234,7 +234,7 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._logged)
-        cycle = Cycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use)
+        cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
         )

@@ -6,7 +6,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.hold import Waiting
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
+from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
 from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
@@ -17,10 +17,10 @@ from daemon.arm.workcell import (
     EYES,
     EyeName,
     HeldBackError,
-    Log,
     Picture,
     Pictures,
     Reading,
+    Recorder,
     StopRefusedError,
     Workcell,
 )
@@ -37,7 +37,6 @@ __all__ = [
     "Interruption",
     "Let",
     "Limits",
-    "Log",
     "MoveRefusedError",
     "Mover",
     "NotSentError",
@@ -48,6 +47,7 @@ __all__ = [
     "Pictures",
     "Point",
     "Reading",
+    "Recorder",
     "RefusedError",
     "SettledPair",
     "Settling",

@@ -97,7 +97,7 @@ TWO_SIDES = np.triu_indices(6, 1)
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class ArmBody:
     """C capsules as arrays: names, frame (C,) index of the Robot's frames, ends_mm (C, 2, 3), radius_mm (C,).
 
     The last one is the tool centre point.
@@ -108,10 +108,10 @@ class Body:
     ends_mm: Array
     radius_mm: Array
 
-    def only(self, which: NDArray[np.intp]) -> Body:
+    def only(self, which: NDArray[np.intp]) -> ArmBody:
         """Some of it, in the order asked for."""
         names = tuple(self.names[k] for k in which)
-        return Body(names, self.frame[which], self.ends_mm[which], self.radius_mm[which])
+        return ArmBody(names, self.frame[which], self.ends_mm[which], self.radius_mm[which])
 
     def placed(self, frames: Array) -> Array:
         """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4). Link by link: few large products."""
@@ -125,11 +125,11 @@ class Body:
 
 
 @lru_cache(maxsize=16)
-def body_of(capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]) -> Body:
+def body_of(capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]) -> ArmBody:
     """Capsules, the tool's points and its centre point."""
     points = (Capsule("tool", "tool", p, p, 0.0) for p in (*points_mm, (0.0, 0.0, 0.0)))
     every = tuple(chain(capsules, points))
-    return Body(
+    return ArmBody(
         tuple(c.name for c in every),
         np.array([LINK_FRAME[c.link] for c in every]),
         np.array([(c.from_mm, c.to_mm) for c in every], float),

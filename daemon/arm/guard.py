@@ -1,6 +1,6 @@
 """What the arm may never be told. Pure: a command and how things stand in, the broken rule out.
 
-Every motion of the arm passes `refuse` immediately before its bytes leave (mover.py), its whole way looked along
+Every motion of the arm passes `refuse` immediately before its bytes leave (motion.py), its whole way looked along
 before (sweep.py); nothing here remembers anything, so that each rule can be read, and tested, on its own.
 """
 
@@ -64,7 +64,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class MoveCommand:
     """One motion: world_from_tool (4, 4) mm; look_taken_s: when the look it was computed from was exposed, None for a
     taught place; purpose in words for log and operator."""
 
@@ -104,18 +104,18 @@ class Refusal:
     text: str
 
 
-Rule = Callable[[Command, ArmState, Limits], str | None]
+Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
 
 
-def _fault_stands(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _fault_stands(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return f"the fault {standing.fault!r} stands until `resume`" if standing.fault is not None else None
 
 
-def _not_enabled(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _not_enabled(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return None if standing.enabled else "the arm is not enabled: say `enable`"
 
 
-def _not_a_location(command: Command, _: ArmState, __: Limits) -> str | None:
+def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None:
     pose = command.world_from_tool
     if pose.shape != (4, 4) or not np.all(np.isfinite(pose)):
         return "the target is not a 4x4 matrix of numbers"
@@ -123,7 +123,7 @@ def _not_a_location(command: Command, _: ArmState, __: Limits) -> str | None:
     return None if wrong is None else f"the target's orientation is not a rotation: {wrong}"
 
 
-def _arm_lost(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _arm_lost(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return "it is not known where the arm is: ask `where` first" if standing.at is None else None
 
 
@@ -131,11 +131,11 @@ def _on_the_way(rule: str, standing: ArmState) -> str | None:
     return next((strike.text for strike in standing.strikes if strike.rule == rule), None)
 
 
-def _no_way(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _no_way(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return _on_the_way("no_way", standing)
 
 
-def _outside_workspace(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def _outside_workspace(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
     point = command.world_from_tool[:3, 3]
     for axis, value, low, high in zip("xyz", point, limits.box_low_mm, limits.box_high_mm, strict=True):
         if not low <= value <= high:
@@ -150,39 +150,39 @@ def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
     return float(above_mm(ends, body.radius_mm, limits.table_z_mm).min())
 
 
-def _below_table(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def _below_table(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
     lowest = hand_above_mm(command.world_from_tool, limits)
     if lowest < limits.clearance_mm:
         return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
     return _on_the_way("below_table", standing)
 
 
-def _outside_room(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _outside_room(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return _on_the_way("outside_room", standing)
 
 
-def _kept_out(_: Command, standing: ArmState, __: Limits) -> str | None:
+def _kept_out(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return _on_the_way("kept_out", standing)
 
 
-def _step_too_long(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def _step_too_long(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
     assert standing.at is not None
     step = float(np.linalg.norm(command.world_from_tool[:3, 3] - standing.at[:3, 3]))
     return f"a step of {step:.1f} mm, {limits.max_step_mm:g} is the most" if step > limits.max_step_mm else None
 
 
-def _turn_too_far(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def _turn_too_far(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
     assert standing.at is not None
     turn = float(np.degrees(frames.angle_between(standing.at, command.world_from_tool)))
     return f"a turn of {turn:.1f} degrees, {limits.max_turn_deg:g} is the most" if turn > limits.max_turn_deg else None
 
 
-def _too_fast(command: Command, _: ArmState, limits: Limits) -> str | None:
+def _too_fast(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
     within = 0 < command.speed_pct <= limits.max_speed_pct
     return None if within else f"speed {command.speed_pct:g} % is not within 0 to {limits.max_speed_pct:g}"
 
 
-def _stale_look(command: Command, standing: ArmState, limits: Limits) -> str | None:
+def _stale_look(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
     if command.look_taken_s is None:
         return None
     age = standing.now_s - command.look_taken_s
@@ -209,7 +209,7 @@ RULES: tuple[tuple[str, Rule], ...] = (
 )
 
 
-def refuse(command: Command, standing: ArmState, limits: Limits) -> Refusal | None:
+def refuse(command: MoveCommand, standing: ArmState, limits: Limits) -> Refusal | None:
     """The first rule the command would break, or None when it may go."""
     for name, rule in RULES:
         text = rule(command, standing, limits)

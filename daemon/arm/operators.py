@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import StrEnum
 
-from daemon.arm.mover import NotSentError
+from daemon.arm.motion import NotSentError
 
 SAID: ContextVar[tuple[str, int] | None] = ContextVar("said", default=None)
 """The word that is being done, and how often the arm had been stopped when it was said."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from daemon.arm import paths
-from daemon.arm.guard import ArmState, Command, Limits, Refusal, hand_above_mm, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm, refuse
 from daemon.arm.sweep import way_clear
 from daemon.arm.workcell import Reading, Robot
 from daemon.arrays import Array
@@ -27,7 +27,7 @@ MOST_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class PathSegment:
     """One move of a way: world_from_tool (4, 4) mm where it ends, on the line or the joints' own way."""
 
     world_from_tool: Array
@@ -35,15 +35,15 @@ class Leg:
 
 
 def planned_way(
-    command: Command, standing: ArmState, start: Reading, robot: Robot, limits: Limits
-) -> tuple[Leg, ...] | Refusal:
+    command: MoveCommand, standing: ArmState, start: Reading, robot: Robot, limits: Limits
+) -> tuple[PathSegment, ...] | Refusal:
     """The legs to the command's target, none of which breaks a rule as things stand.
 
     A joint-interpolated way that begins or ends low goes straight up first and straight down last, where it can, out of
     and into what lies on the table. Where one strikes: straight up, across at that height, straight down; the lowest
     that is clear. A straight way is asked for because only that will do, and is refused where it strikes.
     """
-    whole = Leg(command.world_from_tool, command.straight)
+    whole = PathSegment(command.world_from_tool, command.straight)
     may_be_there = refuse(command, replace(standing, at=command.world_from_tool), limits) is None
     for legs in _upright(whole, start, limits) if may_be_there and not command.straight else ():
         upright = _clear(legs, command, standing, start, robot, limits)
@@ -55,30 +55,30 @@ def planned_way(
     for height_mm in HIGHER_MM:
         top_mm = height_mm + max(start.world_from_tool[2, 3], command.world_from_tool[2, 3])
         up, over = (paths.lifted(p, top_mm - p[2, 3]) for p in (start.world_from_tool, command.world_from_tool))
-        legs = [Leg(up, True), Leg(over, False), replace(whole, straight=True)]
+        legs = [PathSegment(up, True), PathSegment(over, False), replace(whole, straight=True)]
         higher = _clear(legs, command, standing, start, robot, limits)
         if not isinstance(higher, Refusal):
             return higher
     return replace(direct, text=f"{direct.text}; nor is a way over it clear")
 
 
-def _upright(whole: Leg, start: Reading, limits: Limits) -> Iterator[list[Leg]]:
+def _upright(whole: PathSegment, start: Reading, limits: Limits) -> Iterator[list[PathSegment]]:
     """The joints' way up first and down last; where it cannot come down so, up first alone. None where it begins and
     ends high."""
     ends = start.world_from_tool, whole.world_from_tool
     out_mm, in_mm = (max(0.0, OUT_MM - hand_above_mm(end, limits)) for end in ends)
-    up = [Leg(paths.lifted(start.world_from_tool, out_mm), True)] if out_mm else []
+    up = [PathSegment(paths.lifted(start.world_from_tool, out_mm), True)] if out_mm else []
     if in_mm:
-        yield [*up, Leg(paths.lifted(whole.world_from_tool, in_mm), False), replace(whole, straight=True)]
+        yield [*up, PathSegment(paths.lifted(whole.world_from_tool, in_mm), False), replace(whole, straight=True)]
     if up:
         yield [*up, whole]
 
 
 def _clear(
-    legs: Sequence[Leg], command: Command, standing: ArmState, start: Reading, robot: Robot, limits: Limits
-) -> tuple[Leg, ...] | Refusal:
+    legs: Sequence[PathSegment], command: MoveCommand, standing: ArmState, start: Reading, robot: Robot, limits: Limits
+) -> tuple[PathSegment, ...] | Refusal:
     """The legs in steps, every one of them swept; or the first refusal."""
-    found: list[Leg] = []
+    found: list[PathSegment] = []
     for leg in legs:
         steps = _steps(leg, start, robot, limits)
         if isinstance(steps, Refusal):
@@ -92,11 +92,11 @@ def _clear(
             if joints is None:
                 return _out_of_reach(pose)
             start = Reading(pose, joints)
-            found.append(Leg(pose, leg.straight))
+            found.append(PathSegment(pose, leg.straight))
     return tuple(found)
 
 
-def _steps(leg: Leg, start: Reading, robot: Robot, limits: Limits) -> list[Array] | Refusal:
+def _steps(leg: PathSegment, start: Reading, robot: Robot, limits: Limits) -> list[Array] | Refusal:
     """Poses on the leg's own way, the last its end, each within the step limits of the one before."""
     target = leg.world_from_tool
     if leg.straight:

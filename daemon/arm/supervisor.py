@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from daemon.arm.guard import Limits
 from daemon.arm.hold import Hold
-from daemon.arm.mover import Arrival, Mover, NotSentError
+from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import SAID, Interruption, Let, RefusedError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import HeldBackError, Workcell

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm.body import Body, above_mm, away_mm, body_of, within_mm
-from daemon.arm.guard import ArmState, Command, Limits, Refusal, Strike, refuse
+from daemon.arm.body import ArmBody, above_mm, away_mm, body_of, within_mm
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
 from daemon.arm.workcell import Reading, Robot
 from daemon.arrays import Array
 
@@ -140,13 +140,13 @@ class Tight:
     capsules: NDArray[np.intp]
     boxes: NDArray[np.intp]
 
-    def gaps_of(self, links: Array, body: Body, limits: Limits) -> Gaps:
+    def gaps_of(self, links: Array, body: ArmBody, limits: Limits) -> Gaps:
         """The gaps between them, and the tool centre point's to its box; `capsule` counts all of the body."""
         some = body.only(self.capsules)
         gaps = gaps_of(links, some, replace(limits, keep_out=tuple(limits.keep_out[k] for k in self.boxes)))
         return replace(gaps, capsule=self.capsules[gaps.capsule])
 
-    def columns(self, body: Body) -> NDArray[np.intp]:
+    def columns(self, body: ArmBody) -> NDArray[np.intp]:
         """(P,) which of all columns they are, in order."""
         count = len(body.names)
         of_all = np.concatenate([[0, count], 2 * count + SIDES + self.boxes * count])[:, None] + self.capsules
@@ -172,7 +172,7 @@ def _turns(vector: Array, shares: Array) -> Array:
     return np.asarray(np.eye(3) + np.sin(turned) * cross + (1.0 - np.cos(turned)) * (cross @ cross))
 
 
-def reaches_mm(links: Array, body: Body) -> Array:
+def reaches_mm(links: Array, body: ArmBody) -> Array:
     """(6, C): no point of a capsule is ever farther than this from the axis of a joint, 0 where that does not move it.
 
     From frames (8, 4, 4) of any moment.
@@ -193,7 +193,7 @@ def _origins_off_mm(links: Array) -> Array:
 
 
 def way_of(
-    start: Reading, command: Command, joints_rad: Array | None, robot: Robot, body: Body
+    start: Reading, command: MoveCommand, joints_rad: Array | None, robot: Robot, body: ArmBody
 ) -> JointWay | StraightWay | Strike:
     """The way of a command; joints_rad (6,): where a joint-interpolated one ends. A Strike where there is none."""
     links = robot.frames(start.joints_rad[None])[0]
@@ -207,7 +207,7 @@ def way_of(
 
 
 def _straight_way(
-    start: Reading, command: Command, robot: Robot, body: Body, links: Array, reaches: Array
+    start: Reading, command: MoveCommand, robot: Robot, body: ArmBody, links: Array, reaches: Array
 ) -> StraightWay | Strike:
     """The hand goes its own line and turns evenly. How fast joints 1 to 3 turn for that, between two places:
 
@@ -300,7 +300,7 @@ class Gaps:
     capsule: NDArray[np.intp]
 
 
-def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
+def gaps_of(links: Array, body: ArmBody, limits: Limits) -> Gaps:
     """Everything of the body to the table, the sides of the room and each keep-out, the tool centre point to the sides
     of its box."""
     ends = body.placed(links)
@@ -322,7 +322,7 @@ def gaps_of(links: Array, body: Body, limits: Limits) -> Gaps:
     return Gaps(np.concatenate(columns, axis=1), tuple(what), capsule)
 
 
-def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
+def strikes(way: Way, body: ArmBody, limits: Limits) -> tuple[Strike, ...]:
     """What the way would break, the worst place seen of each rule; none where it is proven clear."""
     slack = min(SLACK_MM, limits.clearance_mm / 2)
     shares = way.first()
@@ -356,7 +356,7 @@ def strikes(way: Way, body: Body, limits: Limits) -> tuple[Strike, ...]:
         values = values[:, np.isin(before, tight.columns(body))]
 
 
-def _not_far(ends: Array, travel: Array, body: Body, limits: Limits) -> Tight:
+def _not_far(ends: Array, travel: Array, body: ArmBody, limits: Limits) -> Tight:
     """What could touch anything: by boxes that hold each capsule all the way. ends (N, C, 2, 3), travel (N - 1, C)."""
     margin = (body.radius_mm + limits.clearance_mm + travel.max(axis=0) / 2)[:, None]
     each = ends.reshape(len(ends), -1)
@@ -413,7 +413,7 @@ def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: 
     return tuple(found)
 
 
-def place_clear(command: Command, there: Reading, robot: Robot, limits: Limits) -> Refusal | None:
+def place_clear(command: MoveCommand, there: Reading, robot: Robot, limits: Limits) -> Refusal | None:
     """The first rule of place that the command's target would break with all of the arm; there: the arm at it."""
     body = body_of(limits.capsules, limits.body_mm)
     links = robot.frames(there.joints_rad[None])
@@ -423,7 +423,7 @@ def place_clear(command: Command, there: Reading, robot: Robot, limits: Limits) 
 
 
 def way_clear(
-    command: Command, standing: ArmState, start: Reading | None, robot: Robot, limits: Limits
+    command: MoveCommand, standing: ArmState, start: Reading | None, robot: Robot, limits: Limits
 ) -> Refusal | None:
     """The first rule the command would break now, on its whole way from start (where the arm is); None: it may go."""
     refusal = refuse(command, standing, limits)

@@ -126,7 +126,7 @@ class Pictures(Protocol):
     def right(self) -> Picture: ...
 
 
-class Eyes(Protocol):
+class Cameras(Protocol):
     """The stereo camera, asynchronous (cell.py runs the driver's blocking grab in a thread)."""
 
     async def grab(self, not_before_s: float, timeout_s: float) -> Pictures:
@@ -136,7 +136,7 @@ class Eyes(Protocol):
         """Gather so many times as much light with each eye; what was taken, None where that is not to be set."""
 
 
-class Log(Protocol):
+class Recorder(Protocol):
     """The run log as the cycle sees it."""
 
     def record(self, kind: str, /, **fields: object) -> None:
@@ -156,8 +156,8 @@ class Workcell:
     """
 
     robot: Robot
-    eyes: Eyes
-    log: Log
+    eyes: Cameras
+    log: Recorder
     clock: Callable[[], float]
     rig: StereoRig
     tool_from_cyclopean: Array

@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from daemon.arm import ARM, Limits, Log, Workcell, body_like
+from daemon.arm import ARM, Limits, Recorder, Workcell, body_like
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
@@ -25,8 +25,8 @@ WORST_DEG = degrees(SPREAD_LIMIT_MM / sqrt(2) / median(DISTANCES_MM))
 beside its place, or all from being turned about the two axes across the view, at the tour's middle distance."""
 
 
-def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log: Log) -> tuple[Workcell, Settings]:
-    """What `Cycle` takes. Without a hand-eye yet the cameras count as being in the tool (no move is enabled then)."""
+def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log: Recorder) -> tuple[Workcell, Settings]:
+    """What `PickCycle` takes. Without a hand-eye yet the cameras count as in the tool (no move is enabled then)."""
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
     rig, alone = calibration.rig, hardware.eyes.alone
     if alone is not None:

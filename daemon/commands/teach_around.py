@@ -16,9 +16,9 @@ from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import NOT_DONE, CommandError, CommandResult, Frontend, number, yes_or_no
 from daemon.console.phrases import plural
-from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, NoThingError, Thing
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, CircledPart, NoThingError
+from daemon.pick.fused_objects import seen_from
 from daemon.pick.looking import Look
-from daemon.pick.things import seen_from
 from daemon.teaching.trainer import Recogniser
 from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
 from daemon.vision.facets import Fused, fuse
@@ -56,7 +56,7 @@ async def learnt(context: CommandContext, label: str, count: int, frontend: Fron
     return part
 
 
-def _fused(context: CommandContext, thing: Thing, looks: list[Look]) -> Fused | None:
+def _fused(context: CommandContext, thing: CircledPart, looks: list[Look]) -> Fused | None:
     settings = context.cycle.settings
     seen = [seen_from(look, thing.groups_in(look), settings.doubt) for look in looks]
     return fuse(seen, settings.doubt.shared(), settings.limits.table_z_mm)

@@ -15,7 +15,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Protocol
 
-from daemon.arm import EyeName, Log
+from daemon.arm import EyeName, Recorder
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.cell.pick_cell import pick_cell
@@ -24,7 +24,7 @@ from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
 from daemon.maintenance.troubles import Troubles
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.store.runlog import RunLog
@@ -54,10 +54,10 @@ class CommandContext:
     config: Config
     calibration: Calibration
     hardware: Hardware
-    cycle: Cycle
+    cycle: PickCycle
     trainer: Trainer
     run_log: RunLog
-    log: Log
+    log: Recorder
     troubles: Troubles
     reload: Reload
     notices: Notices = field(default_factory=Notices)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from daemon.cell.build import Hardware
 from daemon.config import Config
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.store.runlog import RunLog
 from daemon.teaching.trainer import Trainer
 
@@ -36,7 +36,7 @@ class WatchedDaemon(Protocol):
 
     config: Config
     hardware: Hardware
-    cycle: Cycle
+    cycle: PickCycle
     trainer: Trainer
     run_log: RunLog
     troubles: Troubles

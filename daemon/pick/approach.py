@@ -13,11 +13,11 @@ from daemon.pick.outcome import Outcome
 from daemon.pick.plan import regrasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
-from daemon.pick.transitions import Event
+from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
+    BeforeDisagreement,
     PickContext,
-    Question,
     SuspectError,
     WorldModel,
     look,
@@ -28,7 +28,7 @@ from daemon.pick.world import (
 )
 
 
-async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.UNREACHABLE]:
+async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE, PickEvent.UNREACHABLE]:
     """Go to the next stand-off."""
     target, settings = world.the_target(), context.settings
     distance = pose_fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
@@ -40,16 +40,18 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[Event.THERE
         await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
     except MOVE_ERRORS as error:
         await unreachable(context, world, error)
-        return Event.UNREACHABLE
-    return Event.THERE
+        return PickEvent.UNREACHABLE
+    return PickEvent.THERE
 
 
-async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOKED, Event.ELSEWHERE, Event.LOST]:
+async def looking(
+    context: PickContext, world: WorldModel
+) -> Literal[PickEvent.LOOKED, PickEvent.ELSEWHERE, PickEvent.LOST]:
     """Look, and find the target again."""
     target = world.the_target()
     seen = await look(context, world, "approach", expecting(target))
     if await asyncio.to_thread(follow, target, seen, context.cell, context.settings.doubt):
-        return Event.LOOKED
+        return PickEvent.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
         return await _elsewhere(context, world, "its corners are not where the look before had them")
@@ -58,27 +60,27 @@ async def looking(context: PickContext, world: WorldModel) -> Literal[Event.LOOK
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
         skip(context, world, Outcome.LOST, target, why)
-        return Event.LOST
+        return PickEvent.LOST
     world.unseen_from.append((target.centre, seen.world_from_cyclopean[:3, 3] - target.centre))
     context.decide(f"approach {target.label} from another side", why)
-    return Event.ELSEWHERE
+    return PickEvent.ELSEWHERE
 
 
-async def _elsewhere(context: PickContext, world: WorldModel, why: str) -> Literal[Event.ELSEWHERE, Event.LOST]:
+async def _elsewhere(context: PickContext, world: WorldModel, why: str) -> Literal[PickEvent.ELSEWHERE, PickEvent.LOST]:
     """The target lies otherwise than was thought."""
-    return Event.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why) else Event.LOST
+    return PickEvent.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why) else PickEvent.LOST
 
 
 async def estimating(
     context: PickContext, world: WorldModel
-) -> Literal[Event.UNSURE, Event.SURE, Event.DOUBT, Event.ELSEWHERE, Event.LOST, Event.GAVE_UP]:
+) -> Literal[PickEvent.UNSURE, PickEvent.SURE, PickEvent.DOUBT, PickEvent.ELSEWHERE, PickEvent.LOST, PickEvent.GAVE_UP]:
     """Hold the look against the one before, fuse, and say whether it is enough."""
     target, settings = world.the_target(), context.settings
     chi = 0.0
     if len(target.sightings) > 1:
         chi = pose_fusion.disagreement(target.sightings[-2], target.sightings[-1], settings.doubt)
     if chi > CHI_SQUARE_6 and await _blame(context, world, target, chi) == "unclear":
-        return Event.DOUBT
+        return PickEvent.DOUBT
     estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
     plan = await asyncio.to_thread(regrasp, target.shape, target.world_from_part, target.plan, settings)
@@ -98,12 +100,12 @@ async def estimating(
         chi2=chi,
     )
     if context.mover.dry or pose_fusion.enough(estimate, len(target.sightings), settings.stops):
-        return Event.SURE
+        return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
-        return Event.UNSURE
+        return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
     skip(context, world, Outcome.UNSURE, target, why)
-    return Event.GAVE_UP
+    return PickEvent.GAVE_UP
 
 
 async def _blame(context: PickContext, world: WorldModel, target: Target, chi: float) -> Literal["part", "unclear"]:
@@ -129,5 +131,5 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     if world.doubts > settings.tries:  # the table said each time that nothing else had moved
         raise SuspectError(f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
-    world.questioned = Question([p for p in world.found if p not in itself], itself)
+    world.questioned = BeforeDisagreement([p for p in world.found if p not in itself], itself)
     return "unclear"

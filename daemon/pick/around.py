@@ -14,7 +14,7 @@ from daemon.arm import RefusedError
 from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.looking import Look
-from daemon.pick.settings import View
+from daemon.pick.settings import SurveyView
 from daemon.pick.world import MOVE_ERRORS, PickContext, raise_if_closed
 from daemon.vision.values import Group
 
@@ -39,7 +39,7 @@ class NoThingError(RefusedError):
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class CircledPart:
     """What is walked round: its middle (3,) mm, world, and how far it reaches from there."""
 
     middle: Array
@@ -56,7 +56,7 @@ class Thing:
         return [group for group in look.scene.view.groups if self.holds(group, look.world_from_cyclopean)]
 
 
-def thing_in(look: Look) -> Thing:
+def thing_in(look: Look) -> CircledPart:
     """The one thing that a look shows. Raises NoThingError for none or several."""
     groups = [group for group in look.scene.view.groups if len(group.facets) > 1]
     if not groups:
@@ -65,10 +65,12 @@ def thing_in(look: Look) -> Thing:
         raise NoThingError(f"{len(groups)} parts are in view; leave the one to be taught alone")
     corners = frames.apply(look.world_from_cyclopean, groups[0].polyhedron.corners_mm)
     middle = (corners.min(0) + corners.max(0)) / 2
-    return Thing(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
+    return CircledPart(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
-def tour_round(thing: Thing, count: int, tool_from_cyclopean: Array, allowed: viewpoints.Reachable) -> list[Array]:
+def tour_round(
+    thing: CircledPart, count: int, tool_from_cyclopean: Array, allowed: viewpoints.Reachable
+) -> list[Array]:
     """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
     distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)
@@ -76,7 +78,7 @@ def tour_round(thing: Thing, count: int, tool_from_cyclopean: Array, allowed: vi
     reached = dict[tuple[int, float], Array]()
     for heading in HEADINGS_DEG:
         for tilt in TILTS_DEG:
-            pose = View((x, y, z), distance_mm, float(heading), tilt).pose(tool_from_cyclopean)
+            pose = SurveyView((x, y, z), distance_mm, float(heading), tilt).pose(tool_from_cyclopean)
             if allowed(pose):
                 reached[heading, tilt] = pose
     chosen = dict[tuple[int, float], Array]()
@@ -89,7 +91,7 @@ def tour_round(thing: Thing, count: int, tool_from_cyclopean: Array, allowed: vi
     return [chosen[at] for at in sorted(chosen)]
 
 
-async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
+async def walk_round(context: PickContext, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
     """Find the one thing there is, from where the arm stands or else from the survey views, and look at it from `count`
     places round it. Dry, nothing moves and nothing but the first look is taken.
 
@@ -117,7 +119,7 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Thin
     return thing, looks
 
 
-async def _found(context: PickContext) -> Thing:
+async def _found(context: PickContext) -> CircledPart:
     """The thing, from where the arm stands; where none is seen from there, from the survey views, one after another."""
     mover, settings = context.mover, context.settings
     lacking: NoThingError | None = None

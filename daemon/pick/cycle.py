@@ -29,36 +29,36 @@ from daemon.arm import (
 from daemon.arrays import Array
 from daemon.events.outcomes import tally
 from daemon.pick import approach, find, take
-from daemon.pick.around import Thing, Told, walk_round
-from daemon.pick.looking import Look, Recogniser
+from daemon.pick.around import CircledPart, Told, walk_round
+from daemon.pick.looking import Look, PartRecogniser
 from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd, Observer, Outcome, Skipped, tell
 from daemon.pick.settings import Settings
-from daemon.pick.transitions import Event, State, follows
+from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import Handler, PickContext, WorldModel
 
-HANDLERS: dict[State, Handler] = {
-    State.SURVEY: find.survey,
-    State.CHOOSE: find.choose,
-    State.SECOND_VIEW: find.second_view,
-    State.STOP_N: approach.stop_n,
-    State.LOOKING: approach.looking,
-    State.ESTIMATING: approach.estimating,
-    State.FINAL: take.final,
-    State.CLOSING: take.closing,
-    State.RETREAT: take.retreat,
-    State.VERIFY: take.verify,
-    State.PLACE: take.place,
-    State.HOME: take.home,
+HANDLERS: dict[PickState, Handler] = {
+    PickState.SURVEY: find.survey,
+    PickState.CHOOSE: find.choose,
+    PickState.SECOND_VIEW: find.second_view,
+    PickState.STOP_N: approach.stop_n,
+    PickState.LOOKING: approach.looking,
+    PickState.ESTIMATING: approach.estimating,
+    PickState.FINAL: take.final,
+    PickState.CLOSING: take.closing,
+    PickState.RETREAT: take.retreat,
+    PickState.VERIFY: take.verify,
+    PickState.PLACE: take.place,
+    PickState.HOME: take.home,
 }
-CUT_OFF = (Event.STOP, Event.ERROR, Event.ABORT)
+CUT_OFF = (PickEvent.STOP, PickEvent.ERROR, PickEvent.ABORT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 KEPT_ENDS = 1000
 """How many ended picks are kept in memory (the run log has all): a daemon runs for years."""
 
 
-class Cycle:
+class PickCycle:
     """See the module. recogniser: None where nothing was taught yet; observer: told of each look and each end.
 
     hand_full: whether a part is in the gripper, None when nobody knows; pick_order: what auto has still to bring (where
@@ -66,11 +66,15 @@ class Cycle:
     """
 
     def __init__(
-        self, cell: Workcell, settings: Settings, recogniser: Recogniser | None = None, observer: Observer | None = None
+        self,
+        cell: Workcell,
+        settings: Settings,
+        recogniser: PartRecogniser | None = None,
+        observer: Observer | None = None,
     ) -> None:
         self.supervisor = Supervisor(cell, settings.limits, settings.arrival, self._interrupted)
         self.cell, self.settings, self.recogniser, self.observer = cell, settings, recogniser, observer
-        self.state = self._held = State.IDLE
+        self.state = self._held = PickState.IDLE
         self.ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         self.tally: Counter[Outcome] = Counter()
         self.skipped: list[Skipped] = []
@@ -115,7 +119,7 @@ class Cycle:
             "last": None if not self.ends else f"{self.ends[-1].outcome}: {self.ends[-1].why}",
         }
 
-    def use(self, recogniser: Recogniser | None) -> None:
+    def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused)."""
         self.recogniser = recogniser
 
@@ -166,7 +170,7 @@ class Cycle:
         self._must_be_empty()
         return await self.supervisor.run("look around", self._around(most))
 
-    async def walk_round(self, recogniser: Recogniser, count: int, told: Told) -> tuple[Thing, list[Look]]:
+    async def walk_round(self, recogniser: PartRecogniser, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
         NoThingError, RefusedError (see look_around)."""
         self.supervisor.may_move()
@@ -233,7 +237,7 @@ class Cycle:
         self.pick_order = pick_order
         self.supervisor.latch(f"restarted: the daemon ended in {state}")
         self.hand_full = None if closed is not False else False
-        self.state = State.FAULT
+        self.state = PickState.FAULT
 
     def holding(self, answer: bool) -> None:
         """What the operator sees in the gripper. A hand that is empty by this word alone opens over the bin all the
@@ -274,24 +278,24 @@ class Cycle:
 
     def _interrupted(self, what: Interruption) -> None:
         """What comes over the job from outside, as an event of the table."""
-        self._enter(Event(what))
+        self._enter(PickEvent(what))
 
-    def _enter(self, event: Event) -> None:
+    def _enter(self, event: PickEvent) -> None:
         """The state changes by the table, and the log says so."""
         then = follows(self.state, event, self._held)
-        if event is Event.PAUSE:
+        if event is PickEvent.PAUSE:
             self._held = self.state
-        elif then is State.CLOSING or (event in CUT_OFF and State.PLACE in (self.state, self._held)):
+        elif then is PickState.CLOSING or (event in CUT_OFF and PickState.PLACE in (self.state, self._held)):
             self.hand_full = None
         before, self.state = self.state, then
-        if event is Event.PLACED and self.pick_order is not None:
+        if event is PickEvent.PLACED and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
-        if event is not Event.PAUSE:
+        if event is not PickEvent.PAUSE:
             self._held = then
-        if (before, then) != (State.IDLE, State.IDLE):
+        if (before, then) != (PickState.IDLE, PickState.IDLE):
             self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": before})
 
-    def _context(self, recogniser: Recogniser) -> PickContext:
+    def _context(self, recogniser: PartRecogniser) -> PickContext:
         return PickContext(self.cell, self.supervisor.mover, recogniser, self.settings, self.observer)
 
     async def _look(self, purpose: str) -> Look:
@@ -320,7 +324,7 @@ class Cycle:
                 break
         return world
 
-    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[Thing, list[Look]]:
+    async def _walk(self, context: PickContext, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
         await self._set_out_to_look()
         return await walk_round(context, count, told)
 
@@ -442,15 +446,15 @@ class Cycle:
         await self.set_out()
         if self.hand_full:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
-        self._enter(Event.FULL_HAND if self.hand_full else Event.BEGIN)
+        self._enter(PickEvent.FULL_HAND if self.hand_full else PickEvent.BEGIN)
         if self.by_word and not self.hand_full:
             await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
         self.by_word = self.by_word and mover.dry
-        while self.state is not State.IDLE:
+        while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
-            if event is Event.GONE:
+            if event is PickEvent.GONE:
                 self.hand_full = True
-            elif event in (Event.PLACED, Event.MISSED):
+            elif event in (PickEvent.PLACED, PickEvent.MISSED):
                 self.hand_full = False
             self._enter(event)
 

@@ -12,10 +12,11 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import Target, beside
+from daemon.pick.fused_objects import outlines_of
 from daemon.pick.looking import Look
 from daemon.pick.next_view import (
     Gain,
-    Hypothesis,
+    PartHypothesis,
     freshest,
     hypotheses_of,
     in_words,
@@ -27,9 +28,8 @@ from daemon.pick.next_view import (
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
-from daemon.pick.seen import NEIGHBOUR_MM, Seen, apart_mm, facings, is_own, same_place, unconfirmed
-from daemon.pick.things import outlines_of
-from daemon.pick.transitions import Event
+from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
+from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
     Gained,
@@ -53,7 +53,7 @@ MOST_OLD = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
 
 
-async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN, Event.NOTHING]:
+async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.SEEN, PickEvent.NOTHING]:
     """Look at the table from each survey view until one shows a part that can be named and was not skipped; where
     none shows any part, from the last ones, too."""
     settings = context.settings
@@ -68,11 +68,11 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[Event.SEEN,
         await world.take_in(context, seen)
         if any(part.named for part in world.left(context)):
             await _settle_question(context, world)
-            return Event.SEEN
+            return PickEvent.SEEN
     await _settle_question(context, world)
     if not world.found and world.outcome is Outcome.EMPTY:
         _tell_outlines(world)
-    return Event.SEEN if world.left(context) else Event.NOTHING
+    return PickEvent.SEEN if world.left(context) else PickEvent.NOTHING
 
 
 def _tell_outlines(world: WorldModel) -> None:
@@ -94,7 +94,7 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
         return
     await context.mover.still_there("the look at the whole table")
 
-    def moved(before: list[Seen]) -> list[float]:
+    def moved(before: list[ObservedPart]) -> list[float]:
         return beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)
 
     others, itself = moved(question.others), moved(question.itself)
@@ -111,7 +111,7 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
 
 async def choose(
     context: PickContext, world: WorldModel
-) -> Literal[Event.CHOSEN, Event.DOUBTFUL, Event.STALE, Event.NONE_LEFT]:
+) -> Literal[PickEvent.CHOSEN, PickEvent.DOUBTFUL, PickEvent.STALE, PickEvent.NONE_LEFT]:
     """The first part, in order, that can be had; each that cannot is skipped and named. Also where a pick that would go
     on and on ends."""
     world.target = None
@@ -119,16 +119,16 @@ async def choose(
     if given_up is not None:
         world.outcome, world.why = Outcome.UNSURE, given_up
         context.decide("give up", given_up)
-        return Event.NONE_LEFT
+        return PickEvent.NONE_LEFT
     for part in world.left(context):
         if world.old_looks < MOST_OLD and _is_old(context, part.look):
             world.old_looks += 1
-            return Event.STALE
+            return PickEvent.STALE
         shape = context.recogniser.shape(part.label)
         if not part.named or shape is None:
             if _may_look_again(context, world, part):
                 world.doubtful = part
-                return Event.DOUBTFUL
+                return PickEvent.DOUBTFUL
             candidates = part.taken_for.candidates
             outcome = Outcome.AMBIGUOUS if candidates else Outcome.UNKNOWN
             fits = " or ".join(candidates) or "nothing that was taught"
@@ -139,7 +139,7 @@ async def choose(
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
                 world.doubtful = part
-                return Event.DOUBTFUL
+                return PickEvent.DOUBTFUL
             skip(context, world, Outcome.UNREACHABLE, part, plan)
             continue
         sure = part.taken_for.confidence
@@ -151,8 +151,8 @@ async def choose(
             f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
             f"tilted {plan.grasp.tilt_deg:g} degrees, contacts {plan.grasp.slip_deg:.0f} degrees off square",
         )
-        return Event.CHOSEN
-    return Event.NONE_LEFT
+        return PickEvent.CHOSEN
+    return PickEvent.NONE_LEFT
 
 
 def _is_old(context: PickContext, look: Look) -> bool:
@@ -160,13 +160,13 @@ def _is_old(context: PickContext, look: Look) -> bool:
     return context.cell.clock() - look.taken_s > context.settings.limits.max_look_age_s / 2
 
 
-def _may_look_again(context: PickContext, world: WorldModel, part: Seen) -> bool:
+def _may_look_again(context: PickContext, world: WorldModel, part: ObservedPart) -> bool:
     """Whether a part that lies here may be looked at from one more side."""
     looks = sum(same_place(part.centre, centre) for centre in world.looked_again)
     return looks < context.settings.views_of_doubtful
 
 
-def _side_view(context: PickContext, world: WorldModel, part: Seen) -> Array | None:
+def _side_view(context: PickContext, world: WorldModel, part: ObservedPart) -> Array | None:
     """(3, 3) how the tool was turned in the look that named the part, for one that looks along its approaches do
     not show, and where the arm can look at it so from every stand-off; None: look along the approach."""
     if not world.sides_unseen(part.centre):
@@ -177,7 +177,9 @@ def _side_view(context: PickContext, world: WorldModel, part: Seen) -> Array | N
     return view if all(context.mover.allows(pose) for pose in poses) else None
 
 
-def _planned(context: PickContext, world: WorldModel, part: Seen, shape: Polyhedron) -> tuple[Array | None, Plan | str]:
+def _planned(
+    context: PickContext, world: WorldModel, part: ObservedPart, shape: Polyhedron
+) -> tuple[Array | None, Plan | str]:
     """How it is looked at where not along the approach, and the best grasp that can be reached past the neighbours, or
     why there is none. Moves nothing, and takes its time: called in a thread."""
     side_view = _side_view(context, world, part)
@@ -193,17 +195,17 @@ def _planned(context: PickContext, world: WorldModel, part: Seen, shape: Polyhed
     )
 
 
-def least_known(context: PickContext, world: WorldModel) -> Seen | None:
+def least_known(context: PickContext, world: WorldModel) -> ObservedPart | None:
     """What has no name and may be looked at again, what was looked at least first; None: nothing."""
 
-    def looks(part: Seen) -> int:
+    def looks(part: ObservedPart) -> int:
         return sum(same_place(part.centre, centre) for centre in world.looked_again)
 
     some = [part for part in world.left(context) if not part.named and _may_look_again(context, world, part)]
     return min(some, key=looks, default=None)
 
 
-async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.SEEN]:
+async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEvent.SEEN]:
     """Look at a part that could not be named from where a look is expected to settle most for its time; at one that has
     a name, from far of all looks before, whether what bars the way to it shows again."""
     part, cell = world.doubtful, context.cell
@@ -211,7 +213,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
     world.looked_again.append(part.centre)
     table_z_mm = context.settings.limits.table_z_mm
 
-    def thought() -> tuple[Sequence[Hypothesis], list[Array], list[Gain]]:
+    def thought() -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
         before = () if part.named else hypotheses_of(part, context.recogniser, table_z_mm)
         poses = [p for p in places_round(part.centre, cell.tool_from_cyclopean) if context.mover.allows(p)]
         return before, poses, _next_best(context, world, part, before, poses)
@@ -232,19 +234,19 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[Event.
         break
     else:
         context.decide(f"another view of {part.label}", "no other view of it is in reach")
-        return Event.SEEN
+        return PickEvent.SEEN
     if context.mover.dry:
-        return Event.SEEN
+        return PickEvent.SEEN
     seen = await look(context, world, "another view")
     if part.named:
         world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
     await world.take_in(context, seen)
     if before:
         _tell_gain(context, world, part, before, gain)
-    return Event.SEEN
+    return PickEvent.SEEN
 
 
-def in_all(parts: Sequence[Seen]) -> str:
+def in_all(parts: Sequence[ObservedPart]) -> str:
     """`2 cube, 1 pyramid, 1 without a name`, or `nothing`."""
     named = Counter(part.label for part in parts if part.named)
     nameless = sum(not part.named for part in parts)
@@ -275,7 +277,11 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
 
 
 def _next_best(
-    context: PickContext, world: WorldModel, part: Seen, before: Sequence[Hypothesis], poses: Sequence[Array]
+    context: PickContext,
+    world: WorldModel,
+    part: ObservedPart,
+    before: Sequence[PartHypothesis],
+    poses: Sequence[Array],
 ) -> list[Gain]:
     """The places in the order in which to try them."""
     eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
@@ -294,7 +300,9 @@ def _next_best(
     )
 
 
-def _tell_gain(context: PickContext, world: WorldModel, part: Seen, before: Sequence[Hypothesis], gain: Gain) -> None:
+def _tell_gain(
+    context: PickContext, world: WorldModel, part: ObservedPart, before: Sequence[PartHypothesis], gain: Gain
+) -> None:
     """What the look has brought, to the log and to whoever asked."""
     recogniser, table_z_mm = context.recogniser, context.settings.limits.table_z_mm
     now = min(world.found, key=lambda p: apart_mm(p.centre, part.centre), default=None)

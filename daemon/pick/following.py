@@ -14,11 +14,11 @@ from daemon import frames
 from daemon.arm import Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
-from daemon.pick.grasp import Gripper, closed_fingers
+from daemon.pick.grasp import GripperGeometry, closed_fingers
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
-from daemon.pick.seen import SAME_PLACE_MM, Seen, same_place, seen_parts
+from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import Eyes
 from daemon.vision.refine import Fit, borne_out, fit_each, fit_edges, refit, shown
@@ -159,7 +159,7 @@ def in_hand(target: Target, look: Look, cell: Workcell) -> bool:
     return borne_out(target.shape, _eyes_on_the_hand(look, cell), near, REACH_MM) >= HELD
 
 
-def came_back_empty(look: Look, cell: Workcell, gripper: Gripper) -> bool:
+def came_back_empty(look: Look, cell: Workcell, gripper: GripperGeometry) -> bool:
     """Whether a look shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
     eyes, near = _eyes_on_the_hand(look, cell), frames.inverse(cell.tool_from_cyclopean)
@@ -190,13 +190,17 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
     )
 
 
-def others(target: Target, look: Look) -> list[Seen]:
+def others(target: Target, look: Look) -> list[ObservedPart]:
     """The parts in a whole look that are not the target."""
     return [p for p in seen_parts(look) if not same_place(p.centre, target.centre)]
 
 
 def beside(
-    before: list[Seen], now: list[Seen], shape_of: Callable[[str], Polyhedron | None], cell: Workcell, doubt: Doubt
+    before: list[ObservedPart],
+    now: list[ObservedPart],
+    shape_of: Callable[[str], Polyhedron | None],
+    cell: Workcell,
+    doubt: Doubt,
 ) -> list[float]:
     """Chi-squares of the parts that two looks both show: did they move as well?"""
     found = []

@@ -40,7 +40,7 @@ ALONG_DEG = 9.0
 
 
 @dataclass(frozen=True)
-class Gripper:
+class GripperGeometry:
     """The gripper's dimensions and what grasps it may make."""
 
     opening_mm: Length = 90.0
@@ -66,7 +66,7 @@ class Gripper:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class PlannedGrasp:
     """world_from_tool (4, 4) with the hand around the part; width_mm between the contacts; slip_deg: the larger angle
     of a contact's normal from the closing direction; tilt_deg from straight down; blocked: a neighbour is near."""
 
@@ -77,7 +77,7 @@ class Grasp:
     blocked: bool = False
 
 
-def closed_fingers(gripper: Gripper) -> Polyhedron:
+def closed_fingers(gripper: GripperGeometry) -> Polyhedron:
     """Both fingers met, nothing between them, as one box in the tool frame."""
     x, y = gripper.finger_width_mm / 2, gripper.finger_thick_mm
     corners = np.array(list(product((-x, x), (-y, y), (-gripper.pad_back_mm, gripper.tip_mm))))
@@ -191,7 +191,7 @@ def _sides(solid: Polyhedron) -> _Sides:
     return _Sides(solid.corners_mm[filled], solid.normals)
 
 
-class _Lines(NamedTuple):
+class _FingerLines(NamedTuple):
     """Lines along tool y, laid over the fingers. base (L, 2): their x and z; high, low (F, L): how far along y each
     leaves and enters the solid through each side, -inf and inf where it does not."""
 
@@ -208,14 +208,14 @@ class _Lines(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def _base(gripper: Gripper) -> Array:
+def _base(gripper: GripperGeometry) -> Array:
     """(L, 2) x and z of the lines."""
     half = gripper.finger_width_mm / 2
     x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
     return np.column_stack([x.ravel(), z.ravel()])
 
 
-def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
+def _lines(sides: _Sides, gripper: GripperGeometry) -> _FingerLines:
     """sides: in the tool frame."""
     base = _base(gripper)
     met = inside(base, sides.outlines[..., [0, 2]])
@@ -224,12 +224,12 @@ def _lines(sides: _Sides, gripper: Gripper) -> _Lines:
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (offsets[:, None] - normals[:, [0, 2]] @ base.T) / normals[:, 1:2]
     out = normals[:, 1:2]
-    return _Lines(
+    return _FingerLines(
         base, np.where(met & (out > LEAST_SLOPE), reach, -np.inf), np.where(met & (out < -LEAST_SLOPE), reach, np.inf)
     )
 
 
-def contacts(sides: _Sides, up: Array, gripper: Gripper) -> Contact | None:
+def contacts(sides: _Sides, up: Array, gripper: GripperGeometry) -> Contact | None:
     """Close the open fingers on a solid, its sides in the tool frame; None where a finger would stand in it, where they
     meet nothing, or nothing that lies along them (a part gripped by two opposite edges turns away), or by their tips
     only. up (3,): world up, tool frame.
@@ -295,10 +295,10 @@ def grasps(
     shape: Polyhedron,
     world_from_part: Array,
     table_z_mm: float,
-    gripper: Gripper,
+    gripper: GripperGeometry,
     neighbours: Sequence[Array] = (),
     near: Array | None = None,
-) -> list[Grasp]:
+) -> list[PlannedGrasp]:
     """All grasps that hold, firmest first (unblocked before blocked).
 
     shape: in the part frame; neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only
@@ -309,7 +309,7 @@ def grasps(
     solid = felt(shape)
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
     mass, sides = centre_of_mass(solid), _sides(solid)
-    found: list[Grasp] = []
+    found: list[PlannedGrasp] = []
     for along in closing_directions(solid.normals, solid.corners_mm):
         middles = [mass, *_legs(solid, along, gripper)]
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
@@ -324,7 +324,7 @@ def grasps(
     return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), g.tilt_deg))
 
 
-def _legs(solid: Polyhedron, along: Array, gripper: Gripper) -> list[Array]:
+def _legs(solid: Polyhedron, along: Array, gripper: GripperGeometry) -> list[Array]:
     """(3,) middles between sides that look away from each other along the closing direction: where a part that is not
     convex has a leg to be held by."""
     heights = solid.normals @ solid.corners_mm.T - np.einsum("fi,fi->f", solid.normals, solid.centres_mm)[:, None]
@@ -339,8 +339,14 @@ def _legs(solid: Polyhedron, along: Array, gripper: Gripper) -> list[Array]:
 
 
 def _placed(
-    rotation: Array, tilt_deg: float, middle: Array, mass: Array, sides: _Sides, table_z_mm: float, gripper: Gripper
-) -> Grasp | None:
+    rotation: Array,
+    tilt_deg: float,
+    middle: Array,
+    mass: Array,
+    sides: _Sides,
+    table_z_mm: float,
+    gripper: GripperGeometry,
+) -> PlannedGrasp | None:
     """The grasp with this orientation: at this middle (3,) or as low as the tips allow, centred."""
     tips = np.array([[sx * gripper.finger_width_mm / 2, 0.0, gripper.tip_mm] for sx in (-1, 1)])
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())
@@ -357,16 +363,16 @@ def _placed(
     if width > gripper.opening_mm - 2 * gripper.side_clearance_mm:
         return None
     here = frames.rigid(rotation, centre + rotation[:, 1] * (contact.high_mm + contact.low_mm) / 2)
-    return Grasp(here, width, contact.slip_deg, tilt_deg)
+    return PlannedGrasp(here, width, contact.slip_deg, tilt_deg)
 
 
-def _in_the_palm(corners: Array, gripper: Gripper) -> bool:
+def _in_the_palm(corners: Array, gripper: GripperGeometry) -> bool:
     """Whether corners (..., 3), tool frame, lie where the fingers come from; a palm as wide as they open is there."""
     wide = gripper.opening_mm / 2 + gripper.finger_thick_mm
     return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
-def in_the_way(world_from_tool: Array, neighbour: Array, gripper: Gripper) -> bool:
+def in_the_way(world_from_tool: Array, neighbour: Array, gripper: GripperGeometry) -> bool:
     """Whether the neighbour reaches into the room the open fingers sweep on their last stretch (box against box along
     the tool's axes: errs towards `in the way`)."""
     local = frames.apply(frames.inverse(world_from_tool), neighbour)

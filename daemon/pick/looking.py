@@ -34,7 +34,7 @@ from daemon.vision.refine import Fit
 from daemon.vision.values import FacetView, Group, Part, Scene
 
 
-class Recogniser(Protocol):
+class PartRecogniser(Protocol):
     """What turns images into parts: the recogniser with its model (daemon/teaching/trainer.py), or a test's own."""
 
     def see(
@@ -170,7 +170,7 @@ def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> 
 
 async def take_look(
     cell: Workcell,
-    recogniser: Recogniser,
+    recogniser: PartRecogniser,
     taken: Taken,
     rest_s: float,
     table_z_mm: float | None,
@@ -208,7 +208,7 @@ async def take_look(
     )
 
 
-def _seen(recogniser: Recogniser, taken: Taken, table: Table | None) -> Scene:
+def _seen(recogniser: PartRecogniser, taken: Taken, table: Table | None) -> Scene:
     scene = recogniser.see(*taken.images, table, taken.rig)
     return scene if taken.moved is None else with_arm(scene, taken.rig, taken.moved.arm)
 
@@ -227,7 +227,7 @@ async def relight(cell: Workcell, look: Look) -> str | None:
     return "exposure x {:.2f} left, x {:.2f} right".format(*took)
 
 
-async def whole_look(recogniser: Recogniser, look: Look) -> Look:
+async def whole_look(recogniser: PartRecogniser, look: Look) -> Look:
     """The same look with everything in view looked for."""
     if look.tracked is None:
         return look
@@ -249,7 +249,7 @@ def _health(taken: Taken) -> tuple[Finding, ...]:
 
 def log_look(
     cell: Workcell,
-    recogniser: Recogniser,
+    recogniser: PartRecogniser,
     look: Look,
     *,
     cycle: int,

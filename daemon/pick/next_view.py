@@ -17,9 +17,9 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.looking import Recogniser
-from daemon.pick.seen import Seen
-from daemon.pick.settings import View
+from daemon.pick.looking import PartRecogniser
+from daemon.pick.seen import ObservedPart
+from daemon.pick.settings import SurveyView
 from daemon.vision.facets import weld
 from daemon.vision.geometry import (
     Polyhedron,
@@ -53,7 +53,7 @@ UNLIKE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class PartHypothesis:
     """What may lie there: solid at world_from_part (4, 4), whose covariance is (6, 6); facets: the solid's behind each
     facet that was seen. Of something not taught, UNKNOWN, the solid is what was seen of it."""
 
@@ -70,7 +70,7 @@ class Outlook:
     """Hypotheses that look different, each once, and which of their facets are one: numbers, for each hypothesis one a
     facet; the first `seen` of them were seen."""
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[PartHypothesis, ...]
     numbers: tuple[Array, ...]
     seen: int
 
@@ -95,7 +95,9 @@ class Gain:
     seconds: float
 
 
-def hypotheses_of(part: Seen, recogniser: Recogniser, table_z_mm: float | None) -> tuple[Hypothesis, ...]:
+def hypotheses_of(
+    part: ObservedPart, recogniser: PartRecogniser, table_z_mm: float | None
+) -> tuple[PartHypothesis, ...]:
     """What a part without a name may be, in world: all that recognition lets stand and the table leaves room for, and
     something not taught, last. Where nothing that was taught explains all its facets together, what explains one of
     them, the largest first."""
@@ -104,7 +106,7 @@ def hypotheses_of(part: Seen, recogniser: Recogniser, table_z_mm: float | None) 
     for some in (part.facets, *((f,) for f in facets)):
         group = weld(some)
         found = [
-            Hypothesis(
+            PartHypothesis(
                 one.label,
                 solid,
                 world_from_look @ one.pose,
@@ -126,19 +128,19 @@ def hypotheses_of(part: Seen, recogniser: Recogniser, table_z_mm: float | None) 
     return tuple(replace(h, probability=h.probability / whole) for h in (*found, here))
 
 
-def strange(part: Seen, group: Group | None = None, probability: float = 1.0) -> Hypothesis:
+def strange(part: ObservedPart, group: Group | None = None, probability: float = 1.0) -> PartHypothesis:
     """That a part, or a group of its facets, is something not taught."""
     seen = (group or weld(part.facets)).polyhedron
     every = tuple(range(len(seen.facets)))
-    return Hypothesis(UNKNOWN, seen, part.look.world_from_cyclopean, np.zeros((6, 6)), every, probability)
+    return PartHypothesis(UNKNOWN, seen, part.look.world_from_cyclopean, np.zeros((6, 6)), every, probability)
 
 
-def _above(h: Hypothesis, table_z_mm: float) -> bool:
+def _above(h: PartHypothesis, table_z_mm: float) -> bool:
     """Whether the part would not lie in the table."""
     return bool(frames.apply(h.world_from_part, h.solid.corners_mm)[:, 2].min() > table_z_mm - IN_TABLE_MM)
 
 
-def in_words(hypotheses: Sequence[Hypothesis]) -> str:
+def in_words(hypotheses: Sequence[PartHypothesis]) -> str:
     """`cube 62 %, pyramid 30 %, not taught 8 %`: by label, the likeliest first, what was not taught last."""
     shares: dict[str, float] = {}
     for h in hypotheses:
@@ -173,16 +175,16 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     return float(-(joint * logs).sum())
 
 
-def outlook(hypotheses: Sequence[Hypothesis], rig: StereoRig) -> Outlook:
+def outlook(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> Outlook:
     """Which facets of hypotheses (the last: something not taught) the cameras could not tell apart from so far; those
     that have the same label and the same facets count once, with the sum of what they were given."""
     *taught, stranger = hypotheses
     taught = sorted((h for h in taught if h.probability >= LEAST_CHANCE), key=lambda h: -h.probability)
     kept = [stranger, *taught[:MOST_HYPOTHESES]]
     noise_mm2 = float(np.trace(corner_covariance(rig, CLOSE_MM))) / 3
-    known = _Facets()
+    known = _FacetsInSpace()
     numbers = [known.numbers(h, noise_mm2) for h in kept]
-    once: dict[tuple[str, frozenset[int]], tuple[Hypothesis, Array]] = {}
+    once: dict[tuple[str, frozenset[int]], tuple[PartHypothesis, Array]] = {}
     for h, own in zip(kept, numbers, strict=True):
         key = h.label, frozenset(own.tolist())
         before = once[key][0].probability if key in once else 0.0
@@ -192,14 +194,14 @@ def outlook(hypotheses: Sequence[Hypothesis], rig: StereoRig) -> Outlook:
     return Outlook(tuple(found), tuple(theirs), len(stranger.facets))
 
 
-class _Facets:
+class _FacetsInSpace:
     """Facets in space, each once, as they are met."""
 
     def __init__(self) -> None:
         self.corners: list[Array] = []
         self.covariances: list[Array] = []
 
-    def numbers(self, h: Hypothesis, noise_mm2: float) -> Array:
+    def numbers(self, h: PartHypothesis, noise_mm2: float) -> Array:
         """(F,) the number of each of a hypothesis's facets: that of the seen one it explains, of one that is where it
         is, or a new one."""
         placed = frames.apply(h.world_from_part, h.solid.corners_mm)
@@ -277,12 +279,12 @@ def places_round(
 ) -> list[Array]:
     """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
     x, y, z = (float(v) for v in centre)
-    views = [View((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
+    views = [SurveyView((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
     return [view.pose(tool_from_cyclopean) for view in views]
 
 
 def next_best(
-    hypotheses: Sequence[Hypothesis],
+    hypotheses: Sequence[PartHypothesis],
     rig: StereoRig,
     centre: Array,
     eyes: Array,

@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arm import PATH_MM, paths
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.grasp import Grasp, grasps
+from daemon.pick.grasp import PlannedGrasp, grasps
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
@@ -31,7 +31,7 @@ class Plan:
     """How one part will be taken: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
     (M, 3) world corners of the parts that leave it room."""
 
-    grasp: Grasp
+    grasp: PlannedGrasp
     worth: float
     neighbours: Sequence[Array] = ()
 
@@ -46,14 +46,14 @@ class LastStretch(NamedTuple):
     back: Array
 
 
-def last_stretch(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> LastStretch:
+def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> LastStretch:
     """From before the grasp to the look after it; centre: the part's (3,)."""
     at = grasp.world_from_tool
     back = viewpoints.look_pose(at[:3, :3], centre, settings.verify_mm, tool_from_cyclopean)
     return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
 
 
-def approach_poses(grasp: Grasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
+def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
     """Every pose of the approach and the retreat, in order; world_from_tool."""
     rotation, distances = grasp.world_from_tool[:3, :3], settings.stops.stand_offs_mm
     looks = [viewpoints.look_pose(rotation, centre, d, tool_from_cyclopean) for d in distances]
@@ -113,7 +113,7 @@ def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: S
     table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
     found = grasps(shape, world_from_part, table_z_mm, gripper, before.neighbours, near=old[:3, :3])
 
-    def away(grasp: Grasp) -> float:
+    def away(grasp: PlannedGrasp) -> float:
         gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])
         return gap_mm + 50.0 * frames.angle_between(grasp.world_from_tool, old)
 

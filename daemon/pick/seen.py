@@ -33,7 +33,7 @@ def same_place(a: Array, b: Array, within_mm: float = SAME_PLACE_MM) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ObservedPart:
     """A part as one look saw it, and where that is in the world."""
 
     part: Part
@@ -88,7 +88,7 @@ class Facing:
     normal: Array
 
 
-def facings(part: Seen) -> list[Facing]:
+def facings(part: ObservedPart) -> list[Facing]:
     """The facets a look saw of a part."""
     turn = part.look.world_from_cyclopean
     found = []
@@ -98,7 +98,7 @@ def facings(part: Seen) -> list[Facing]:
     return found
 
 
-def is_own(other: Seen, part: Seen) -> bool:
+def is_own(other: ObservedPart, part: ObservedPart) -> bool:
     """Whether what was seen beside a named part is nothing but one of its facets, measured worse: a lone unnamed facet
     whose middle lies within the part's reach. It would keep the fingers from every grasp."""
     reach = float(np.linalg.norm(part.corners - part.centre, axis=1).max())
@@ -114,9 +114,9 @@ def seen_again(seen: Sequence[Facing], eye: Array) -> float:
     return float(np.mean(np.sqrt(np.clip((np.array(cosines) - FACING) / (1 - FACING), 0, 1))))
 
 
-def seen_parts(look: Look) -> list[Seen]:
+def seen_parts(look: Look) -> list[ObservedPart]:
     """The look's parts in the world."""
-    return [Seen(part, look) for part in look.scene.parts if part.facets]
+    return [ObservedPart(part, look) for part in look.scene.parts if part.facets]
 
 
 def in_both_images(look: Look, point: Array) -> bool:
@@ -135,22 +135,22 @@ def shown_again(before: Look, now: Look) -> tuple[int, int]:
     return again, len(due) - again
 
 
-def unconfirmed(before: Sequence[Seen], look: Look, around: Array) -> list[Seen]:
+def unconfirmed(before: Sequence[ObservedPart], look: Look, around: Array) -> list[ObservedPart]:
     """The lone facets within NEIGHBOUR_MM of a point (3,) world that a look with their middle in both images does not
     show again."""
     now = seen_parts(look)
 
-    def missing(old: Seen) -> bool:
+    def missing(old: ObservedPart) -> bool:
         in_view = same_place(old.centre, around, NEIGHBOUR_MM) and in_both_images(look, old.centre)
         return in_view and not any(same_place(old.centre, new.centre) for new in now)
 
     return [old for old in before if old.lone and missing(old)]
 
 
-def ordered(parts: Sequence[Seen], order: str) -> list[Seen]:
+def ordered(parts: Sequence[ObservedPart], order: str) -> list[ObservedPart]:
     """Nearest to the cameras first, or surest first; parts with one name before the others."""
 
-    def rank(part: Seen) -> tuple[bool, float]:
+    def rank(part: ObservedPart) -> tuple[bool, float]:
         away = apart_mm(part.centre, part.look.world_from_cyclopean[:3, 3])
         return not part.named, away if order == "nearest" else -part.taken_for.confidence
 

@@ -12,13 +12,13 @@ from daemon import frames
 from daemon.arm import Arrival, Limits, Point, Settling
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.grasp import Gripper, tool_rotation
+from daemon.pick.grasp import GripperGeometry, tool_rotation
 from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 
 @dataclass(frozen=True)
-class View:
+class SurveyView:
     """A place from which the cameras look at the table."""
 
     centre_mm: Point = (520.0, 0.0, -280.0)
@@ -57,13 +57,16 @@ class Place:
 class Settings:
     """All settings of a pick."""
 
-    surveys: Annotated[tuple[View, ...], Meta(min_length=1)] = (
-        View(heading_deg=50.0),
-        View(heading_deg=-50.0),
-        View(heading_deg=90.0),
+    surveys: Annotated[tuple[SurveyView, ...], Meta(min_length=1)] = (
+        SurveyView(heading_deg=50.0),
+        SurveyView(heading_deg=-50.0),
+        SurveyView(heading_deg=90.0),
     )
     """Places from which to look at the table, in order, until a part has a name."""
-    last_surveys: tuple[View, ...] = (View(heading_deg=-90.0, tilt_deg=35.0), View(heading_deg=0.0, tilt_deg=20.0))
+    last_surveys: tuple[SurveyView, ...] = (
+        SurveyView(heading_deg=-90.0, tilt_deg=35.0),
+        SurveyView(heading_deg=0.0, tilt_deg=20.0),
+    )
     """Further places to look from before the table counts as empty."""
     home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
     """Place where the arm waits."""
@@ -102,7 +105,7 @@ class Settings:
     """Where to stop on the approach, and when to stop looking."""
     doubt: Doubt = field(default_factory=Doubt)
     """One-sigma uncertainties of the cell."""
-    gripper: Gripper = field(default_factory=Gripper)
+    gripper: GripperGeometry = field(default_factory=GripperGeometry)
     """Dimensions of the gripper."""
     settling: Settling = field(default_factory=Settling)
     """When the images count as still."""

@@ -13,8 +13,8 @@ from daemon.pick.following import Target, came_back_empty, in_hand, still_there
 from daemon.pick.looking import Look
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import last_stretch
-from daemon.pick.seen import Seen, same_place, seen_parts
-from daemon.pick.transitions import Event
+from daemon.pick.seen import ObservedPart, same_place, seen_parts
+from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 
 HAND_REACH_MM = 70.0
@@ -23,7 +23,9 @@ SEEN_OFF_MM = 20.0
 """How far off a part may be seen from the side on which it was grasped."""
 
 
-async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE, Event.DRY, Event.UNREACHABLE]:
+async def final(
+    context: PickContext, world: WorldModel
+) -> Literal[PickEvent.THERE, PickEvent.DRY, PickEvent.UNREACHABLE]:
     """The blind stretch: to before the part, then around it, both straight."""
     target, settings = world.the_target(), context.settings
     stretch = last_stretch(target.plan.grasp, target.centre, settings, context.cell.tool_from_cyclopean)
@@ -38,23 +40,23 @@ async def final(context: PickContext, world: WorldModel) -> Literal[Event.THERE,
         await travel(context, world, stretch.at, "grasp", target.look, straight=True)
     except MOVE_ERRORS as error:
         await unreachable(context, world, error)
-        return Event.UNREACHABLE
+        return PickEvent.UNREACHABLE
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, f"{target.label} would be grasped now"
-        return Event.DRY
-    return Event.THERE
+        return PickEvent.DRY
+    return PickEvent.THERE
 
 
-async def closing(context: PickContext, world: WorldModel) -> Literal[Event.CLOSED]:
+async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.CLOSED]:
     """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
     target = world.the_target()
     await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     context.mover.carried = (capsule_around(corners, f"{target.label} in the hand"),)
-    return Event.CLOSED
+    return PickEvent.CLOSED
 
 
-async def retreat(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:
+async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Straight up and back as planned, then to where the place was seen from."""
     target, settings, tool_from_cyclopean = world.the_target(), context.settings, context.cell.tool_from_cyclopean
     stretch = last_stretch(target.plan.grasp, target.centre, settings, tool_from_cyclopean)
@@ -63,10 +65,10 @@ async def retreat(context: PickContext, world: WorldModel) -> Literal[Event.THER
     if target.side_view is not None:
         seen_from = viewpoints.look_pose(target.side_view, target.centre, settings.verify_mm, tool_from_cyclopean)
         await travel(context, world, seen_from, "where it was seen from")
-    return Event.THERE
+    return PickEvent.THERE
 
 
-async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE, Event.MISSED]:
+async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.GONE, PickEvent.MISSED]:
     """Look whether the part is in the hand, or at least gone from where it lay and nowhere else. A look may err, so a
     hand that is said to have missed opens over the bin, as one that holds the part does."""
     target, seen = world.the_target(), await look(context, world, "verify")
@@ -79,14 +81,14 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[Event.GONE,
     if failed is None:
         shown = "is seen in the hand" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.PICKED, f"{target.label} {shown}"
-        return Event.GONE
+        return PickEvent.GONE
     world.failures += 1
     world.outcome, world.why = Outcome.MISSED, f"{target.label} {failed}"
     context.decide("missed", f"{world.why}; the hand opens over the bin, as this look may err")
     if world.failures >= context.settings.tries:
         skip(context, world, Outcome.MISSED, target, f"{failed} after {world.failures} tries")
     await let_go(context, world)
-    return Event.MISSED
+    return PickEvent.MISSED
 
 
 def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> str | None:
@@ -103,20 +105,20 @@ def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look)
     return None
 
 
-def _knocked_away(world: WorldModel, target: Target, on_table: list[Seen]) -> bool:
+def _knocked_away(world: WorldModel, target: Target, on_table: list[ObservedPart]) -> bool:
     """Whether the like of it lies now where nothing lay before."""
     others = [p.centre for p in world.found if not same_place(p.centre, target.centre)]
     alike = [p.centre for p in on_table if p.label == target.label]
     return any(not any(same_place(now, before) for before in others) for now in alike)
 
 
-async def place(context: PickContext, world: WorldModel) -> Literal[Event.PLACED, Event.DRY]:
+async def place(context: PickContext, world: WorldModel) -> Literal[PickEvent.PLACED, PickEvent.DRY]:
     """To the bin, and let go."""
     await let_go(context, world)
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
-        return Event.DRY
-    return Event.PLACED
+        return PickEvent.DRY
+    return PickEvent.PLACED
 
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
@@ -125,9 +127,9 @@ async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") 
     await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
 
 
-async def home(context: PickContext, world: WorldModel) -> Literal[Event.THERE]:
+async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
     world.target = None
     if not (context.stay and world.outcome is Outcome.PICKED):
         await travel(context, world, context.settings.home.pose(), "home")
-    return Event.THERE
+    return PickEvent.THERE

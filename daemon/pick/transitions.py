@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 
-class State(StrEnum):
+class PickState(StrEnum):
     """What a pick is at."""
 
     IDLE = "idle"
@@ -34,7 +34,7 @@ class State(StrEnum):
     """In a row only: the state it came from."""
 
 
-class Event(StrEnum):
+class PickEvent(StrEnum):
     """What leaves a state."""
 
     BEGIN = "begin"
@@ -69,78 +69,88 @@ class Event(StrEnum):
 class Row(NamedTuple):
     """In this state this event leads there."""
 
-    state: State
-    event: Event
-    then: State
+    state: PickState
+    event: PickEvent
+    then: PickState
     meaning: str
 
 
 TABLE: tuple[Row, ...] = (
-    Row(State.IDLE, Event.BEGIN, State.SURVEY, "an operator or auto asks for a part"),
-    Row(State.IDLE, Event.FULL_HAND, State.PLACE, "a part is in the hand: first put it down"),
-    Row(State.SURVEY, Event.SEEN, State.CHOOSE, "something on the table was not skipped before"),
-    Row(State.SURVEY, Event.NOTHING, State.HOME, "no view shows anything to pick"),
-    Row(State.CHOOSE, Event.CHOSEN, State.STOP_N, "named, a grasp holds it, the whole approach is reached"),
+    Row(PickState.IDLE, PickEvent.BEGIN, PickState.SURVEY, "an operator or auto asks for a part"),
+    Row(PickState.IDLE, PickEvent.FULL_HAND, PickState.PLACE, "a part is in the hand: first put it down"),
+    Row(PickState.SURVEY, PickEvent.SEEN, PickState.CHOOSE, "something on the table was not skipped before"),
+    Row(PickState.SURVEY, PickEvent.NOTHING, PickState.HOME, "no view shows anything to pick"),
+    Row(PickState.CHOOSE, PickEvent.CHOSEN, PickState.STOP_N, "named, a grasp holds it, the whole approach is reached"),
     Row(
-        State.CHOOSE,
-        Event.DOUBTFUL,
-        State.SECOND_VIEW,
+        PickState.CHOOSE,
+        PickEvent.DOUBTFUL,
+        PickState.SECOND_VIEW,
         "more than one part fits, or none, or a lone facet bars the way: look from another side",
     ),
-    Row(State.CHOOSE, Event.STALE, State.SURVEY, "the look is too old to move on"),
-    Row(State.CHOOSE, Event.NONE_LEFT, State.HOME, "what is left is skipped, each with its reason"),
+    Row(PickState.CHOOSE, PickEvent.STALE, PickState.SURVEY, "the look is too old to move on"),
+    Row(PickState.CHOOSE, PickEvent.NONE_LEFT, PickState.HOME, "what is left is skipped, each with its reason"),
     Row(
-        State.SECOND_VIEW,
-        Event.SEEN,
-        State.CHOOSE,
+        PickState.SECOND_VIEW,
+        PickEvent.SEEN,
+        PickState.CHOOSE,
         "looked at from where a look settles most for its time, or from afar of the looks before",
     ),
-    Row(State.STOP_N, Event.THERE, State.LOOKING, "at the next stand-off, at rest"),
-    Row(State.STOP_N, Event.UNREACHABLE, State.CHOOSE, "the guard refused the move: plan again, or skip"),
-    Row(State.LOOKING, Event.LOOKED, State.ESTIMATING, "found where it was expected"),
-    Row(State.LOOKING, Event.ELSEWHERE, State.CHOOSE, "seen, but not as it was thought to lie: plan again"),
-    Row(State.LOOKING, Event.LOST, State.CHOOSE, "not found where it was expected: skip"),
-    Row(State.ESTIMATING, Event.UNSURE, State.STOP_N, "the predicted error at the grasp is too large"),
-    Row(State.ESTIMATING, Event.SURE, State.FINAL, "the predicted error allows the blind stretch"),
-    Row(State.ESTIMATING, Event.DOUBT, State.SURVEY, "looks disagree: hold the whole table against the look before"),
-    Row(State.ESTIMATING, Event.ELSEWHERE, State.CHOOSE, "the planned grasp does not hold it as it lies: plan again"),
-    Row(State.ESTIMATING, Event.LOST, State.CHOOSE, "planned anew too often: skip"),
-    Row(State.ESTIMATING, Event.GAVE_UP, State.CHOOSE, "still unsure after the most looks: skip"),
-    Row(State.FINAL, Event.THERE, State.CLOSING, "the hand is around the part"),
-    Row(State.FINAL, Event.DRY, State.HOME, "nothing was sent: there is nothing to close on"),
-    Row(State.FINAL, Event.UNREACHABLE, State.CHOOSE, "the guard refused the move: plan again, or skip"),
-    Row(State.CLOSING, Event.CLOSED, State.RETREAT, "the hand has closed"),
-    Row(State.RETREAT, Event.THERE, State.VERIFY, "lifted and backed off"),
+    Row(PickState.STOP_N, PickEvent.THERE, PickState.LOOKING, "at the next stand-off, at rest"),
+    Row(PickState.STOP_N, PickEvent.UNREACHABLE, PickState.CHOOSE, "the guard refused the move: plan again, or skip"),
+    Row(PickState.LOOKING, PickEvent.LOOKED, PickState.ESTIMATING, "found where it was expected"),
+    Row(PickState.LOOKING, PickEvent.ELSEWHERE, PickState.CHOOSE, "seen, but not as it was thought to lie: plan again"),
+    Row(PickState.LOOKING, PickEvent.LOST, PickState.CHOOSE, "not found where it was expected: skip"),
+    Row(PickState.ESTIMATING, PickEvent.UNSURE, PickState.STOP_N, "the predicted error at the grasp is too large"),
+    Row(PickState.ESTIMATING, PickEvent.SURE, PickState.FINAL, "the predicted error allows the blind stretch"),
     Row(
-        State.VERIFY,
-        Event.GONE,
-        State.PLACE,
+        PickState.ESTIMATING,
+        PickEvent.DOUBT,
+        PickState.SURVEY,
+        "looks disagree: hold the whole table against the look before",
+    ),
+    Row(
+        PickState.ESTIMATING,
+        PickEvent.ELSEWHERE,
+        PickState.CHOOSE,
+        "the planned grasp does not hold it as it lies: plan again",
+    ),
+    Row(PickState.ESTIMATING, PickEvent.LOST, PickState.CHOOSE, "planned anew too often: skip"),
+    Row(PickState.ESTIMATING, PickEvent.GAVE_UP, PickState.CHOOSE, "still unsure after the most looks: skip"),
+    Row(PickState.FINAL, PickEvent.THERE, PickState.CLOSING, "the hand is around the part"),
+    Row(PickState.FINAL, PickEvent.DRY, PickState.HOME, "nothing was sent: there is nothing to close on"),
+    Row(PickState.FINAL, PickEvent.UNREACHABLE, PickState.CHOOSE, "the guard refused the move: plan again, or skip"),
+    Row(PickState.CLOSING, PickEvent.CLOSED, PickState.RETREAT, "the hand has closed"),
+    Row(PickState.RETREAT, PickEvent.THERE, PickState.VERIFY, "lifted and backed off"),
+    Row(
+        PickState.VERIFY,
+        PickEvent.GONE,
+        PickState.PLACE,
         "the part is seen in the hand, or no longer lies there and the hand is not seen to be empty",
     ),
     Row(
-        State.VERIFY,
-        Event.MISSED,
-        State.SURVEY,
+        PickState.VERIFY,
+        PickEvent.MISSED,
+        PickState.SURVEY,
         "it lies there still, or elsewhere, or the hand is empty: opened over the bin, try again or skip",
     ),
-    Row(State.PLACE, Event.PLACED, State.HOME, "let go over the bin"),
-    Row(State.PLACE, Event.DRY, State.HOME, "nothing was sent: the hand holds what it held"),
-    Row(State.HOME, Event.THERE, State.IDLE, "the pick has ended"),
-    Row(State.ANY, Event.PAUSE, State.PAUSED, "an operator holds it before its next move"),
-    Row(State.PAUSED, Event.RESUME, State.BACK, "and lets it go on"),
-    Row(State.ANY, Event.ABORT, State.IDLE, "the arm is stopped, the part is given up"),
-    Row(State.ANY, Event.ERROR, State.FAULT, "the arm is stopped first, then the error is reported"),
-    Row(State.ANY, Event.STOP, State.FAULT, "the arm is stopped first, then it is reported"),
-    Row(State.FAULT, Event.ABORT, State.FAULT, "the arm is stopped; the fault stands"),
-    Row(State.FAULT, Event.RESUME, State.IDLE, "an operator says that it may move again"),
+    Row(PickState.PLACE, PickEvent.PLACED, PickState.HOME, "let go over the bin"),
+    Row(PickState.PLACE, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
+    Row(PickState.HOME, PickEvent.THERE, PickState.IDLE, "the pick has ended"),
+    Row(PickState.ANY, PickEvent.PAUSE, PickState.PAUSED, "an operator holds it before its next move"),
+    Row(PickState.PAUSED, PickEvent.RESUME, PickState.BACK, "and lets it go on"),
+    Row(PickState.ANY, PickEvent.ABORT, PickState.IDLE, "the arm is stopped, the part is given up"),
+    Row(PickState.ANY, PickEvent.ERROR, PickState.FAULT, "the arm is stopped first, then the error is reported"),
+    Row(PickState.ANY, PickEvent.STOP, PickState.FAULT, "the arm is stopped first, then it is reported"),
+    Row(PickState.FAULT, PickEvent.ABORT, PickState.FAULT, "the arm is stopped; the fault stands"),
+    Row(PickState.FAULT, PickEvent.RESUME, PickState.IDLE, "an operator says that it may move again"),
 )
 NEXT = {(row.state, row.event): row.then for row in TABLE}
 
 
-def follows(state: State, event: Event, held: State) -> State:
+def follows(state: PickState, event: PickEvent, held: PickState) -> PickState:
     """Where an event leads from a state; held: where a pause came in. KeyError where the table has no row for it."""
-    then = NEXT.get((state, event)) or NEXT[State.ANY, event]
-    return held if then is State.BACK else then
+    then = NEXT.get((state, event)) or NEXT[PickState.ANY, event]
+    return held if then is PickState.BACK else then
 
 
 def printed_table() -> str:

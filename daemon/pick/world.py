@@ -18,10 +18,11 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
+from daemon.pick.fused_objects import ONE_MM, known
 from daemon.pick.looking import (
     Expected,
     Look,
-    Recogniser,
+    PartRecogniser,
     Taken,
     log_look,
     moved_pair_of,
@@ -31,10 +32,9 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
-from daemon.pick.seen import Seen, apart_mm, ordered, same_place, seen_parts, shown_again
+from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
-from daemon.pick.things import ONE_MM, known
-from daemon.pick.transitions import Event
+from daemon.pick.transitions import PickEvent
 
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
@@ -57,7 +57,7 @@ class PickContext:
 
     cell: Workcell
     mover: Mover
-    recogniser: Recogniser
+    recogniser: PartRecogniser
     settings: Settings
     observer: Observer | None
     cycle: int = 0
@@ -138,11 +138,11 @@ class Gained:
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class BeforeDisagreement:
     """What lay on the table before two looks at a target disagreed: the other parts, and the target."""
 
-    others: list[Seen]
-    itself: list[Seen]
+    others: list[ObservedPart]
+    itself: list[ObservedPart]
 
 
 @dataclass(eq=False, repr=False)
@@ -162,7 +162,7 @@ class WorldModel:
     """
 
     skipped: list[Skipped]
-    found: list[Seen] = field(default_factory=list)
+    found: list[ObservedPart] = field(default_factory=list)
     looks: list[Look] = field(default_factory=list)
     looked_again: list[Array] = field(default_factory=list)
     gained: list[Gained] = field(default_factory=list)
@@ -170,11 +170,11 @@ class WorldModel:
     unseen_from: list[tuple[Array, Array]] = field(default_factory=list)
     target: Target | None = None
     last_target: Target | None = None
-    doubtful: Seen | None = None
+    doubtful: ObservedPart | None = None
     failures: int = 0
     replans: int = 0
     old_looks: int = 0
-    questioned: Question | None = None
+    questioned: BeforeDisagreement | None = None
     doubts: int = 0
     began_s: float = 0.0
     moved_s: float = 0.0
@@ -216,7 +216,7 @@ class WorldModel:
         self.gained.append(gained)
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
-    def left(self, context: PickContext) -> list[Seen]:
+    def left(self, context: PickContext) -> list[ObservedPart]:
         """What was found, is or may be wanted, and was not skipped, in order."""
         return [
             part
@@ -230,10 +230,10 @@ class WorldModel:
         return [away for at, away in self.unseen_from if same_place(at, centre)]
 
 
-Handler = Callable[[PickContext, WorldModel], Awaitable[Event]]
+Handler = Callable[[PickContext, WorldModel], Awaitable[PickEvent]]
 
 
-def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: Seen | Target, why: str) -> None:
+def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: ObservedPart | Target, why: str) -> None:
     """Leave a part alone from now on."""
     world.skipped.append(Skipped(part.label, part.centre, outcome, why))
     world.outcome, world.why = outcome, f"{part.label}: {why}"

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 
 from drivers.val2.conversation import POISON
 from drivers.val2.location import apart
-from drivers.val2.wire import Error, Prompt, Question, Reader, Table, Text, Where
+from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Table, Text, Where
 
 Sure = Literal["certain", "likely", "assumed"]
 STOP_WORDS = ("ABORT", "PANIC")
@@ -182,7 +182,7 @@ def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> Answer:
         errors=errors,
         where=tables[-1] if tables else None,
         prompt=tail if isinstance(last, Prompt) else "",
-        question=last.text if isinstance(last, Question) else None,
+        question=last.text if isinstance(last, ControllerQuestion) else None,
         prompt_s=at[-1] if at else 0.0,
         late_s=late_s,
     )

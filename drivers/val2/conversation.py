@@ -13,7 +13,19 @@ from dataclasses import dataclass, replace
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer
 from drivers.val2.location import Location
-from drivers.val2.wire import Echo, Error, Event, Garble, Prompt, Question, Reader, State, Table, Text, Where
+from drivers.val2.wire import (
+    ControllerQuestion,
+    Echo,
+    Error,
+    Garble,
+    LineEvent,
+    Prompt,
+    Reader,
+    ReaderState,
+    Table,
+    Text,
+    Where,
+)
 
 POISON = b"!!"
 """Makes any half-typed line an error instead of a command, where it could not be cancelled."""
@@ -55,12 +67,12 @@ class Conversation:
         """send: bytes, and what of them the ledger is to have."""
         self.dialect, self.clock = dialect, clock
         self._reader, self._send = reader, send
-        self._inbox: asyncio.Queue[Event | None] = asyncio.Queue()
+        self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
         self.typed_whole = False
         """Whether the present command's line end has gone out: from then on it may have been carried out."""
 
-    def hear(self, event: Event) -> None:
+    def hear(self, event: LineEvent) -> None:
         """Take what came."""
         self._inbox.put_nowait(event)
 
@@ -69,10 +81,10 @@ class Conversation:
         self._over = self._over or why
         self._inbox.put_nowait(None)
 
-    def unheard(self) -> list[Event]:
+    def unheard(self) -> list[LineEvent]:
         """What came while nobody was waiting. Raises the error the conversation ended with, if it did."""
         self._check()
-        events: list[Event] = []
+        events: list[LineEvent] = []
         while not self._inbox.empty():
             event = self._inbox.get_nowait()
             if event is not None:
@@ -84,14 +96,14 @@ class Conversation:
         Raises as unheard."""
         events = self.unheard()
         for event in events:
-            if isinstance(event, Error | Question):
+            if isinstance(event, Error | ControllerQuestion):
                 self.hear(event)
         return self.others_of(events)
 
-    def others_of(self, events: Sequence[Event]) -> list[str]:
+    def others_of(self, events: Sequence[LineEvent]) -> list[str]:
         """What of these, and of what is half come, answers nothing of ours, in words. A second line end of our own is
         answered by a prompt of its own."""
-        heard = [_in_words(event) for event in events if not isinstance(event, Error | Question)]
+        heard = [_in_words(event) for event in events if not isinstance(event, Error | ControllerQuestion)]
         if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
             del heard[0]
         half_come = self._reader.pending.strip(b"\x00\x07\x7f\r\n .")
@@ -114,16 +126,16 @@ class Conversation:
         self.typed_whole = False
         await self._type_line(command, held)
         left = list(replies)
-        gathered: list[Event] = []
+        gathered: list[LineEvent] = []
         while True:
             event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
             gathered.append(event)
-            if isinstance(event, Question) and left and meant(event.text):
+            if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
-            elif isinstance(event, Prompt | Question):
+            elif isinstance(event, Prompt | ControllerQuestion):
                 return _answer(command, gathered, self.clock() - began_s, self.dialect)
 
-    async def next_event(self, timeout_s: float, otherwise: str) -> Event:
+    async def next_event(self, timeout_s: float, otherwise: str) -> LineEvent:
         """The next event. Raises NoAnswer(otherwise), Preempted, PortError."""
         self._check()
         try:
@@ -135,16 +147,16 @@ class Conversation:
         assert event is not None
         return event
 
-    async def next_prompt_or_question(self, timeout_s: float, said: list[Event] | None = None) -> Event:
+    async def next_prompt_or_question(self, timeout_s: float, said: list[LineEvent] | None = None) -> LineEvent:
         """Wait until the controller waits for us; `said` gathers everything up to there. Raises as next_event."""
         while True:
             event = await self.next_event(timeout_s, f"no prompt within {timeout_s:g} s")
             if said is not None:
                 said.append(event)
-            if isinstance(event, Prompt | Question):
+            if isinstance(event, Prompt | ControllerQuestion):
                 return event
 
-    async def last_prompt_or_question(self, timeout_s: float) -> Event:
+    async def last_prompt_or_question(self, timeout_s: float) -> LineEvent:
         """The prompt or question behind which nothing more comes: not one that was on its way when we typed. Raises as
         next_event, and where something is printed on and on."""
         last = await self._prompt_before_long(timeout_s)
@@ -153,10 +165,10 @@ class Conversation:
             more = self.unheard()
             if not more:
                 return last
-            waits = isinstance(more[-1], Prompt | Question)
+            waits = isinstance(more[-1], Prompt | ControllerQuestion)
             last = more[-1] if waits else await self._prompt_before_long(timeout_s)
 
-    async def _prompt_before_long(self, timeout_s: float) -> Event:
+    async def _prompt_before_long(self, timeout_s: float) -> LineEvent:
         """The next prompt or question, and no longer than a table takes: a program may print on and on. Raises as
         next_event."""
         try:
@@ -165,14 +177,14 @@ class Conversation:
         except TimeoutError:
             raise NoAnswer(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
 
-    async def resynchronise(self, attempts: int = 3) -> list[Event]:
+    async def resynchronise(self, attempts: int = 3) -> list[LineEvent]:
         """Get the controller to an empty line and its prompt or question; what it said, that last.
 
         First the half-typed line is cancelled. Should that not bring a prompt, or the controller know no such key,
         characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
         neither prompt nor question.
         """
-        said: list[Event] = []
+        said: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):
             await self.type_raw(cancel if cancel and attempt == 0 else cancel + POISON + self.dialect.line_end)
@@ -266,11 +278,11 @@ class Conversation:
             if isinstance(event, Echo):
                 break
         await asyncio.sleep(self.dialect.echo_settle_s)
-        if self._reader.state is not State.TYPED:
+        if self._reader.state is not ReaderState.TYPED:
             await self._refuse_twice(text, event)
             raise Garbled(f"typed {text!r}, echoed with more behind it")
 
-    async def _refuse_twice(self, text: str, first: Event) -> None:
+    async def _refuse_twice(self, text: str, first: LineEvent) -> None:
         """Raises Garbled where what came back, once nothing more comes, is what was typed and that once more."""
         back, before = b"", None
         while before != back and len(back) < 2 * len(text):
@@ -291,11 +303,11 @@ class Conversation:
             raise self._over
 
 
-def _in_words(event: Event) -> str:
+def _in_words(event: LineEvent) -> str:
     return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
 
 
-def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dialect) -> Answer:
+def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> Answer:
     """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
@@ -308,10 +320,10 @@ def _answer(command: str, events: Sequence[Event], seconds: float, dialect: Dial
     last = events[-1]
     return Answer(
         command=command,
-        lines=tuple(event.text for event in events if isinstance(event, Text | Error | Question)),
+        lines=tuple(event.text for event in events if isinstance(event, Text | Error | ControllerQuestion)),
         errors=tuple(event.text for event in events if isinstance(event, Error)),
         where=_in_our_units(tables[-1], dialect) if tables else None,
-        question=last.text if isinstance(last, Question) else None,
+        question=last.text if isinstance(last, ControllerQuestion) else None,
         seconds=seconds,
         of_text=tuple(event.text for event in events if isinstance(event, Text)),
     )

@@ -14,7 +14,7 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from drivers.val2.wire import Event
+from drivers.val2.wire import LineEvent
 
 Record = dict[str, Any]
 
@@ -30,9 +30,9 @@ class Ledger:
         """Bytes that went to the controller."""
         self._record(t_s, "out", "sent", data)
 
-    def heard(self, event: Event, t_s: float) -> None:
+    def heard(self, event: LineEvent, t_s: float) -> None:
         """An event, and the bytes it was read from."""
-        self._record(t_s, "in", type(event).__name__.lower(), event.raw)
+        self._record(t_s, "in", event.what, event.raw)
 
     def _record(self, t_s: float, way: str, what: str, data: bytes) -> None:
         if self._on_record is None:

@@ -33,7 +33,7 @@ from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import Session, confirms
-from drivers.val2.wire import Event, Question, Where
+from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
 __all__ = [
     "Answer",
@@ -439,7 +439,7 @@ class Link:
             for _ in range(ABORT_ATTEMPTS):
                 try:
                     last = await self._type_abort(talk, before)
-                    if isinstance(last, Question):
+                    if isinstance(last, ControllerQuestion):
                         switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
                             session.question = asked
@@ -455,7 +455,7 @@ class Link:
                     before, problem = b"", failed
         raise problem
 
-    async def _type_abort(self, talk: Conversation, before: bytes) -> Event:
+    async def _type_abort(self, talk: Conversation, before: bytes) -> LineEvent:
         """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
         is taken back first: a Y, as an answer, is one whatever follows it. Nothing is before an answer of ours: where
         the controller takes nothing back, that key would spoil it."""

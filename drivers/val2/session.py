@@ -25,7 +25,7 @@ from drivers.val2.errors import (
 )
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
-from drivers.val2.wire import Error, Event, Question, Reader
+from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader
 
 SHORTEST_TYPED = 3
 """Characters of what stands in an answer of ours and is taken for somebody else's: with fewer it may be noise."""
@@ -124,13 +124,13 @@ class Session:
                     while talk.unheard():  # nor what was still on its way
                         await asyncio.sleep(self.dialect.prompt_silence_s)
 
-    async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[Event]:
+    async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[LineEvent]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose
         line it is; where a stop has taken it meanwhile not a byte is typed into the stop."""
         self.line_may_hold_rest = True
         events = await talk.resynchronise(attempts)
         last = events[-1]
-        self.question = last.text if isinstance(last, Question) else None
+        self.question = last.text if isinstance(last, ControllerQuestion) else None
         return events
 
     async def prompt_on_opening(self) -> None:
@@ -235,7 +235,7 @@ class Session:
         """What came while nobody listened comes first: errors and questions (an emergency stop, a power cycle), and
         what answers nothing of ours."""
         others = self.talk.others_of(events := self.talk.unheard())
-        questions = [event.text for event in events if isinstance(event, Question)]
+        questions = [event.text for event in events if isinstance(event, ControllerQuestion)]
         if questions:
             self.question = questions[-1]
         errors = [event.text for event in events if isinstance(event, Error)]
@@ -270,9 +270,9 @@ class Session:
     def _hear_silence(self) -> None:
         self._deliver(self._reader.silence())
 
-    def _deliver(self, events: list[Event]) -> None:
+    def _deliver(self, events: list[LineEvent]) -> None:
         for event in events:
-            if isinstance(event, Question) and self.dialect.asks_after_power_up(event.text):
+            if isinstance(event, ControllerQuestion) and self.dialect.asks_after_power_up(event.text):
                 self._switched_on()
             self.talk.hear(event)
             self._ledger.heard(event, self.clock())

@@ -18,6 +18,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import Enum, auto
+from typing import ClassVar
 
 from drivers.val2.location import Location
 
@@ -50,61 +51,71 @@ class Where:
 
 
 @dataclass(frozen=True)
-class Event:
-    """Something the controller said; raw: the very bytes, so that all raws in a row are the stream."""
+class LineEvent:
+    """Something the controller said; raw: the very bytes, so that all raws in a row are the stream; what: its name in
+    the ledger, which recorded runs keep."""
 
+    what: ClassVar[str]
     raw: bytes
 
 
 @dataclass(frozen=True)
-class Echo(Event):
+class Echo(LineEvent):
     """The typed characters came back unharmed."""
 
+    what: ClassVar[str] = "echo"
     text: str
 
 
 @dataclass(frozen=True)
-class Garble(Event):
+class Garble(LineEvent):
     """What came back is not what was typed."""
 
+    what: ClassVar[str] = "garble"
     expected: str
     got: str
 
 
 @dataclass(frozen=True)
-class Text(Event):
+class Text(LineEvent):
     """A line that is none of the others."""
 
+    what: ClassVar[str] = "text"
     text: str
 
 
 @dataclass(frozen=True)
-class Error(Event):
+class Error(LineEvent):
     """A message between asterisks, or a program stopped by the system: a failure, known words or not."""
 
+    what: ClassVar[str] = "error"
     text: str
 
 
 @dataclass(frozen=True)
-class Table(Event):
+class Table(LineEvent):
     """A whole answer to WHERE."""
 
+    what: ClassVar[str] = "table"
     where: Where
 
 
 @dataclass(frozen=True)
-class Question(Event):
+class ControllerQuestion(LineEvent):
     """The controller waits for an answer to this."""
 
+    what: ClassVar[str] = "question"
     text: str
 
 
 @dataclass(frozen=True)
-class Prompt(Event):
+class Prompt(LineEvent):
     """The controller waits for a command."""
 
+    what: ClassVar[str] = "prompt"
 
-class State(Enum):
+
+class ReaderState(Enum):
     """What the next byte is taken for."""
 
     LINE = auto()
@@ -117,7 +128,7 @@ class Reader:
     """Turns what a controller sends into events."""
 
     def __init__(self) -> None:
-        self._state = State.LINE
+        self._state = ReaderState.LINE
         self._raw = bytearray()
         self._line = bytearray()
         self._fresh = True
@@ -127,7 +138,7 @@ class Reader:
         self._table: list[tuple[bytes, str]] = []
 
     @property
-    def state(self) -> State:
+    def state(self) -> ReaderState:
         """What the next byte is taken for."""
         return self._state
 
@@ -139,7 +150,7 @@ class Reader:
     @property
     def awaits_silence(self) -> bool:
         """Whether silence now would mean something."""
-        return self._state is State.LINE and (self._dot_waits or self._question_waits or self._asked is not None)
+        return self._state is ReaderState.LINE and (self._dot_waits or self._question_waits or self._asked is not None)
 
     @property
     def _dot_waits(self) -> bool:
@@ -151,25 +162,25 @@ class Reader:
 
     def typed(self, text: bytes) -> None:
         """These bytes were just sent and will be echoed."""
-        self._state, self._expected, self._matched = State.ECHO, text, 0
+        self._state, self._expected, self._matched = ReaderState.ECHO, text, 0
 
     def line_ended(self, echoed: bool = True) -> None:
         """The line end was just sent."""
-        self._state = State.ENDED if echoed else State.LINE
+        self._state = ReaderState.ENDED if echoed else ReaderState.LINE
         self._fresh = not echoed
 
-    def receive(self, data: bytes) -> list[Event]:
+    def receive(self, data: bytes) -> list[LineEvent]:
         """Take bytes, give the events they complete."""
-        events: list[Event] = []
+        events: list[LineEvent] = []
         for byte in data:
             self._raw.append(byte)
             if byte not in PADDING:
                 self._take(byte, events)
         return events
 
-    def silence(self) -> list[Event]:
+    def silence(self) -> list[LineEvent]:
         """Nothing came for long enough: a waiting dot is a prompt, a waiting question mark a question."""
-        events: list[Event] = []
+        events: list[LineEvent] = []
         if not self.awaits_silence:
             return events
         self._give_up_table(events)
@@ -178,38 +189,38 @@ class Reader:
             self._fresh = False
         elif self._question_waits:
             text = _text(self._line)
-            events.append(Question(self._cut(), text))
+            events.append(ControllerQuestion(self._cut(), text))
             self._fresh = False
         elif self._asked is not None:
-            events.append(Question(self._cut(), _text(self._asked)))
+            events.append(ControllerQuestion(self._cut(), _text(self._asked)))
         self._asked = None
         return events
 
-    def _take(self, byte: int, events: list[Event]) -> None:
-        if self._state is State.LINE:
+    def _take(self, byte: int, events: list[LineEvent]) -> None:
+        if self._state is ReaderState.LINE:
             self._take_line(byte, events)
-        elif self._state is State.ECHO:
+        elif self._state is ReaderState.ECHO:
             self._take_echo(byte, events)
-        elif self._state is State.ENDED and byte in LINE_ENDS:
-            self._state, self._fresh = State.LINE, True
+        elif self._state is ReaderState.ENDED and byte in LINE_ENDS:
+            self._state, self._fresh = ReaderState.LINE, True
         else:
             self._garbled(byte, events)
 
-    def _take_echo(self, byte: int, events: list[Event]) -> None:
+    def _take_echo(self, byte: int, events: list[LineEvent]) -> None:
         if byte != self._expected[self._matched]:
             self._garbled(byte, events)
             return
         self._matched += 1
         if self._matched == len(self._expected):
             events.append(Echo(self._cut(), _text(self._expected)))
-            self._state = State.TYPED
+            self._state = ReaderState.TYPED
 
-    def _garbled(self, byte: int, events: list[Event]) -> None:
+    def _garbled(self, byte: int, events: list[LineEvent]) -> None:
         got = self._expected[: self._matched] + bytes([byte])
         events.append(Garble(self._cut(), _text(self._expected), _text(got)))
-        self._state, self._fresh = State.LINE, byte in LINE_ENDS
+        self._state, self._fresh = ReaderState.LINE, byte in LINE_ENDS
 
-    def _take_line(self, byte: int, events: list[Event]) -> None:
+    def _take_line(self, byte: int, events: list[LineEvent]) -> None:
         if byte in LINE_ENDS:
             self._end_line(events)
             return
@@ -223,7 +234,7 @@ class Reader:
             events.append(_plain(self._cut(), text))
             self._fresh = False
 
-    def _end_line(self, events: list[Event]) -> None:
+    def _end_line(self, events: list[LineEvent]) -> None:
         line, self._line, self._fresh = bytes(self._line), bytearray(), True
         if not line.strip():
             return
@@ -235,7 +246,7 @@ class Reader:
             return
         events.append(_plain(self._cut(), text))
 
-    def _continue_table(self, text: str, events: list[Event]) -> bool:
+    def _continue_table(self, text: str, events: list[LineEvent]) -> bool:
         """Whether the line belongs to an answer to WHERE."""
         if not _table_goes_on([line for _, line in self._table], text):
             self._give_up_table(events)
@@ -249,7 +260,7 @@ class Reader:
             events.append(Table(raw, where))
         return True
 
-    def _give_up_table(self, events: list[Event]) -> None:
+    def _give_up_table(self, events: list[LineEvent]) -> None:
         """Lines that looked like a WHERE answer and were not are text after all."""
         events.extend(_plain(raw, text) for raw, text in self._table)
         self._table.clear()
@@ -264,7 +275,7 @@ class Reader:
         return cut
 
 
-def _plain(raw: bytes, text: str) -> Event:
+def _plain(raw: bytes, text: str) -> LineEvent:
     return Error(raw, text) if "*" in text or STOPPED.search(text) else Text(raw, text)
 
 

@@ -21,7 +21,7 @@ from daemon.calibration.stereo import StereoResult
 from daemon.cell import build as cells
 from daemon.cell.pick_cell import pick_cell
 from daemon.config import load_config
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.store import places
 from daemon.vision.geometry.rig import Camera, StereoRig
 from drivers.simcell.truth import load_truth
@@ -78,7 +78,7 @@ async def calibrated(seed: int) -> Calibrated:
     hardware = cells.build(config, lambda _: None)
     try:
         await hardware.open()
-        cycle = Cycle(*pick_cell(config, start, hardware, Silent()), None)
+        cycle = PickCycle(*pick_cell(config, start, hardware, Silent()), None)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         await cycle.go("survey")

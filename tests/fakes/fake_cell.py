@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.workcell import Reading, Workcell
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.settings import Settings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
@@ -301,9 +301,9 @@ def build(world: World) -> Workcell:
     return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN)
 
 
-def cycle_of(world: World, settings: Settings | None = None) -> Cycle:
+def cycle_of(world: World, settings: Settings | None = None) -> PickCycle:
     """A cycle that works in this world, enabled."""
-    cycle = Cycle(build(world), settings or Settings(), TruthRecogniser(world))
+    cycle = PickCycle(build(world), settings or Settings(), TruthRecogniser(world))
     cycle.supervisor.enable()
     return cycle
 

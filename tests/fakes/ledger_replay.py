@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from drivers.val2.ledger import Record
-from drivers.val2.wire import Event, Prompt, Question, Reader
+from drivers.val2.wire import ControllerQuestion, LineEvent, Prompt, Reader
 
 
-def replay(records: Iterable[Record], echo: bool = True) -> list[Event]:
+def replay(records: Iterable[Record], echo: bool = True) -> list[LineEvent]:
     """Read every incoming record's bytes again: the events today's protocol makes of them.
 
     echo: whether that controller echoed what was typed. The replay is faithful when `what_was_heard` names
     the same.
     """
     reader, typing, kept = Reader(), False, list(records)
-    events: list[Event] = []
+    events: list[LineEvent] = []
     for k, record in enumerate(kept):
         data = _bytes(record)
         if record["way"] == "in":
             events += reader.receive(data)
-            if record["what"] in (_kind(Prompt), _kind(Question)):
+            if record["what"] in (Prompt.what, ControllerQuestion.what):
                 events += reader.silence()
         elif not _is_typed(data):
             typing = False
@@ -37,9 +37,9 @@ def what_was_heard(records: Iterable[Record]) -> list[tuple[str, bytes]]:
     return [(str(r["what"]), _bytes(r)) for r in records if r["way"] == "in"]
 
 
-def what_was_read(events: Iterable[Event]) -> list[tuple[str, bytes]]:
+def what_was_read(events: Iterable[LineEvent]) -> list[tuple[str, bytes]]:
     """Kinds of event, and their bytes."""
-    return [(_kind(type(event)), event.raw) for event in events]
+    return [(event.what, event.raw) for event in events]
 
 
 def _line_from(records: Iterable[Record]) -> bytes:
@@ -60,7 +60,3 @@ def _is_typed(data: bytes) -> bool:
 
 def _bytes(record: Record) -> bytes:
     return str(record["bytes"]).encode("latin-1")
-
-
-def _kind(event: type[Event]) -> str:
-    return event.__name__.lower()

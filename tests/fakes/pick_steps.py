@@ -6,7 +6,7 @@ import asyncio
 
 from daemon.pick.cycle import HANDLERS
 from daemon.pick.settings import Settings
-from daemon.pick.transitions import Event, State, follows
+from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import PickContext, WorldModel
 from tests.fakes.fake_cell import World, cycle_of
 
@@ -20,20 +20,20 @@ def begun(fake: World, settings: Settings | None = None) -> tuple[PickContext, W
     return PickContext(cycle.cell, mover, cycle.recogniser, cycle.settings, None, cycle=1), WorldModel([])
 
 
-def step(context: PickContext, world: WorldModel, state: State) -> Event:
+def step(context: PickContext, world: WorldModel, state: PickState) -> PickEvent:
     """What the state's handler returns."""
 
-    async def handled() -> Event:
+    async def handled() -> PickEvent:
         return await HANDLERS[state](context, world)
 
     return asyncio.run(handled())
 
 
-def brought_to(state: State, context: PickContext, world: WorldModel) -> None:
+def brought_to(state: PickState, context: PickContext, world: WorldModel) -> None:
     """Go on from the survey until the state is entered."""
-    here = State.SURVEY
+    here = PickState.SURVEY
     for _ in range(40):
         if here is state:
             return
-        here = follows(here, step(context, world, here), State.IDLE)
+        here = follows(here, step(context, world, here), PickState.IDLE)
     raise AssertionError(f"{state} was not reached")

@@ -19,7 +19,7 @@ from daemon.cell import build as cells
 from daemon.cell.pick_cell import pick_cell
 from daemon.cli.demo import VIEWS
 from daemon.config import load_config
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.settings import Settings
 from daemon.store import places
@@ -57,7 +57,7 @@ class Rig:
     """The cell and the cycle that works in it."""
 
     cell: SimulatedCell
-    cycle: Cycle
+    cycle: PickCycle
     log: ListLog
     robot: Any
 
@@ -113,7 +113,7 @@ async def rig(
         await hardware.open()
         cell, usual = pick_cell(config, believed, hardware, log)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
-        cycle = Cycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
+        cycle = PickCycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
         tell_the_judge(hardware.hand.cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
@@ -127,7 +127,7 @@ async def rig(
         await hardware.close()
 
 
-def tell_the_judge(cell: SimulatedCell, cycle: Cycle, log: ListLog) -> None:
+def tell_the_judge(cell: SimulatedCell, cycle: PickCycle, log: ListLog) -> None:
     """When the arm may move, and how fast, as it is said: by whoever enables and resumes, and by the log."""
 
     def leave(act: Callable[..., None]) -> Callable[..., None]:

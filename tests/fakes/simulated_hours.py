@@ -22,7 +22,7 @@ from daemon.cell.sections import arm_geometry, dialect, truth
 from daemon.config import load_config
 from daemon.console.context import CommandContext
 from daemon.maintenance.troubles import Troubles
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import Model, empty_model
@@ -63,7 +63,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
         await hardware.open()
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         sight = Recogniser(start, calibration.rig, config.values.vision)
-        cycle = Cycle(*pick_cell(config, calibration, hardware, log), sight)
+        cycle = PickCycle(*pick_cell(config, calibration, hardware, log), sight)
         tell_the_judge(cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()

@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.body import Capsule, KeepOut, Point
-from daemon.arm.guard import ArmState, Command, Limits, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
 from daemon.arm.workcell import Reading
 from daemon.arrays import Array
 from drivers import puma560
@@ -58,7 +58,7 @@ class Travel:
     """One move: from where to what, among which limits."""
 
     start: Reading
-    command: Command
+    command: MoveCommand
     limits: Limits
 
     @property
@@ -93,7 +93,7 @@ def random_travel(
         start = _place(rng, limits)
         target = _place(rng, limits, start)
         line = bool(rng.integers(2)) if straight is None else straight
-        command = Command(target.world_from_tool, line, 50.0, "random")
+        command = MoveCommand(target.world_from_tool, line, 50.0, "random")
         travel = Travel(start, command, limits)
         if refuse(command, travel.standing, limits) is None and _stands(start, limits) and _stands(target, limits):
             return travel
@@ -117,7 +117,7 @@ def _place(rng: np.random.Generator, limits: Limits, near: Reading | None = None
         if near is not None:
             point[:2] = near.world_from_tool[:2, 3] + rng.uniform(-300.0, 300.0, 2)
         pose = frames.rigid(_hand(rng), point)
-        if refuse(Command(pose, True, 1.0, ""), ArmState(True, None, pose, 0.0), limits) is not None:
+        if refuse(MoveCommand(pose, True, 1.0, ""), ArmState(True, None, pose, 0.0), limits) is not None:
             continue
         if near is not None:
             joints = _reachable(pose, near.joints_rad)

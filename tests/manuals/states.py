@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from daemon.pick.transitions import TABLE, State
+from daemon.pick.transitions import TABLE, PickState
 
 
 def diagram() -> str:
     """A mermaid state diagram: the rows of every state; what leaves any state is a note."""
     lines = ["```mermaid", "stateDiagram-v2", "    [*] --> idle"]
-    merged: dict[tuple[State, State], list[str]] = {}
+    merged: dict[tuple[PickState, PickState], list[str]] = {}
     for row in TABLE:
-        if State.ANY not in (row.state, row.then) and State.BACK not in (row.state, row.then):
+        if PickState.ANY not in (row.state, row.then) and PickState.BACK not in (row.state, row.then):
             merged.setdefault((row.state, row.then), []).append(row.event)
     lines += [f"    {state} --> {then}: {', '.join(events)}" for (state, then), events in merged.items()]
-    everywhere = [f"{row.event} leads to {row.then}" for row in TABLE if row.state is State.ANY]
+    everywhere = [f"{row.event} leads to {row.then}" for row in TABLE if row.state is PickState.ANY]
     lines += ["    note right of fault", f"        from every state: {'; '.join(everywhere)}", "    end note", "```"]
     return "\n".join(lines) + "\n"
 

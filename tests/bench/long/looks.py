@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.arm.mover import NotSentError
+from daemon.arm.motion import NotSentError
 from daemon.arrays import Array
+from daemon.pick.fused_objects import known
 from daemon.pick.looking import Look
 from daemon.pick.next_view import places_round
-from daemon.pick.seen import Seen, seen_parts
-from daemon.pick.settings import View
-from daemon.pick.things import known
+from daemon.pick.seen import ObservedPart, seen_parts
+from daemon.pick.settings import SurveyView
 from daemon.store.library import load_facets
 from daemon.vision.geometry import exact, visible_from
 from daemon.vision.model import learn_solid
@@ -78,7 +78,7 @@ def _learnt(model: Model, label: str, corners: Array, rings: Any) -> Model:
     return learn_solid(model, solid(f"{label}.obj", obj(corners, rings)), label)
 
 
-def right_and_wrong(here: Hours, found: Sequence[Seen]) -> tuple[int, int]:
+def right_and_wrong(here: Hours, found: Sequence[ObservedPart]) -> tuple[int, int]:
     """How many parts that lie there have their name, and how many names are none's."""
     right, wrong = set[str](), 0
     for one in (part for part in found if part.named):
@@ -95,7 +95,9 @@ def _off(part: Any, middle: Array) -> float:
     return float(np.linalg.norm(frames.apply(part.pose, part.shape.hull.vertices).mean(axis=0) - middle))
 
 
-async def by_themselves(here: Hours, first: View, more: Sequence[View]) -> tuple[list[Look], list[Seen], list[Seen]]:
+async def by_themselves(
+    here: Hours, first: SurveyView, more: Sequence[SurveyView]
+) -> tuple[list[Look], list[ObservedPart], list[ObservedPart]]:
     """Looks from fixed places: they, what each names by itself, and what they do together."""
     looks = []
     for view in (first, *more):
@@ -106,7 +108,7 @@ async def by_themselves(here: Hours, first: View, more: Sequence[View]) -> tuple
     return looks, [part for one in looks for part in seen_parts(one) if part.named], together
 
 
-async def compared(here: Hours, first: View, more: int) -> tuple[bool, dict[str, tuple[int, int]], int]:
+async def compared(here: Hours, first: SurveyView, more: int) -> tuple[bool, dict[str, tuple[int, int]], int]:
     """Whether the first look shows something and names nothing; right and wrong by each way; how many looks the next
     best took."""
     settings = here.cycle.settings
@@ -129,7 +131,7 @@ async def twin(seed: int, model: Model, shapes: list[Shape]) -> tuple[bool, dict
         x, y = np.array(TABLE.centre_mm) + rng.uniform(-40, 40, 2)
         here.cell.world.stand(own.label, int(rng.integers(len(own.rests))), x, y, rng.uniform(-np.pi, np.pi))
         at = float(x), float(y), TABLE.height_mm + 20.0
-        view = View(at, FAR_OFF_MM, float(rng.choice(HEADINGS)), float(rng.choice(TILTS)))
+        view = SurveyView(at, FAR_OFF_MM, float(rng.choice(HEADINGS)), float(rng.choice(TILTS)))
         try:
             return await compared(here, view, MORE)
         except NotSentError:

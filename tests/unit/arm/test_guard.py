@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from daemon import frames
-from daemon.arm import guard
-from daemon.arm import mover as motion
+from daemon.arm import guard, motion
 from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
-from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
+from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
@@ -33,7 +32,7 @@ def moved(x=0.0, y=0.0, z=0.0, turn=0.0):
 
 
 def command(pose=None, speed=50.0, look=99.0):
-    return Command(moved(10.0) if pose is None else pose, True, speed, "test", look)
+    return MoveCommand(moved(10.0) if pose is None else pose, True, speed, "test", look)
 
 
 def met(rule):
@@ -87,7 +86,7 @@ def test_a_sound_command_goes():
 def test_the_cameras_may_not_dip_into_the_table_even_when_the_fingers_are_clear():
     tilted = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), np.radians(-75.0)), np.array([420.0, 0.0, -270.0]))
     standing = ArmState(True, None, tilted, 100.0)
-    refusal = refuse(Command(tilted, True, 10.0, "test"), standing, LIMITS)
+    refusal = refuse(MoveCommand(tilted, True, 10.0, "test"), standing, LIMITS)
     assert refusal is not None
     assert refusal.rule == "below_table"
 
@@ -149,7 +148,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     def go_to(self, pose, speed, from_look):
         before = self.mover.at
-        told = Command(pose, True, speed, "random", self.look_s if from_look else None)
+        told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
         state = (self.mover.leave.enabled, self.mover.leave.hindrance, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
@@ -314,7 +313,7 @@ def test_each_corner_of_a_finger_tip_is_guarded(point):
     beside = np.cross(down, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(down, [0.0, 0.0, 1.0]))
     rotation = np.array([beside, np.cross(beside, down), -down])
     pose = frames.rigid(rotation, np.array([420.0, 0.0, LIMITS.table_z_mm + down @ point + 1.0]))
-    told, standing = Command(pose, True, 10.0, "tip down"), ArmState(True, None, pose, 100.0)
+    told, standing = MoveCommand(pose, True, 10.0, "tip down"), ArmState(True, None, pose, 100.0)
     refusal = refuse(told, standing, LIMITS)
     assert refusal is not None
     assert refusal.rule == "below_table"

@@ -10,8 +10,8 @@ import pytest
 from daemon import frames
 from daemon.arm import route
 from daemon.arm.body import Capsule, KeepOut
-from daemon.arm.guard import ArmState, Command, Limits, Refusal
-from daemon.arm.mover import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
+from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.route import planned_way
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick.grasp import tool_rotation
@@ -36,7 +36,7 @@ LEFT, RIGHT = hand(560, -200, -180), hand(560, 200, -180)
 
 def planned(start, target, straight=False, limits=LIMITS):
     standing = ArmState(True, None, start, 0.0)
-    return planned_way(Command(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
+    return planned_way(MoveCommand(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
 
 
 def test_a_free_way_is_gone_directly():
@@ -91,7 +91,7 @@ def test_a_way_through_a_post_is_planned_over_it_up_across_down_and_each_leg_is_
     assert legs[0].world_from_tool[2, 3] == pytest.approx(legs[1].world_from_tool[2, 3])
     at = reading(LEFT)
     for leg in legs:
-        truth = truth_of(Travel(at, Command(leg.world_from_tool, leg.straight, 50.0, ""), LIMITS))
+        truth = truth_of(Travel(at, MoveCommand(leg.world_from_tool, leg.straight, 50.0, ""), LIMITS))
         assert truth.reached
         assert truth.touch_mm >= LIMITS.clearance_mm - 0.5
         at = Reading(leg.world_from_tool, ROBOT.reachable(leg.world_from_tool, at.joints_rad))
@@ -188,7 +188,7 @@ def test_the_mover_sends_nothing_where_there_is_no_way():
 def test_one_move_through_a_post_is_not_sent_even_when_it_was_not_planned(straight):
     mover, robot = mover_at(LEFT)
     with pytest.raises(MoveRefusedError, match="kept_out"):
-        asyncio.run(mover.go(Command(RIGHT, straight, 50.0, "test")))
+        asyncio.run(mover.go(MoveCommand(RIGHT, straight, 50.0, "test")))
     assert robot.sent == []
 
 
@@ -200,7 +200,7 @@ def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_ar
 
     mover.gate = moved_meanwhile
     with pytest.raises(MoveRefusedError, match="kept_out"):
-        asyncio.run(mover.go(Command(RIGHT, True, 50.0, "test")))
+        asyncio.run(mover.go(MoveCommand(RIGHT, True, 50.0, "test")))
     assert robot.sent == []
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, MoveRefusedError, NotThereError
+from daemon.arm.guard import Limits, MoveCommand
+from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
 from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
@@ -442,14 +442,14 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
         supervisor.hold.step(way == "step")
         if way == "pause":
             supervisor.hold.pause()
-        task = asyncio.create_task(supervisor.run("go", mover.go(Command(NEAR, False, 50.0, "a test"))))
+        task = asyncio.create_task(supervisor.run("go", mover.go(MoveCommand(NEAR, False, 50.0, "a test"))))
         while not heard and supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         world.at = frames.perturb(HEAD_DOWN, np.array([-430.0, 0, 0, 0, 0, 0]))
         supervisor.resume()
         if way == "step":
             supervisor.hold.confirm()
-        with pytest.raises(NotThereError, match="somebody else moved the arm"):
+        with pytest.raises(NotAtTargetError, match="somebody else moved the arm"):
             await task
 
     asyncio.run(story())
@@ -465,7 +465,7 @@ def test_a_pause_said_while_it_is_asked_where_the_arm_is_after_a_wait_holds_what
     async def story() -> None:
         await mover.rest()
         supervisor.hold.pause()
-        what = mover.go(Command(NEAR, False, 50.0, "a test")) if work == "move" else mover.hand(closed=True)
+        what = mover.go(MoveCommand(NEAR, False, 50.0, "a test")) if work == "move" else mover.hand(closed=True)
         task = asyncio.create_task(supervisor.run("go", what))
         await asyncio.sleep(0.01)
         world.before = lambda name: supervisor.hold.pause() if name == "where" else None
@@ -681,7 +681,7 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
         await asyncio.sleep(0.01)
         await supervisor.mover.rest()
         with pytest.raises(MoveRefusedError, match="being stopped"):
-            await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+            await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         with pytest.raises(MoveRefusedError, match="being stopped"):
             await supervisor.mover.hand(closed=True)
         with pytest.raises(RefusedError, match="being stopped"):
@@ -692,7 +692,7 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
         assert await stopping is None
         assert supervisor.fault is None
         await supervisor.mover.rest()
-        await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+        await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
 
     asyncio.run(story())
     assert [name for name, _ in world.wire] == ["move"]
@@ -744,10 +744,10 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
         await supervisor.prove_stop()
         supervisor.enable()
         await supervisor.mover.rest()
-        await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+        await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         robot.stop_seen = 0  # as after the line was opened anew
         with pytest.raises(MoveRefusedError, match="not_enabled"):
-            await supervisor.mover.go(Command(HEAD_DOWN, False, 50.0, "a test"))
+            await supervisor.mover.go(MoveCommand(HEAD_DOWN, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="say `enable`"):
             await supervisor.by_hand("CAL", lambda: endless(world))
 
@@ -793,7 +793,7 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
     async def story() -> None:
         await supervisor.mover.rest()
         with pytest.raises(MoveRefusedError, match="not_enabled"):
-            await supervisor.mover.go(Command(NEAR, False, 50.0, "a test"))
+            await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
         with pytest.raises(RefusedError, match="no hand_eye"):
             supervisor.may_move()
         task = asyncio.create_task(supervisor.by_hand("CAL", lambda: endless(world)))
@@ -1333,7 +1333,7 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
         await supervisor.mover.rest()
         supervisor.hold.pause()
         supervisor.resume()
-        await supervisor.mover.go(Command(NEAR, True, 50.0, "over"))
+        await supervisor.mover.go(MoveCommand(NEAR, True, 50.0, "over"))
 
     world.before = hook
     lived(supervisor.run("go", story()))

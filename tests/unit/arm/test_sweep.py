@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm import sweep
 from daemon.arm.body import Capsule, KeepOut, body_of
-from daemon.arm.guard import ArmState, Command, Limits, Strike, refuse
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
 from daemon.arm.workcell import Reading
 from daemon.pick.grasp import tool_rotation
@@ -36,7 +36,7 @@ def reading(pose):
 
 
 def travel(start, target, straight=True, limits=LIMITS):
-    return Travel(reading(start), Command(target, straight, 50.0, "test"), limits)
+    return Travel(reading(start), MoveCommand(target, straight, 50.0, "test"), limits)
 
 
 def asked(some):
@@ -152,7 +152,9 @@ def test_a_line_so_near_to_the_stretched_arm_that_it_would_be_asked_for_in_more_
 
     joints = np.radians([50.36, 2.15, -79.03, -111.98, 97.42, 119.58])
     pose = puma560.forward(joints, ARM)
-    command = Command(frames.perturb(pose, np.array([176.5, -35.65, -163.5, -0.07, -0.215, -1.034])), True, 50.0, "a")
+    command = MoveCommand(
+        frames.perturb(pose, np.array([176.5, -35.65, -163.5, -0.07, -0.215, -1.034])), True, 50.0, "a"
+    )
     robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     found = way_of(Reading(pose, joints), command, None, robot, body)
@@ -329,7 +331,7 @@ def low_travels(count):
             continue
         if ROBOT.reachable(ends[1], some.start.joints_rad) is None:
             continue
-        there = Command(ends[0], False, 50.0, "test")
+        there = MoveCommand(ends[0], False, 50.0, "test")
         if all(refuse(told, some.standing, LIMITS) is None for told in (some.command, there)):
             found.append(replace(some, limits=OVER_TABLE))
     return found
@@ -496,7 +498,7 @@ def test_a_joint_way_to_a_place_out_of_reach_is_refused():
 def test_a_place_is_judged_with_all_of_the_arm_and_by_no_leave_to_get_out():
     lamp = KeepOut("lamp", (430.0, -20.0, 280.0), (480.0, 20.0, 330.0))
     there = reading(hand(560, 0, 0))
-    told = Command(there.world_from_tool, True, 50.0, "test")
+    told = MoveCommand(there.world_from_tool, True, 50.0, "test")
     assert sweep.place_clear(told, there, ROBOT, LIMITS) is None
     refusal = sweep.place_clear(told, there, ROBOT, replace(LIMITS, keep_out=(lamp,)))
     assert refusal.rule == "kept_out"
@@ -725,7 +727,7 @@ def test_what_cannot_come_near_is_not_looked_at_nor_what_would_only_just_touch()
 
 def test_a_place_a_little_nearer_than_the_clearance_is_no_place():
     there = reading(hand(560, 0, 0))
-    told = Command(there.world_from_tool, True, 50.0, "test")
+    told = MoveCommand(there.world_from_tool, True, 50.0, "test")
     for gap_mm, refused in ((2.001, False), (1.5, True)):
         wall = KeepOut("wall", (560.0 + gap_mm, -400.0, -100.0), (900.0, 400.0, 100.0))
         found = sweep.place_clear(told, there, ROBOT, replace(BARE, keep_out=(wall,)))

@@ -12,7 +12,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm.guard import Limits
-from daemon.arm.mover import Arrival
+from daemon.arm.motion import Arrival
 from daemon.arm.operators import RefusedError
 from daemon.arm.supervisor import Supervisor
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg

@@ -19,7 +19,7 @@ from daemon.arm import capsule_around
 from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
 from daemon.cell.no_arm import CellError
 from daemon.commands.controller_terminal import SPOIL, Typist, shown
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import Arm
@@ -33,7 +33,7 @@ from tests.fakes.running import Running, judged_daemon
 
 def standing(fault: str | None = None, enabled: bool = True) -> Any:
     """As much of a context as a typist sees."""
-    cycle = Cycle(build(World(np.random.default_rng(0))), Settings())
+    cycle = PickCycle(build(World(np.random.default_rng(0))), Settings())
     if enabled:
         cycle.supervisor.enable()
     cycle.supervisor.fault = fault

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon.commands.keeping import robot
 from daemon.console.notices import Notices
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
 from tests.fakes.fake_cell import World, build
 from tests.fakes.fake_context import FakeFrontend
@@ -18,7 +18,7 @@ from tests.fakes.fake_context import FakeFrontend
 
 def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_holds() -> None:
     """A program may go on by it, and close the hand: the next pick would open it at a stand-off."""
-    cycle, answered = Cycle(build(World(np.random.default_rng(0))), Settings()), list[str]()
+    cycle, answered = PickCycle(build(World(np.random.default_rng(0))), Settings()), list[str]()
     cycle.supervisor.enable()
 
     async def power_up(replies: list[str]) -> list[str]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.mover import MovedByOthersError, MoveRefusedError
+from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach
-from daemon.pick.transitions import Event, State
+from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import SuspectError
 from tests.fakes.fake_cell import one_part
 from tests.fakes.pick_steps import begun, brought_to, step
@@ -21,9 +21,9 @@ def shifted(fake, label, *by_mm):
 def test_a_part_whose_stop_turns_out_of_reach_is_skipped():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.STOP_N, context, world)
+    brought_to(PickState.STOP_N, context, world)
     fake.reach_mm = 100.0
-    assert step(context, world, State.STOP_N) is Event.UNREACHABLE
+    assert step(context, world, PickState.STOP_N) is PickEvent.UNREACHABLE
     (skipped,) = world.skipped
     assert (skipped.label, skipped.outcome) == ("cube", "unreachable")
     assert "cannot reach" in skipped.why
@@ -33,24 +33,24 @@ def test_a_part_whose_stop_turns_out_of_reach_is_skipped():
 def test_a_stop_out_of_reach_once_the_part_was_seen_nearer_is_planned_again_from_that_look():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.ESTIMATING, context, world)
-    assert step(context, world, State.ESTIMATING) is Event.UNSURE
+    brought_to(PickState.ESTIMATING, context, world)
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.UNSURE
     reach_mm, fake.reach_mm = fake.reach_mm, 100.0
-    assert step(context, world, State.STOP_N) is Event.UNREACHABLE
+    assert step(context, world, PickState.STOP_N) is PickEvent.UNREACHABLE
     assert not world.skipped
     assert [part.look for part in world.found] == [world.the_target().look]
     fake.reach_mm = reach_mm
-    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+    assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
 
 
 @pytest.mark.parametrize("known", [None, True, False])
 def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(known):
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.STOP_N, context, world)
+    brought_to(PickState.STOP_N, context, world)
     context.mover.closed = known
     sent = len(fake.wire)
-    assert step(context, world, State.STOP_N) is Event.THERE
+    assert step(context, world, PickState.STOP_N) is PickEvent.THERE
     names = [name for name, _ in fake.wire[sent:]]
     assert names.count("hand") == (known is not False)
     assert names[0] == ("move" if known is False else "hand")
@@ -61,13 +61,13 @@ def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(
 def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     stops = [r["how"] for r in fake.said("move") if r["purpose"].startswith("stand-off")]
     assert set(stops) == {"joint", "straight"}
     assert stops == sorted(stops)
 
 
-@pytest.mark.parametrize("state", [State.STOP_N, State.FINAL])
+@pytest.mark.parametrize("state", [PickState.STOP_N, PickState.FINAL])
 def test_where_all_motion_is_closed_no_part_is_blamed(state):
     context, world = begun(one_part())
     brought_to(state, context, world)
@@ -81,46 +81,46 @@ def test_a_part_that_was_turned_over_near_its_place_is_planned_again_but_not_for
     fake = one_part()
     context, world = begun(fake)
     for _ in range(context.settings.tries):
-        brought_to(State.LOOKING, context, world)
+        brought_to(PickState.LOOKING, context, world)
         shifted(fake, "cube", 28, 0, 0)
-        assert step(context, world, State.LOOKING) is Event.ELSEWHERE
+        assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
         assert [part.label for part in world.found] == ["cube"]
         assert not world.skipped
-    brought_to(State.LOOKING, context, world)
+    brought_to(PickState.LOOKING, context, world)
     shifted(fake, "cube", -28, 0, 0)
-    assert step(context, world, State.LOOKING) is Event.LOST
+    assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert [s.outcome for s in world.skipped] == ["lost"]
 
 
 def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after_the_last():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.LOOKING, context, world)
+    brought_to(PickState.LOOKING, context, world)
     fake.lying.clear()
     for _ in range(context.settings.views_of_doubtful):
-        assert step(context, world, State.LOOKING) is Event.ELSEWHERE
+        assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
     assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
-    assert step(context, world, State.LOOKING) is Event.LOST
+    assert step(context, world, PickState.LOOKING) is PickEvent.LOST
     assert "not seen where it was" in world.why
 
 
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):
     context, world = begun(one_part())
-    brought_to(State.ESTIMATING, context, world)
+    brought_to(PickState.ESTIMATING, context, world)
     monkeypatch.setattr(approach, "regrasp", lambda *_: None)
-    assert step(context, world, State.ESTIMATING) is Event.ELSEWHERE
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.ELSEWHERE
     assert world.replans == 1
 
 
 def twice_looked(fake, moved):
     """Two looks at the cube between which `moved` acted on the world."""
     context, world = begun(fake)
-    brought_to(State.LOOKING, context, world)
-    assert step(context, world, State.LOOKING) is Event.LOOKED
-    step(context, world, State.ESTIMATING)
-    step(context, world, State.STOP_N)
+    brought_to(PickState.LOOKING, context, world)
+    assert step(context, world, PickState.LOOKING) is PickEvent.LOOKED
+    step(context, world, PickState.ESTIMATING)
+    step(context, world, PickState.STOP_N)
     moved()
-    assert step(context, world, State.LOOKING) is Event.LOOKED
+    assert step(context, world, PickState.LOOKING) is PickEvent.LOOKED
     assert len(world.the_target().sightings) == 2
     return context, world
 
@@ -129,8 +129,8 @@ def test_where_only_the_part_moved_the_newest_look_alone_counts_and_the_approach
     fake = one_part()
     fake.put("pyramid", 560, -70, 0.4)
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
-    event = step(context, world, State.ESTIMATING)
-    assert event in (Event.UNSURE, Event.SURE)
+    event = step(context, world, PickState.ESTIMATING)
+    assert event in (PickEvent.UNSURE, PickEvent.SURE)
     assert len(world.the_target().sightings) == 1
     assert [r["text"] for r in fake.said("decision")][-1] == "suspect: part"
 
@@ -139,7 +139,7 @@ def test_where_nothing_else_is_in_view_the_table_is_looked_at_again_and_the_doub
     fake = one_part()
     fake.put("pyramid", 430, -200, 0.4)
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
-    assert step(context, world, State.ESTIMATING) is Event.DOUBT
+    assert step(context, world, PickState.ESTIMATING) is PickEvent.DOUBT
     assert world.questioned is not None
     assert [part.label for part in world.questioned.itself] == ["cube"]
     assert "cube" not in [part.label for part in world.questioned.others]
@@ -154,12 +154,12 @@ def test_a_knocked_camera_and_a_second_disagreement_are_the_cells_fault():
 
     context, world = twice_looked(fake, knocked)
     with pytest.raises(SuspectError, match="suspect: camera"):
-        step(context, world, State.ESTIMATING)
+        step(context, world, PickState.ESTIMATING)
     fake = one_part()
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     world.the_target().restarts = 1
     with pytest.raises(SuspectError, match="disagree"):
-        step(context, world, State.ESTIMATING)
+        step(context, world, PickState.ESTIMATING)
 
 
 def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_are_the_hand_eye_s_fault():
@@ -169,7 +169,7 @@ def test_looks_that_disagree_approach_after_approach_while_nothing_else_moves_ar
     context, world = twice_looked(fake, lambda: shifted(fake, "cube", 5, 0, 0))
     world.doubts = context.settings.tries
     with pytest.raises(SuspectError, match=r"3 approaches in one pick.*suspect: hand-eye"):
-        step(context, world, State.ESTIMATING)
+        step(context, world, PickState.ESTIMATING)
 
 
 @pytest.mark.parametrize("doubts", [0, 9])
@@ -184,4 +184,4 @@ def test_an_arm_that_somebody_nudged_before_the_last_look_is_told_and_nobody_cal
     context, world = twice_looked(fake, nudged)
     world.doubts = doubts
     with pytest.raises(MovedByOthersError, match=r"somebody else moved the arm, by 8\.0"):
-        step(context, world, State.ESTIMATING)
+        step(context, world, PickState.ESTIMATING)

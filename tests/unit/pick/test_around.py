@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, Thing, tour_round
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, CircledPart, tour_round
 from daemon.vision.facets import weld
 from tests.fakes.solids import CUBE, pose, view_of
 
 TOOL_FROM_CYCLOPEAN = frames.rigid(np.eye(3), np.array([-70.0, 0.0, -100.0]))
-THING = Thing(np.array([520.0, 0.0, -280.0]), 40.0)
+THING = CircledPart(np.array([520.0, 0.0, -280.0]), 40.0)
 
 
 def eyes(poses: list[np.ndarray]) -> np.ndarray:
@@ -42,7 +42,7 @@ def test_only_allowed_places_are_chosen_each_once() -> None:
 
 
 def test_a_large_thing_is_looked_at_from_farther_away() -> None:
-    far = tour_round(Thing(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    far = tour_round(CircledPart(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
     assert np.linalg.norm(eyes(far), axis=1).min() > 1.3 * NEAREST_MM
 
 
@@ -51,5 +51,5 @@ def test_what_lies_beside_the_thing_is_not_its() -> None:
     group = weld(group.facets)
     world_from_cyclopean = np.eye(4)
     middle = group.polyhedron.corners_mm.mean(0)
-    assert Thing(middle, 45.0).holds(group, world_from_cyclopean)
-    assert not Thing(middle + np.array([120.0, 0.0, 0.0]), 45.0).holds(group, world_from_cyclopean)
+    assert CircledPart(middle, 45.0).holds(group, world_from_cyclopean)
+    assert not CircledPart(middle + np.array([120.0, 0.0, 0.0]), 45.0).holds(group, world_from_cyclopean)

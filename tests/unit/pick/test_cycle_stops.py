@@ -5,13 +5,13 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.arm.mover import MoveRefusedError
+from daemon.arm.motion import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
 
-async def during(world: World, cycle: Cycle, name: str, count: int, act):
+async def during(world: World, cycle: PickCycle, name: str, count: int, act):
     """Start a pick; at the count-th `name` of the world, run act in another task; give how the pick ended."""
     seen = 0
     acting = []

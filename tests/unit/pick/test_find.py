@@ -5,8 +5,8 @@ import pytest
 
 from daemon import frames
 from daemon.pick.find import MOST_OLD
-from daemon.pick.transitions import Event, State
-from daemon.pick.world import Question, SuspectError
+from daemon.pick.transitions import PickEvent, PickState
+from daemon.pick.world import BeforeDisagreement, SuspectError
 from tests.fakes.fake_cell import one_part
 from tests.fakes.pick_steps import begun, brought_to, step
 
@@ -15,39 +15,39 @@ def test_an_old_look_sends_back_to_the_survey_a_few_times_then_the_guard_has_its
     fake = one_part()
     context, world = begun(fake)
     for _ in range(MOST_OLD):
-        brought_to(State.CHOOSE, context, world)
+        brought_to(PickState.CHOOSE, context, world)
         fake.now_s += context.settings.limits.max_look_age_s
-        assert step(context, world, State.CHOOSE) is Event.STALE
-    brought_to(State.CHOOSE, context, world)
+        assert step(context, world, PickState.CHOOSE) is PickEvent.STALE
+    brought_to(PickState.CHOOSE, context, world)
     fake.now_s += context.settings.limits.max_look_age_s
-    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+    assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
 
 
 def test_a_part_skipped_before_is_not_chosen_again_and_one_beside_it_is():
     fake = one_part()
     fake.put("pyramid", 430, -100, 0.4)
     context, world = begun(fake)
-    brought_to(State.STOP_N, context, world)
+    brought_to(PickState.STOP_N, context, world)
     first = world.the_target().label
     fake.reach_mm = 100.0
-    step(context, world, State.STOP_N)
+    step(context, world, PickState.STOP_N)
     fake.reach_mm = 900.0
-    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+    assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
     assert {first, world.the_target().label} == {"cube", "pyramid"}
 
 
 def questioned(fake):
     """A pick that asks whether what it found lies where it lay."""
     context, world = begun(fake)
-    brought_to(State.CHOOSE, context, world)
-    world.questioned = Question(list(world.found), [])
+    brought_to(PickState.CHOOSE, context, world)
+    world.questioned = BeforeDisagreement(list(world.found), [])
     return context, world
 
 
 def test_a_question_is_settled_by_parts_that_lie_where_they_lay():
     fake = one_part()
     context, world = questioned(fake)
-    assert step(context, world, State.SURVEY) is Event.SEEN
+    assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
     assert world.questioned is None
     assert fake.said("decision")[-1]["text"] == "suspect: part"
 
@@ -55,28 +55,28 @@ def test_a_question_is_settled_by_parts_that_lie_where_they_lay():
 def test_a_question_that_no_other_part_answers_stops_the_pick():
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = Question([], [])
+    world.questioned = BeforeDisagreement([], [])
     with pytest.raises(SuspectError, match="cannot be told"):
-        step(context, world, State.SURVEY)
+        step(context, world, PickState.SURVEY)
 
 
 def test_a_part_that_lies_alone_and_where_it_lay_is_approached_again():
     """Looks disagree now and then by chance: that must not end a night's last pick."""
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = Question([], world.questioned.others)
-    assert step(context, world, State.SURVEY) is Event.SEEN
+    world.questioned = BeforeDisagreement([], world.questioned.others)
+    assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
     assert fake.said("decision")[-1]["text"] == "approach it again"
-    assert step(context, world, State.CHOOSE) is Event.CHOSEN
+    assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
 
 
 def test_a_part_alone_that_lies_elsewhere_tells_nothing_apart_from_a_knock():
     fake = one_part()
     context, world = questioned(fake)
-    world.questioned = Question([], world.questioned.others)
+    world.questioned = BeforeDisagreement([], world.questioned.others)
     fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="cannot be told"):
-        step(context, world, State.SURVEY)
+        step(context, world, PickState.SURVEY)
 
 
 def test_a_question_answered_by_parts_that_all_moved_blames_the_cell():
@@ -84,4 +84,4 @@ def test_a_question_answered_by_parts_that_all_moved_blames_the_cell():
     context, world = questioned(fake)
     fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="suspect: hand-eye"):
-        step(context, world, State.SURVEY)
+        step(context, world, PickState.SURVEY)

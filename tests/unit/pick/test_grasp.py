@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.grasp import Gripper, centre_of_mass, closed_fingers, grasps, hull, tool_rotation
+from daemon.pick.grasp import GripperGeometry, centre_of_mass, closed_fingers, grasps, hull, tool_rotation
 from daemon.store import places
 from daemon.vision.geometry import exact
 from drivers.simcell.drawn import drawn_shape
@@ -17,7 +17,7 @@ from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth
 from tests.fakes.drawn import prism
 
-GRIPPER = Gripper()
+GRIPPER = GripperGeometry()
 MIDDLE = np.array([520.0, 0.0, -300.0])
 TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml").gripper
 RESTS = [(label, rest) for label in TAUGHT for rest in range(len(part_shape(label).rests))]
@@ -67,7 +67,7 @@ def test_a_part_too_wide_for_the_hand_has_no_grasp():
 
 
 def test_a_steeper_pyramid_than_the_pads_hold_has_no_grasp_on_its_sides():
-    slippery = Gripper(friction=0.2)
+    slippery = GripperGeometry(friction=0.2)
     corners = part_shape("pyramid").hull.vertices
     assert all(g.slip_deg < 12 for g in grasps(known(corners), lying("pyramid", 0), -300.0, slippery))
 
@@ -105,7 +105,7 @@ def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():
 
 
 def test_the_met_fingers_are_a_box_whose_faces_look_outwards():
-    gripper = Gripper()
+    gripper = GripperGeometry()
     shape = closed_fingers(gripper)
     outwards = shape.centres_mm - shape.corners_mm.mean(axis=0)
     assert (np.einsum("fi,fi->f", shape.normals, outwards) > 0).all()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.arm.operators import OperatorRefusedError, RefusedError
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.world import WorldModel
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
@@ -16,7 +16,7 @@ from tests.fakes.fake_cell import World, cycle_of, one_part
 NAMELESS = Recognition("unknown", 0.9, 0.0, 0.0, None, False, "fits nothing taught")
 
 
-def nameless() -> tuple[World, Cycle]:
+def nameless() -> tuple[World, PickCycle]:
     """A cube whose facets nobody names, and the cycle before it, looking at it."""
     world = one_part()
     world.labels["cube"] = NAMELESS
@@ -124,7 +124,7 @@ def test_a_stop_on_the_way_stops_the_arm_and_nothing_moves_after_it() -> None:
     assert cycle.status()["fault"] is not None
 
 
-async def _waiting(cycle: Cycle, key: str) -> None:
+async def _waiting(cycle: PickCycle, key: str) -> None:
     while not cycle.status()[key]:
         await asyncio.sleep(0)
 

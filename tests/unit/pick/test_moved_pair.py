@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm import Limits, RefusedError
 from daemon.pick import moved_pair
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import StereoRig, baseline, moved_rig
@@ -130,11 +130,11 @@ def test_places_are_read_as_they_were_written() -> None:
     assert moved_pair.places_of(None) is None
 
 
-def alone(world: World, settings: Settings | None = None) -> Cycle:
+def alone(world: World, settings: Settings | None = None) -> PickCycle:
     """A cycle with one eye, enabled."""
     cell = build(world)
     object.__setattr__(cell, "alone", "left")
-    cycle = Cycle(cell, settings or Settings(), TruthRecogniser(world))
+    cycle = PickCycle(cell, settings or Settings(), TruthRecogniser(world))
     cycle.supervisor.enable()
     return cycle
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.next_view import (
-    Hypothesis,
+    PartHypothesis,
     entropy,
     expected_entropy,
     freshest,
@@ -42,17 +42,19 @@ def turned(angle: float) -> Array:
     return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), AT)
 
 
-def hypothesis(label: str, solid: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)) -> Hypothesis:
+def hypothesis(
+    label: str, solid: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)
+) -> PartHypothesis:
     """The seen facets are the solid's of these numbers."""
-    return Hypothesis(label, solid, pose, np.diag([0.01] * 3 + [1e-6] * 3), seen, share)
+    return PartHypothesis(label, solid, pose, np.diag([0.01] * 3 + [1e-6] * 3), seen, share)
 
 
-def stranger(of: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)) -> Hypothesis:
+def stranger(of: Polyhedron, pose: Array, share: float, seen: tuple[int, ...] = (2,)) -> PartHypothesis:
     corners = frames.apply(pose, of.corners_mm)
     rings = [of.facets[k] for k in seen]
     used = sorted({c for ring in rings for c in ring})
     flat = exact(corners[used], [[used.index(c) for c in ring] for ring in rings])
-    return Hypothesis(UNKNOWN, flat, np.eye(4), np.zeros((6, 6)), tuple(range(len(seen))), share)
+    return PartHypothesis(UNKNOWN, flat, np.eye(4), np.zeros((6, 6)), tuple(range(len(seen))), share)
 
 
 def eye(heading_deg: float, up_deg: float = 45.0) -> Array:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from daemon.arm.settling import Settling
-from daemon.pick.cycle import Cycle
+from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.settings import Settings
@@ -38,8 +38,8 @@ class Failing:
         raise RuntimeError("the observer broke")
 
 
-def observed(world: World, observer: Any) -> Cycle:
-    cycle = Cycle(build(world), Settings(settling=Settling()), TruthRecogniser(world), observer)
+def observed(world: World, observer: Any) -> PickCycle:
+    cycle = PickCycle(build(world), Settings(settling=Settling()), TruthRecogniser(world), observer)
     cycle.supervisor.enable()
     return cycle
 

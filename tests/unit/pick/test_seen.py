@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.seen import Facing, Seen, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
+from daemon.pick.seen import Facing, ObservedPart, facings, is_own, ordered, seen_again, seen_parts, unconfirmed
 from daemon.vision.recognition.recognise import UNKNOWN
 from daemon.vision.values import Part, Recognition
 from tests.fakes.rigs import rig
@@ -37,7 +37,7 @@ def part_at(
     return Part(told, tuple(measured(c, None) for c in corners), pose, np.eye(6), 0.1)
 
 
-def seen_at(x: float, y: float, label: str = "cube", **more: Any) -> Seen:
+def seen_at(x: float, y: float, label: str = "cube", **more: Any) -> ObservedPart:
     return seen_parts(look_of(part_at(x, y, label, **more)))[0]
 
 

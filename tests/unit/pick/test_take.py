@@ -7,7 +7,7 @@ import pytest
 
 from daemon.arm import capsule_around
 from daemon.pick import take
-from daemon.pick.transitions import Event, State
+from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
 from tests.fakes.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
 from tests.fakes.pick_steps import begun, brought_to, step
@@ -20,9 +20,9 @@ def purposes(fake):
 def test_the_blind_stretch_is_two_straight_moves_slower_the_nearer():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     before = len(fake.said("move"))
-    assert step(context, world, State.FINAL) is Event.THERE
+    assert step(context, world, PickState.FINAL) is PickEvent.THERE
     moves = fake.said("move")[before:]
     assert {r["purpose"] for r in moves} == {"before the grasp", "grasp"}
     assert {r["how"] for r in moves} == {"straight"}
@@ -32,13 +32,13 @@ def test_the_blind_stretch_is_two_straight_moves_slower_the_nearer():
 def test_a_part_looked_at_from_the_side_is_gone_round_to_before_and_after():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     target = world.the_target()
     target.side_view = target.look_rotation
-    step(context, world, State.FINAL)
+    step(context, world, PickState.FINAL)
     assert "round to the approach" in purposes(fake)
-    step(context, world, State.CLOSING)
-    step(context, world, State.RETREAT)
+    step(context, world, PickState.CLOSING)
+    step(context, world, PickState.RETREAT)
     assert purposes(fake)[-1] == "where it was seen from"
 
 
@@ -46,15 +46,15 @@ def test_a_grasp_that_turns_out_of_reach_is_planned_again_with_the_hand_open_but
     fake = one_part()
     context, world = begun(fake)
     for _ in range(context.settings.tries):
-        brought_to(State.FINAL, context, world)
+        brought_to(PickState.FINAL, context, world)
         fake.unreached = world.the_target().plan.grasp.world_from_tool[:3, 3]
-        assert step(context, world, State.FINAL) is Event.UNREACHABLE
+        assert step(context, world, PickState.FINAL) is PickEvent.UNREACHABLE
         assert not world.skipped
         assert [part.label for part in world.found] == ["cube"]
         fake.unreached = None
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     fake.unreached = world.the_target().plan.grasp.world_from_tool[:3, 3]
-    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert step(context, world, PickState.FINAL) is PickEvent.UNREACHABLE
     assert [s.outcome for s in world.skipped] == ["unreachable"]
     assert not fake.closed
 
@@ -63,10 +63,10 @@ def test_a_grasp_out_of_which_the_arm_could_not_be_lifted_is_not_gone_into():
     """It was planned before the last look moved it; a lift that was refused left the hand closed around the part."""
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     target, sent = world.the_target(), len(fake.said("move"))
     fake.unreached = target.plan.grasp.world_from_tool[:3, 3] + [0.0, 0.0, context.settings.lift_mm + 10.0]
-    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert step(context, world, PickState.FINAL) is PickEvent.UNREACHABLE
     assert len(fake.said("move")) == sent
     assert not fake.closed
 
@@ -74,23 +74,23 @@ def test_a_grasp_out_of_which_the_arm_could_not_be_lifted_is_not_gone_into():
 def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.FINAL, context, world)
+    brought_to(PickState.FINAL, context, world)
     fake.now_s += context.settings.limits.max_look_age_s + 1
     sent = len(fake.wire)
-    assert step(context, world, State.FINAL) is Event.UNREACHABLE
+    assert step(context, world, PickState.FINAL) is PickEvent.UNREACHABLE
     assert "stale_look" in fake.said("decision")[-1]["why"]
     assert len(fake.wire) == sent
-    assert step(context, world, State.CHOOSE) is Event.STALE
+    assert step(context, world, PickState.CHOOSE) is PickEvent.STALE
 
 
 @pytest.mark.parametrize("empty", [True, False])
 def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty):
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.VERIFY, context, world)
+    brought_to(PickState.VERIFY, context, world)
     monkeypatch.setattr(take, "came_back_empty", lambda *_: empty)
-    event = step(context, world, State.VERIFY)
-    assert event is (Event.MISSED if empty else Event.GONE)
+    event = step(context, world, PickState.VERIFY)
+    assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
     assert world.outcome == ("missed" if empty else "picked")
     assert fake.closed is not empty, "a hand that missed is opened"
     if empty:
@@ -101,11 +101,11 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
     """Edges of the table's weave had passed for those of the part."""
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.VERIFY, context, world)
+    brought_to(PickState.VERIFY, context, world)
     for denial in ("still_there", "_knocked_away", "came_back_empty"):
         monkeypatch.setattr(take, denial, lambda *_: True)
     monkeypatch.setattr(take, "in_hand", lambda *_: True)
-    assert step(context, world, State.VERIFY) is Event.GONE
+    assert step(context, world, PickState.VERIFY) is PickEvent.GONE
     assert world.outcome == "picked"
     assert fake.closed
 
@@ -113,11 +113,11 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(State.CLOSING, context, world)
-    step(context, world, State.CLOSING)
+    brought_to(PickState.CLOSING, context, world)
+    step(context, world, PickState.CLOSING)
     (carried,) = context.mover.carried
     assert carried.name == f"{world.the_target().label} in the hand"
-    step(context, world, State.RETREAT)
+    step(context, world, PickState.RETREAT)
     low = world.the_target().plan.grasp.world_from_tool
     assert not context.mover.allows(low), "what is held would touch the table again"
     asyncio.run(context.mover.hand(closed=False))

@@ -5,7 +5,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from daemon.pick.cycle import HANDLERS
-from daemon.pick.transitions import NEXT, TABLE, Event, State, follows, printed_table
+from daemon.pick.transitions import NEXT, TABLE, PickEvent, PickState, follows, printed_table
 
 
 def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_known():
@@ -40,28 +40,30 @@ def test_a_handler_returns_the_events_of_its_rows_and_no_other(state):
     assert says == {row.event for row in TABLE if row.state is state}
 
 
-@pytest.mark.parametrize("state", [s for s in State if s not in (State.ANY, State.BACK)])
+@pytest.mark.parametrize("state", [s for s in PickState if s not in (PickState.ANY, PickState.BACK)])
 def test_a_stop_an_abort_and_an_error_are_heard_in_every_state(state):
-    assert follows(state, Event.STOP, State.IDLE) is State.FAULT
-    assert follows(state, Event.ERROR, State.IDLE) is State.FAULT
-    stands = state is State.FAULT
-    assert follows(state, Event.ABORT, State.IDLE) is (State.FAULT if stands else State.IDLE)
+    assert follows(state, PickEvent.STOP, PickState.IDLE) is PickState.FAULT
+    assert follows(state, PickEvent.ERROR, PickState.IDLE) is PickState.FAULT
+    stands = state is PickState.FAULT
+    assert follows(state, PickEvent.ABORT, PickState.IDLE) is (PickState.FAULT if stands else PickState.IDLE)
 
 
 @pytest.mark.parametrize("state", list(HANDLERS))
 def test_a_pause_leads_back_to_where_it_came_in(state):
-    assert follows(state, Event.PAUSE, State.IDLE) is State.PAUSED
-    assert follows(State.PAUSED, Event.RESUME, state) is state
+    assert follows(state, PickEvent.PAUSE, PickState.IDLE) is PickState.PAUSED
+    assert follows(PickState.PAUSED, PickEvent.RESUME, state) is state
 
 
 def test_a_state_knows_no_event_but_those_of_its_rows():
-    general = {row.event for row in TABLE if row.state is State.ANY}
+    general = {row.event for row in TABLE if row.state is PickState.ANY}
     for state in HANDLERS:
         own = {row.event for row in TABLE if row.state is state}
-        for event in set(Event) - own - general:
+        for event in set(PickEvent) - own - general:
             with pytest.raises(KeyError):
-                follows(state, event, State.IDLE)
+                follows(state, event, PickState.IDLE)
 
 
 def test_after_a_fault_only_resume_leads_on():
-    assert {row.event for row in TABLE if row.state is State.FAULT and row.then is not State.FAULT} == {Event.RESUME}
+    assert {row.event for row in TABLE if row.state is PickState.FAULT and row.then is not PickState.FAULT} == {
+        PickEvent.RESUME
+    }

@@ -19,7 +19,7 @@ from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.world import Where
 from drivers.val2.conversation import Conversation
-from drivers.val2.wire import Event, Prompt
+from drivers.val2.wire import LineEvent, Prompt
 from tests.fakes.first_day import arm_yaml
 from tests.fakes.whole_daemon import SerialOperator, SocketOperator, Story
 
@@ -1025,7 +1025,7 @@ def test_an_abort_in_the_moment_of_an_answer_ends_what_is_done_there_and_leaves_
     aborted: list[asyncio.Future[str | None]] = []
     hear, left = Conversation.hear, [answers]
 
-    def heard(talk: Conversation, event: Event) -> None:
+    def heard(talk: Conversation, event: LineEvent) -> None:
         hear(talk, event)
         if isinstance(event, Prompt) and supervisor.busy:
             left[0] -= 1

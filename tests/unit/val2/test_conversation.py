@@ -11,7 +11,7 @@ import pytest
 from drivers.val2.conversation import Answer, Conversation
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted
-from drivers.val2.wire import Prompt, Question, Reader
+from drivers.val2.wire import ControllerQuestion, Prompt, Reader
 from tests.fakes.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
@@ -235,7 +235,7 @@ def test_a_prompt_that_was_on_its_way_is_not_the_one_that_answers() -> None:
         line.loop.call_later(0.31, lambda: line.hear(b"\r\nAre you sure (Y/N)? "))
         return await line.talk.last_prompt_or_question(1.0)
 
-    assert isinstance(lived(story()), Question)
+    assert isinstance(lived(story()), ControllerQuestion)
 
 
 def test_what_is_said_after_a_prompt_is_waited_for_up_to_the_next() -> None:

@@ -21,7 +21,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
 from drivers.val2.location import location_from_matrix
-from drivers.val2.wire import Question
+from drivers.val2.wire import ControllerQuestion
 
 FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
 SPOILED = ["flip", "drop", "double", "insert"]
@@ -223,8 +223,8 @@ def test_a_question_that_is_asked_again_is_no_power_up_and_no_sign_that_the_arm_
     async def story() -> None:
         _, _, link = await under_way()
 
-        async def asks(*_: Any) -> Question:
-            return Question(b"", "Are you sure (Y/N)?")
+        async def asks(*_: Any) -> ControllerQuestion:
+            return ControllerQuestion(b"", "Are you sure (Y/N)?")
 
         link._type_abort = asks  # type: ignore[method-assign]
         with pytest.raises(NoAnswer):

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from drivers.val2.location import Location
 from drivers.val2.wire import (
     LONGEST_LINE,
+    ControllerQuestion,
     Echo,
     Error,
-    Event,
     Garble,
+    LineEvent,
     Prompt,
-    Question,
     Reader,
-    State,
+    ReaderState,
     Table,
     Text,
 )
@@ -29,11 +29,11 @@ WHERE_ANSWER = (
 )
 
 
-def kinds(events: list[Event]) -> list[str]:
+def kinds(events: list[LineEvent]) -> list[str]:
     return [type(event).__name__ for event in events]
 
 
-def after(*pieces: bytes) -> list[Event]:
+def after(*pieces: bytes) -> list[LineEvent]:
     """The events of bytes that come in pieces, with silence after the last."""
     reader = Reader()
     events = [event for piece in pieces for event in reader.receive(piece)]
@@ -175,12 +175,12 @@ def test_any_line_end_ends_a_line(end: bytes) -> None:
 
 def test_a_question_is_asked_once_nothing_follows() -> None:
     event = after(b"Are you sure (Y/N)? ")[0]
-    assert isinstance(event, Question)
+    assert isinstance(event, ControllerQuestion)
     assert event.text == "Are you sure (Y/N)?"
 
 
 def test_a_question_may_end_its_line() -> None:
-    assert kinds(after(b"Change?\r\n")) == ["Question"]
+    assert kinds(after(b"Change?\r\n")) == ["ControllerQuestion"]
 
 
 def test_a_question_mark_with_more_behind_it_asks_nothing() -> None:
@@ -195,7 +195,7 @@ def test_the_echo_is_told_from_the_answer() -> None:
     reader.typed(b"SPEED 12.5")
     events = reader.receive(b"SPEED 12.5")
     assert events == [Echo(b"SPEED 12.5", "SPEED 12.5")]
-    assert reader.state is State.TYPED
+    assert reader.state is ReaderState.TYPED
     reader.line_ended()
     assert kinds(reader.receive(b"\r\n.") + reader.silence()) == ["Prompt"]
 
@@ -224,7 +224,7 @@ def test_a_doubled_last_character_is_noticed_before_the_line_is_ended() -> None:
     reader = Reader()
     reader.typed(b"SPEED 1")
     assert kinds(reader.receive(b"SPEED 11")) == ["Echo", "Garble"]
-    assert reader.state is not State.TYPED
+    assert reader.state is not ReaderState.TYPED
 
 
 def test_noise_between_echo_and_line_end_is_noticed() -> None:
@@ -264,7 +264,7 @@ def test_silence_in_the_middle_of_a_table_does_not_break_it() -> None:
 def test_a_question_that_ended_its_line_is_asked_once() -> None:
     reader = Reader()
     reader.receive(b"Are you sure (Y/N)?\r\n")
-    assert kinds(reader.silence() + reader.silence()) == ["Question"]
+    assert kinds(reader.silence() + reader.silence()) == ["ControllerQuestion"]
 
 
 @pytest.mark.parametrize("hand", [False, True])
@@ -293,7 +293,7 @@ def test_a_line_as_long_as_two_of_a_printers_is_one_line() -> None:
 def test_a_dot_behind_a_question_is_its_answer_s_and_no_prompt() -> None:
     reader = Reader()
     reader.receive(b"Are you sure (Y/N)? ")
-    assert kinds(reader.silence()) == ["Question"]
+    assert kinds(reader.silence()) == ["ControllerQuestion"]
     assert kinds(reader.receive(b".") + reader.silence()) == []
 
 
@@ -320,11 +320,11 @@ def test_a_wrong_last_character_of_an_echo_is_no_echo() -> None:
     reader = Reader()
     reader.typed(b"WHERE")
     assert kinds(reader.receive(b"WHERX")) == ["Garble"]
-    assert reader.state is State.LINE
+    assert reader.state is ReaderState.LINE
 
 
 def test_a_question_that_ended_its_line_may_be_followed_by_spaces_and_is_text_when_more_follows() -> None:
-    assert kinds(after(b"Are you sure (Y/N)?\r\n  ")) == ["Question"]
+    assert kinds(after(b"Are you sure (Y/N)?\r\n  ")) == ["ControllerQuestion"]
     reader = Reader()
     (event,) = reader.receive(b"Ready?\r\nN")
     assert event == Text(b"Ready?\r\n", "Ready?")

@@ -11,11 +11,11 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick import things
+from daemon.pick import fused_objects
+from daemon.pick.fused_objects import ONE_MM, _untaught, known, outlines_of, telling
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.seen import seen_parts
-from daemon.pick.things import ONE_MM, _untaught, known, outlines_of, telling
 from daemon.store.library import load_facets
 from daemon.teaching.trainer import Recogniser
 from daemon.vision.geometry import Polyhedron, exact
@@ -123,19 +123,19 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
 
     def fuse(looks: Any, shared: Array) -> Any:
         fused.append(len(looks))
-        return things_fuse(looks, shared)
+        return fuse_once(looks, shared)
 
     def on_face(*about: Any) -> float:
         nonlocal tried
         tried += 1
-        return things_on_face(*about)
+        return on_face_once(*about)
 
-    things_fuse, things_on_face = things.fuse, things._on_face
-    monkeypatch.setattr(things, "fuse", fuse)
-    monkeypatch.setattr(things, "_on_face", on_face)
+    fuse_once, on_face_once = fused_objects.fuse, fused_objects._on_face
+    monkeypatch.setattr(fused_objects, "fuse", fuse)
+    monkeypatch.setattr(fused_objects, "_on_face", on_face)
     for count in (5, 40):
         known(odd_looks[:count], recogniser, Doubt())
-    assert fused == [things.MOST_FUSED] * 2
+    assert fused == [fused_objects.MOST_FUSED] * 2
     assert 0 < tried < 100, "each part is held against the facets near it alone"
 
 

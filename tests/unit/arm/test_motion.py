@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm.body import Capsule
-from daemon.arm.guard import Command, Limits
-from daemon.arm.mover import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotThereError, OutOfReachError
+from daemon.arm.guard import Limits, MoveCommand
+from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
@@ -22,7 +22,7 @@ START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 
 
 def command(pose, straight, speed):
-    return Command(pose, straight, speed, "a test")
+    return MoveCommand(pose, straight, speed, "a test")
 
 
 @given(
@@ -96,7 +96,7 @@ def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
 
     mover = mover_in(world, held)
     with pytest.raises(MoveRefusedError) as refused:
-        asyncio.run(mover.go(Command(NEAR, False, 50.0, "a test", look_taken_s=world.clock())))
+        asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "a test", look_taken_s=world.clock())))
     assert refused.value.refusal.rule == rule
     assert not world.wire
     assert [r["rule"] for r in world.said("refusal")] == [rule]
@@ -196,7 +196,7 @@ def test_who_held_a_move_back_may_have_moved_the_arm_and_then_it_is_not_sent(tur
         await seen()
 
     mover = mover_in(world, gate)
-    with pytest.raises(NotThereError, match="somebody else moved the arm"):
+    with pytest.raises(NotAtTargetError, match="somebody else moved the arm"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not world.wire
 
@@ -275,7 +275,7 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     mover.cell.robot.move = flipped
     asyncio.run(mover.rest())
-    with pytest.raises(NotThereError, match="told to turn over"):
+    with pytest.raises(NotAtTargetError, match="told to turn over"):
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
 
@@ -291,7 +291,7 @@ def test_on_a_line_alone_a_joint_may_have_gone_once_round(straight):
         return Reading(reading.world_from_tool, reading.joints_rad + np.eye(6)[5] * 2 * np.pi)
 
     mover.cell.robot.move = once_round
-    with contextlib.nullcontext() if straight else pytest.raises(NotThereError, match="360 degrees"):
+    with contextlib.nullcontext() if straight else pytest.raises(NotAtTargetError, match="360 degrees"):
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
 
@@ -336,7 +336,7 @@ def test_an_arm_at_rest_elsewhere_than_it_was_sent_is_told_with_how_far(off):
         return await move(frames.perturb(pose, np.array(off, float)), **how)
 
     mover.cell.robot.move = missing
-    with pytest.raises(NotThereError, match="sent, but WHERE is"):
+    with pytest.raises(NotAtTargetError, match="sent, but WHERE is"):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert len(world.said("moved")) == 1
 
@@ -381,7 +381,7 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
     mover = mover_in(world, held)
     asyncio.run(mover.rest())
     if off_mm:
-        with pytest.raises(NotThereError, match="somebody else moved the arm"):
+        with pytest.raises(NotAtTargetError, match="somebody else moved the arm"):
             asyncio.run(mover.hand(closed=False))
     else:
         asyncio.run(mover.hand(closed=False))

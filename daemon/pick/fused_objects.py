@@ -14,9 +14,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.looking import Look, Recogniser
+from daemon.pick.looking import Look, PartRecogniser
 from daemon.pick.pose_fusion import Doubt
-from daemon.pick.seen import SAME_PLACE_MM, Seen, seen_parts
+from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
 from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
@@ -40,7 +40,7 @@ HOLLOW_MM = 2.0
 """So far in front of each other's planes lie the middles of facets that meet in a hollow edge."""
 
 
-def known(looks: Sequence[Look], recogniser: Recogniser, doubt: Doubt) -> list[Seen]:
+def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> list[ObservedPart]:
     """Everything that the looks, in order, show: what has a name as the newest look that named it has it; what has none
     as all of them together do, in the newest look's frame."""
     every = [part for look in looks for part in seen_parts(look)]
@@ -95,7 +95,7 @@ def _seen_whole(look: Look, doubt: Doubt) -> SeenFrom:
     return seen_from(look, [weld(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
-def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
+def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
     """Each named part once, as it was seen last; those left out that looks gave different names to."""
     middles = np.array([_middle(part, recogniser) for part in named]).reshape(-1, 3)
     near = np.linalg.norm(middles[:, None] - middles, axis=2) < ONE_MM
@@ -105,7 +105,7 @@ def _agreed(named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
     return [part for k, part in enumerate(named) if k not in out]
 
 
-def _in_own_places(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[Seen]:
+def _in_own_places(fused: Fused, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:
     """Named parts of which no two have the same facet, as two do that would lie in each other: of two of one name the
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron
@@ -119,7 +119,7 @@ def _in_own_places(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) 
     return [part for k, part in enumerate(named) if k not in out]
 
 
-def _shares(seen: Polyhedron, part: Seen, recogniser: Recogniser) -> Array:
+def _shares(seen: Polyhedron, part: ObservedPart, recogniser: PartRecogniser) -> Array:
     """(F,) the share of each facet that lies in a face of a named part."""
     shape, shares = recogniser.shape(part.label), np.zeros(len(seen.facets))
     if shape is None:
@@ -131,13 +131,13 @@ def _shares(seen: Polyhedron, part: Seen, recogniser: Recogniser) -> Array:
     return shares
 
 
-def _middle(part: Seen, recogniser: Recogniser) -> Array:
+def _middle(part: ObservedPart, recogniser: PartRecogniser) -> Array:
     """(3,) world: of the part's corners, seen or not."""
     shape = recogniser.shape(part.label)
     return part.centre if shape is None else frames.apply(part.world_from_part, shape.corners_mm).mean(axis=0)
 
 
-def _unexplained(fused: Fused, named: Sequence[Seen], recogniser: Recogniser) -> list[int]:
+def _unexplained(fused: Fused, named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[int]:
     """The facets that lie for less than half in faces of named parts, all together, and are no side of one that was
     never taught."""
     seen = fused.polyhedron
@@ -235,13 +235,13 @@ def _convex(seen: Polyhedron, thing: list[int]) -> list[list[int]]:
     return [[thing[k] for k in piece] for piece in connected(touch)]
 
 
-def _recognised(fused: Fused, piece: Sequence[int], newest: Look, recogniser: Recogniser) -> list[Seen]:
+def _recognised(fused: Fused, piece: Sequence[int], newest: Look, recogniser: PartRecogniser) -> list[ObservedPart]:
     """Some facets as the newest look would have measured them all, and what they are taken for."""
     group = group_of(fused, piece, frames.inverse(newest.world_from_cyclopean), newest.taken.rig)
-    return [Seen(part, newest) for part in recogniser.recognise(group)]
+    return [ObservedPart(part, newest) for part in recogniser.recognise(group)]
 
 
-def outlines_of(part: Seen, recogniser: Recogniser) -> list[Array]:
+def outlines_of(part: ObservedPart, recogniser: PartRecogniser) -> list[Array]:
     """(N, 3) world: every face of a named part, every facet that was seen of another."""
     shape = recogniser.shape(part.label) if part.named else None
     if shape is None:

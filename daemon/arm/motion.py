@@ -15,8 +15,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.body import Capsule
-from daemon.arm.guard import ArmState, Command, Limits, Refusal, hand_above_mm
-from daemon.arm.route import OUT_MM, Leg, planned_way
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
+from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import HeldBackError, Reading, Workcell
 from daemon.arrays import Array
@@ -36,11 +36,11 @@ class MoveRefusedError(NotSentError):
         self.refusal = refusal
 
 
-class NotThereError(FacetdError):
+class NotAtTargetError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent, or otherwise than it was to get there."""
 
 
-class MovedByOthersError(NotThereError):
+class MovedByOthersError(NotAtTargetError):
     """The arm is not where it came to rest, and nothing of ours moved it; nothing was sent."""
 
 
@@ -74,7 +74,7 @@ class Arrival:
         """Whether that is elsewhere."""
         return off_mm > self.within_mm or off_deg > self.within_deg
 
-    def longest_s(self, start: Reading, command: Command, joints_rad: Array | None) -> float:
+    def longest_s(self, start: Reading, command: MoveCommand, joints_rad: Array | None) -> float:
         """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
         way_s = self._way_s(start, command.world_from_tool, joints_rad)
         return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
@@ -161,7 +161,7 @@ class Mover:
         self.at = await self.cell.robot.rest()
         return self.at
 
-    def check(self, command: Command) -> None:
+    def check(self, command: MoveCommand) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
         refusal = way_clear(command, self.standing(), self.here, self.cell.robot, self.bounds)
         if refusal is not None:
@@ -173,7 +173,7 @@ class Mover:
         joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
         if joints is None:
             return False
-        command = Command(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
+        command = MoveCommand(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
         there = Reading(world_from_tool, joints)
         return place_clear(command, there, self.cell.robot, self.bounds) is None
 
@@ -183,8 +183,8 @@ class Mover:
         joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
         return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.limits.max_speed_pct))
 
-    async def go(self, command: Command) -> Reading:
-        """One move, to rest. Raises MoveRefusedError before, NotThereError after, or what the robot raises."""
+    async def go(self, command: MoveCommand) -> Reading:
+        """One move, to rest. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
         self.check(command)
         await self._held(_in_words(command))
         self.check(command)
@@ -229,9 +229,9 @@ class Mover:
         speed_pct(world_from_tool of a step) is cut to the limit. Raises OutOfReachError before anything is sent, and
         what `go` raises.
         """
-        for leg in self._way(Command(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
+        for leg in self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
             speed = min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct)
-            await self.go(Command(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
+            await self.go(MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
 
     def check_through(self, poses: Iterable[Array]) -> None:
         """Raise what `travel` would where straight ways through these poses (4, 4), one after the other from here,
@@ -240,17 +240,17 @@ class Mover:
         if here is None:
             return
         for pose in poses:
-            self._way_from(here, Command(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan"))
+            self._way_from(here, MoveCommand(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan"))
             joints = self.cell.robot.reachable(pose, here.joints_rad)
             assert joints is not None, "there is a way to it"
             here = Reading(pose, joints)
 
-    def _way(self, command: Command) -> tuple[Leg, ...]:
+    def _way(self, command: MoveCommand) -> tuple[PathSegment, ...]:
         if self.here is None:
-            return (Leg(command.world_from_tool, command.straight),)
+            return (PathSegment(command.world_from_tool, command.straight),)
         return self._way_from(self.here, command)
 
-    def _way_from(self, start: Reading, command: Command) -> tuple[Leg, ...]:
+    def _way_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
         standing = replace(self.standing(), at=start.world_from_tool)
         way = planned_way(command, standing, start, self.cell.robot, self.bounds)
         if not isinstance(way, Refusal):
@@ -349,7 +349,7 @@ class Mover:
         """That what was told last was taken back: read after a crash, it is on its way."""
         self.cell.log.record("held_back", cycle=self.cycle, what=what)
 
-    def _log_move(self, command: Command) -> None:
+    def _log_move(self, command: MoveCommand) -> None:
         self.cell.log.record(
             "move",
             cycle=self.cycle,
@@ -360,7 +360,7 @@ class Mover:
             sent=not self.dry,
         )
 
-    def _arrived(self, command: Command, reading: Reading, seconds: float) -> None:
+    def _arrived(self, command: MoveCommand, reading: Reading, seconds: float) -> None:
         off_mm, off_deg = _apart(reading.world_from_tool, command.world_from_tool)
         self.cell.log.record(
             "moved",
@@ -372,19 +372,21 @@ class Mover:
             seconds=seconds,
         )
         if self.arrival.missed_by(off_mm, off_deg):
-            raise NotThereError(f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off")
+            raise NotAtTargetError(
+                f"{command.purpose}: sent, but WHERE is {off_mm:.2f} mm and {off_deg:.2f} degrees off"
+            )
 
 
-def _went_as_looked_along(command: Command, reading: Reading, joints_rad: Array) -> None:
-    """Raise NotThereError where the joints ended otherwise than looked along (6,): somebody has told the controller to
-    turn shoulder, elbow or wrist over (FLIP, LEFTY, BELOW), and it has gone a way that nobody looked along. On a line
-    a joint may have gone once round."""
+def _went_as_looked_along(command: MoveCommand, reading: Reading, joints_rad: Array) -> None:
+    """Raise NotAtTargetError where the joints ended otherwise than planned (6,): somebody set the controller to turn
+    shoulder, elbow or wrist over (FLIP, LEFTY, BELOW), and the arm took a path that was never checked. On a straight
+    move a joint may have gone once round."""
     off_deg = np.degrees(np.abs(reading.joints_rad - joints_rad))
     if command.straight:
         off_deg = np.abs((off_deg + 180.0) % 360.0 - 180.0)
     joint = int(off_deg.argmax())
     if off_deg[joint] > OTHERWISE_DEG:
-        raise NotThereError(
+        raise NotAtTargetError(
             f"{command.purpose}: the arm is there, but with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees "
             "against the way that was looked along: it was told to turn over (FLIP, LEFTY, BELOW)?"
         )
@@ -395,7 +397,7 @@ def _apart(a: Array, b: Array) -> tuple[float, float]:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(frames.angle_between(a, b)))
 
 
-def _in_words(command: Command) -> str:
+def _in_words(command: MoveCommand) -> str:
     x, y, z = np.round(command.world_from_tool[:3, 3], 1)
     how = "straight" if command.straight else "joints"
     return f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %"
