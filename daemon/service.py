@@ -205,7 +205,7 @@ class Service:
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
                            label=left.label, auto=auto, fault=left.fault)  # fmt: skip
-        self._hardware = cell.build(config, run_log.wire)
+        self._hardware = cell.build(config, run_log.wire, record=run_log.record)
         self._opening = asyncio.create_task(self._hardware.open(), name="open the devices")
         await asyncio.shield(self._opening)
         context = self._furnish(config, calibration, trainer, troubles, run_log)
@@ -363,7 +363,7 @@ class Service:
         if self._hardware is not None:
             await _within(0.5, self._hardware.close())
         if self._run_log is not None:
-            known = {} if self.context is None or not self._ready else {"holding": self.context.cycle.hand_full}
+            known = {} if self.context is None or not self._ready else {"holding": self.context.cycle.belief.holds_part}
             self._run_log.close(self._why, **known)
             if not self._started:  # a device that is missing over a week-end would leave thousands
                 shutil.rmtree(self._run_log.folder, ignore_errors=True)

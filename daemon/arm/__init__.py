@@ -3,6 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
+from daemon.arm.belief import Belief, Beliefs, CellBelief, Change, Source
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.hold import Waiting
@@ -31,7 +32,11 @@ __all__ = [
     "EYES",
     "PATH_MM",
     "Arrival",
+    "Belief",
+    "Beliefs",
     "Capsule",
+    "CellBelief",
+    "Change",
     "EyeName",
     "HeldBackError",
     "Interruption",
@@ -51,6 +56,7 @@ __all__ = [
     "RefusedError",
     "SettledPair",
     "Settling",
+    "Source",
     "StopRefusedError",
     "Supervisor",
     "Waiting",

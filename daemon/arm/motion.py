@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import Capsule
+from daemon.arm.belief import Beliefs, CellBelief, Change, Source
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
@@ -113,9 +113,8 @@ async def _open_gate(_: str, __: Callable[[], Awaitable[object]]) -> None:
 
 
 class Mover:
-    """Sends guarded moves. leave says whether any may be; gate may hold arm and hand back (pause, step); at: where the
-    arm is at rest, None when nobody knows; dry: all but the bytes; closed is the last word the hand was given, None
-    when nobody knows."""
+    """Sends guarded moves. leave says whether any may be; gate may hold arm and hand back (pause, step); dry: all but
+    the bytes."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, leave: Leave, gate: Gate = _open_gate) -> None:
         self.cell = cell
@@ -123,22 +122,28 @@ class Mover:
         self.arrival = arrival
         self.leave, self.gate = leave, gate
         self.dry = False
-        self.at: Reading | None = None
-        self._imagined: Reading | None = None
         self.cycle = 0
-        self.closed: bool | None = None
-        self.carried: tuple[Capsule, ...] = ()
-        """What is in the hand, in the tool's frame: guarded as the hand is, until the hand was opened."""
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """Who owns what is believed of this cell."""
+        return self.cell.robot.beliefs
+
+    @property
+    def belief(self) -> CellBelief:
+        """What is believed of this cell now."""
+        return self.beliefs.now
 
     @property
     def bounds(self) -> Limits:
-        """The limits with what is carried."""
-        return replace(self.limits, capsules=self.limits.capsules + self.carried) if self.carried else self.limits
+        """The limits with what is, or may be, in the gripper: guarded as the gripper is."""
+        load = self.belief.capsules
+        return replace(self.limits, capsules=self.limits.capsules + load) if load else self.limits
 
     @property
     def here(self) -> Reading | None:
-        """Where the next move starts: where the arm is, or, dry, where it would be by now."""
-        return self._imagined or self.at
+        """Where the next move starts."""
+        return self.belief.here
 
     @property
     def low(self) -> bool:
@@ -151,15 +156,12 @@ class Mover:
         at = None if self.here is None else self.here.world_from_tool
         return ArmState(self.leave.enabled, self.leave.hindrance, at, self.cell.clock())
 
-    def forget(self) -> None:
-        """Somebody else may have moved arm or hand, or stopped them on the way: nobody knows how they stand."""
-        self.at = self._imagined = self.closed = None
-
     async def rest(self) -> Reading:
-        """Ask the controller where the arm is at rest, and remember it. Raises where it moves on."""
-        self.at = self._imagined = None
-        self.at = await self.cell.robot.rest()
-        return self.at
+        """Ask the controller where the arm is at rest, and believe it. Raises where it moves on."""
+        self.beliefs.void(Change.MOVE_BEGUN)
+        reading = await self.cell.robot.rest()
+        self.beliefs.learn(Source.REPORTED, position=reading)
+        return reading
 
     def check(self, command: MoveCommand) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
@@ -192,9 +194,11 @@ class Mover:
         self._log_move(command)
         joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
         if self.dry:
-            self._imagined = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
-            return self._imagined
-        start, self.at = self.here, None
+            there = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
+            self.beliefs.learn(Source.COMMANDED, planned=there)
+            return there
+        start = self.here
+        not_begun = self.beliefs.void(Change.MOVE_BEGUN)
         longest_s = self.arrival.longest_s(start, command, joints)
         started_s = self.cell.clock()
         try:
@@ -207,9 +211,9 @@ class Mover:
             )
         except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
             self._log_held_back("move")
-            self.at = start
+            not_begun()
             return await self.go(command)
-        self.at = reading
+        self.beliefs.learn(Source.REPORTED, position=reading)
         self._arrived(command, reading, self.cell.clock() - started_s)
         if joints is not None:
             _went_as_looked_along(command, reading, joints)
@@ -270,7 +274,7 @@ class Mover:
         if self.dry:
             self._log_hand(closed)
             return
-        before, self.closed = self.closed, None
+        not_begun = self.beliefs.void(Change.GRIPPER_CLOSES if closed else Change.GRIPPER_OPENS)
         if closed:
             self._log_hand(closed)
         try:
@@ -278,19 +282,20 @@ class Mover:
         except HeldBackError:
             if closed:
                 self._log_held_back("hand")
-            self.closed = before
+            not_begun()
             await self.hand(closed, hand_s)
             return
         await asyncio.sleep(hand_s)
-        self.closed = closed
-        if not closed:
+        if closed:
+            self.beliefs.learn(Source.COMMANDED, closed=True)
+        else:
+            self.beliefs.learn(Source.COMMANDED, closed=False, holding=False, load=None)
             self._log_hand(closed)
-            self.carried = ()
 
     async def _held(self, text: str) -> None:
         """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
         to move it by its pendant, and its way amid what lies there was planned from where it stood."""
-        place = self.at
+        place = self.belief.at
 
         async def still_there() -> None:
             if not self.dry:
@@ -302,8 +307,9 @@ class Mover:
     async def still_there(self, doing: str) -> None:
         """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for
         what that explains."""
-        if self.at is not None and not self.dry:
-            self._not_moved_by_others(doing, self.at, await self.cell.robot.where())
+        place = self.belief.at
+        if place is not None and not self.dry:
+            self._not_moved_by_others(doing, place, await self.cell.robot.where())
 
     def _starts_there(self, purpose: str, start: Reading, now: Reading) -> None:
         """Raise MovedByOthersError where a move's way, which was looked along from start, would begin elsewhere."""
@@ -325,6 +331,7 @@ class Mover:
         off_mm, off_deg = _apart(now.world_from_tool, then.world_from_tool)
         off_deg = max(off_deg, float(np.degrees(np.abs(now.joints_rad - then.joints_rad)).max()))
         if self.arrival.missed_by(off_mm, off_deg):
+            self.beliefs.void(Change.MOVED_BY_OTHERS)
             told = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
             raise MovedByOthersError(
                 f"{doing}: since it came to rest somebody else moved the arm, {told} (its pendant, another terminal?); "

@@ -12,6 +12,7 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import copy_context
 from typing import Any, TypeVar
 
+from daemon.arm.belief import Change
 from daemon.arm.guard import Limits
 from daemon.arm.hold import Hold
 from daemon.arm.motion import Arrival, Mover, NotSentError
@@ -159,7 +160,7 @@ class Supervisor:
         self._let = Let.NOTHING
         self.stops += 1
         self._openings += 1
-        self.mover.forget()
+        self.mover.beliefs.void(Change.RECONNECTED)
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
@@ -168,7 +169,7 @@ class Supervisor:
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
             self.fault = None
-            self.mover.forget()
+            self.mover.beliefs.void(Change.FAULT_CLEARED)
             self._tell(lambda: self._interrupted(Interruption.RESUME))
         self.hold.let_go(pauses)
 
@@ -253,13 +254,13 @@ class Supervisor:
         return await self.converse(doing, held, moves=True)
 
     async def converse(self, doing: str, work: Callable[[], Awaitable[T]], moves: bool) -> T:
-        """Run as a job what others than us say to the controller; afterwards nothing is known of arm and hand."""
+        """Run as a job what an operator types to the controller; afterwards nothing is believed of arm and gripper."""
 
         async def conversation() -> T:
             try:
                 return await work()
             finally:
-                self.mover.forget()
+                self.mover.beliefs.void(Change.OPERATOR_TYPED)
 
         return await self.run(doing, conversation(), moves)
 
@@ -299,7 +300,7 @@ class Supervisor:
             self._let = Let.NOTHING
         self.ended_by = event
         self._why = why
-        self.mover.forget()
+        self.mover.beliefs.void(Change.STOPPED)
         self.stops += 1
         if self._stopping.tell(self.fault or why):
             self._told.clear()

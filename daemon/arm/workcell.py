@@ -13,6 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arm.belief import Beliefs
+from daemon.arm.belief import Reading as Reading
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.vision.geometry import StereoRig
@@ -29,23 +31,18 @@ class HeldBackError(FacetdError):
     """What was to move was held back as the last byte of it was about to leave: nothing was carried out."""
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """Where the controller says the arm is: world_from_tool (4, 4) mm, joints_rad (6,)."""
-
-    world_from_tool: Array
-    joints_rad: Array
-
-
 class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
 
     held: asked before the last byte of what moves arm or hand leaves: whether it is held back; raises HeldBackError.
-    disturbed: called as something is heard on the line that answers nothing of ours, before that is raised.
+    beliefs: what is believed of arm and gripper; the robot voids what it hears to be so no longer (somebody else types
+    on its line, it was opened again), before it raises.
     """
 
     held: Callable[[], bool]
-    disturbed: Callable[[], None]
+
+    @property
+    def beliefs(self) -> Beliefs: ...
 
     @property
     def stop_seen(self) -> int:

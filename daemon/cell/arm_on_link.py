@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import HeldBackError, Reading, StopRefusedError
+from daemon.arm import Beliefs, Change, HeldBackError, Reading, Source, StopRefusedError
 from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
@@ -34,22 +34,20 @@ places no part of the hand goes farther than 6 mm between (sweep.py): there it m
 class ArmOnLink:
     """daemon/arm/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
 
-    def __init__(self, link: Link, arm: puma560.ArmGeometry) -> None:
+    def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
         self.link = link
+        self.beliefs = beliefs
         self.heard_s: float | None = None
         """When the controller last answered, on the cell's clock."""
         self.aside = False
         """Somebody talks to the controller, or waits for the end of a motion; nobody else is to ask it anything."""
         self.arm = arm
-        self._introduced = False
         self._o_deg = 0.0
-        self.disturbed: Callable[[], None] = lambda: None
-        """Workcell's."""
         link.disturbed = self._others_type
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
-        self._forget()
+        self.beliefs.void(Change.RECONNECTED)
         await self.link.open()
         await self._introduce_tool()
         self._heard()
@@ -68,13 +66,13 @@ class ArmOnLink:
     async def where(self) -> Reading:
         """Ask the controller where the arm is; where its tool may not be ours (after a stop, a reopened line, words of
         others), tell it of ours first."""
-        if not self._introduced:
+        if self.beliefs.now.tool is None:
             await self._introduce_tool()
         return self._reading(await self.link.where())
 
     async def rest(self) -> Reading:
         """Where the arm is at rest, its tool ours. Raises LinkError, NoAnswer where it still moves after a while."""
-        if not self._introduced:
+        if self.beliefs.now.tool is None:
             await self._introduce_tool()
         return self._reading(await self.link.still(REST_S))
 
@@ -97,6 +95,7 @@ class ArmOnLink:
         start = Start(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
+            self.beliefs.learn(Source.COMMANDED, speed_pct=speed_pct)
             try:
                 return self._reading(await self.link.rest(location, timeout_s))
             except Elsewhere as elsewhere:
@@ -144,14 +143,14 @@ class ArmOnLink:
 
     async def abort(self) -> None:
         """Stop the arm now, and see it at rest. Raises StopRefusedError at once, LinkError after some tries."""
-        self._forget()
+        self.beliefs.void(Change.STOPPED)
         with _refusals():
             await self.link.abort()
         self._heard()
 
     async def prove_stop(self) -> None:
         """See that the controller takes the word that stops the arm. Raises StopRefusedError, LinkError."""
-        self._forget()
+        self.beliefs.void(Change.STOPPED)
         with _refusals():
             await self.link.prove_stop()
         self._heard()
@@ -256,15 +255,10 @@ class ArmOnLink:
             try:
                 yield
             finally:
-                self._forget()
+                self.beliefs.void(Change.OPERATOR_TYPED)
 
     def _others_type(self) -> None:
-        self._forget()
-        self.disturbed()
-
-    def _forget(self) -> None:
-        """TOOL is to be told again."""
-        self._introduced = False
+        self.beliefs.void(Change.OTHERS_TYPED)
 
     async def _rest(self) -> None:
         """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""
@@ -281,7 +275,7 @@ class ArmOnLink:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
         if self.link.question is None:
             await self.link.tool(location_from_matrix(self.arm.tool_for_controller))
-            self._introduced = True
+            self.beliefs.learn(Source.COMMANDED, tool=self.arm.tool_for_controller)
 
     def _reading(self, where: Where) -> Reading:
         self._heard()
@@ -293,11 +287,16 @@ class ArmOnLink:
 
 
 def arm_on_link(
-    port: str, dialect: Dialect, arm: puma560.ArmGeometry, on_wire: WireListener, clock: Callable[[], float]
+    port: str,
+    dialect: Dialect,
+    arm: puma560.ArmGeometry,
+    on_wire: WireListener,
+    clock: Callable[[], float],
+    beliefs: Beliefs,
 ) -> ArmOnLink:
     """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
     link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
-    return ArmOnLink(link, arm)
+    return ArmOnLink(link, arm, beliefs)
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from daemon.arm import Beliefs
 from daemon.cell.arm_on_link import ArmOnLink, WireListener, arm_on_link
 from daemon.cell.cameras import HeldPairs, StereoCamera, ThreadedEyes
 from daemon.cell.no_arm import CellError, NoArm
@@ -22,6 +23,10 @@ from drivers.val2.errors import LinkError, NoAnswer
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (CellError, CameraError, LinkError)
 """What cameras and arm raise when the world, and not the program, is at fault."""
+
+
+def _unrecorded(kind: str, /, **fields: object) -> None:
+    """Where no run is kept."""
 
 
 @dataclass(eq=False)
@@ -55,17 +60,24 @@ class Hardware:
             await asyncio.to_thread(self.hand.cell.stop)
 
 
-def build(config: Config, on_wire: WireListener, clock: Callable[[], float] = time.monotonic) -> Hardware:
-    """The hardware as configured, not yet opened (a simulated cell runs already). Raises ConfigError, CellError."""
+def build(
+    config: Config,
+    on_wire: WireListener,
+    clock: Callable[[], float] = time.monotonic,
+    record: Callable[..., None] = _unrecorded,
+) -> Hardware:
+    """The hardware as configured, not yet opened (a simulated cell runs already). record: the run log's, for what is no
+    longer believed of the gripper. Raises ConfigError, CellError."""
+    beliefs = Beliefs(clock, record)
     if config.kind == "simulated":
-        return _simulated(config, on_wire, clock)
+        return _simulated(config, on_wire, clock, beliefs)
     if config.kind == "recorded":
         folder = config.file(config.values.recorded.pairs)
         eyes = ThreadedEyes(HeldPairs(folder, again=True, clock=clock), clock)
-        return Hardware("recorded", NoArm(), eyes, clock, str(folder))
+        return Hardware("recorded", NoArm(beliefs), eyes, clock, str(folder))
     eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
     port = config.values.arm.port
-    robot = arm_on_link(port, dialect(config), arm_geometry(config), on_wire, clock)
+    robot = arm_on_link(port, dialect(config), arm_geometry(config), on_wire, clock, beliefs)
     return Hardware("real", robot, eyes, clock, port)
 
 
@@ -87,7 +99,7 @@ def cameras_alone(config: Config) -> Iterator[StereoCamera]:
         asyncio.run(hardware.close())
 
 
-def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]) -> Hardware:
+def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float], beliefs: Beliefs) -> Hardware:
     from drivers.simcell.boards import BoardPrint
     from drivers.simcell.cell import SimulatedCell
     from drivers.simcell.stand import VIEWS
@@ -100,7 +112,7 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
         here, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
     )
     manners = dialect(config).on_a_faster_line(simulated.time_scale)
-    robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock)
+    robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock, beliefs)
     hand = SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
     cell.camera.use(alone(config))
     return Hardware("simulated", robot, ThreadedEyes(cell.camera, clock, alone(config)), clock, cell.port, seed, hand)

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from daemon.arm import Reading
+from daemon.arm import Beliefs, Reading
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from drivers.puma560 import PUMA560
@@ -29,9 +29,9 @@ class NoArm:
     connected = True
     arm = PUMA560
 
-    def __init__(self) -> None:
+    def __init__(self, beliefs: Beliefs) -> None:
         self.held: Callable[[], bool] = bool
-        self.disturbed: Callable[[], None] = lambda: None
+        self.beliefs = beliefs
 
     async def _nothing(self) -> None:
         """Nothing is there to open, close or check, and nothing moves."""

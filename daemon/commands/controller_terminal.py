@@ -12,6 +12,7 @@ import contextlib
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+from daemon.arm import Change
 from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
 from daemon.cell.no_arm import CellError
 from daemon.console.context import ANSWERABLE, CommandContext
@@ -201,7 +202,7 @@ class Typist:
             self.lines += 1
             self._record(text)
         if self._moving and text[:1].encode() in YES:  # a program may go on with it
-            self._context.cycle.doubt_the_hand()
+            self._context.cycle.beliefs.void(Change.GRIPPER_TYPED)
         note_hand(self._context, text)
         self._moving |= moves_the_arm(text)
         send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
@@ -215,4 +216,4 @@ class Typist:
 def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
     if works_the_hand(text):
-        context.cycle.doubt_the_hand()
+        context.cycle.beliefs.void(Change.GRIPPER_TYPED)

@@ -62,7 +62,7 @@ class CycleObserver:
             await asyncio.sleep(0.05)
         with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator
             left = None if fault is None else await camera_selection.remaining(context, fault)
-            if left is None or context.cycle.hand_full is None or not supervisor.enabled:
+            if left is None or context.cycle.belief.holds_part is None or not supervisor.enabled:
                 return
             await context.look_with(*left)
             pick_order = context.cycle.pick_order

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 
+from daemon.arm import Change
 from daemon.cell.arm_on_link import moves_the_arm, turns_over
 from daemon.commands.controller_terminal import NO_TURNING_OVER, monitor, note_hand
 from daemon.commands.step_mode import with_questions
@@ -48,7 +49,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
                 raise CommandError(NOT_OF_POWER_UP.format(question))
 
             async def answered() -> list[str]:
-                context.cycle.doubt_the_hand()
+                context.cycle.beliefs.void(Change.GRIPPER_TYPED)
                 return await arm.power_up(replies)
 
             said = await with_questions(context, by_hand("power-up", answered), frontend)

@@ -258,7 +258,7 @@ def _take_word(context: CommandContext, held: bool) -> str:
     context.log.record("holding", held=held)
     if held:
         return "The next pick first puts it into the bin."
-    by_word = context.cycle.by_word
+    by_word = context.cycle.belief.empty_unproven
     return "The gripper is taken as empty" + ("; the next pick opens it over the bin all the same." if by_word else ".")
 
 

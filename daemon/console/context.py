@@ -126,8 +126,8 @@ class CommandContext:
         pick_order = self.cycle.pick_order
         if pick_order is not None:
             self.log.record("auto", on=True, **asdict(pick_order))
-        if self.cycle.hand_full is not False:
-            self.log.record("holding", held=self.cycle.hand_full)
+        if self.cycle.belief.holds_part is not False:
+            self.log.record("holding", held=self.cycle.belief.holds_part)
 
     def record_start(self, **more: object) -> None:
         """What this run is made with, each file kept by its content."""

@@ -34,7 +34,7 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.T
     distance = pose_fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
     pose = viewpoints.look_pose(target.look_rotation, target.centre, distance, context.cell.tool_from_cyclopean)
     try:
-        if context.mover.closed is not False:
+        if not context.mover.belief.is_open:
             await context.mover.hand(closed=False, hand_s=settings.hand_s)
         purpose = f"stand-off {distance:g} mm"
         await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))

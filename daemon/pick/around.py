@@ -111,9 +111,9 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Circ
             raise_if_closed(error)
             await told(f"{name}: left out: {error}")
             continue
-        if context.mover.dry or context.mover.at is None:
+        if context.mover.dry or context.mover.belief.at is None:
             continue
-        looks.append(await context.look(context.mover.at, f"round it, {name}"))
+        looks.append(await context.look(context.mover.belief.at, f"round it, {name}"))
         seen = sum(len(group.facets) for group in thing.groups_in(looks[-1]))
         await told(f"{name}: {seen} facet" + "s" * (seen != 1))
     return thing, looks
@@ -129,7 +129,7 @@ async def _found(context: PickContext) -> CircledPart:
                 break
             pose = view.pose(context.cell.tool_from_cyclopean)
             await mover.travel(pose, "find it", lambda _: settings.travel_pct)
-        reading = mover.at if mover.at is not None else await mover.rest()
+        reading = mover.belief.at or await mover.rest()
         try:
             return thing_in(await context.lit_look(reading, "find it"))
         except NoThingError as error:

@@ -16,12 +16,14 @@ from typing import Any
 
 from daemon import frames
 from daemon.arm import (
-    Capsule,
+    Beliefs,
+    CellBelief,
+    Change,
     Interruption,
-    NotSentError,
     OperatorRefusedError,
     Reading,
     RefusedError,
+    Source,
     Supervisor,
     Workcell,
     ball_of,
@@ -61,8 +63,8 @@ KEPT_ENDS = 1000
 class PickCycle:
     """See the module. recogniser: None where nothing was taught yet; observer: told of each look and each end.
 
-    hand_full: whether a part is in the gripper, None when nobody knows; pick_order: what auto has still to bring (where
-    auto is not on, it was cut off); skipped: parts left alone since the last pick or auto began.
+    pick_order: what auto has still to bring (where auto is not on, it was cut off); skipped: parts left alone since the
+    last pick or auto began. What is believed of arm and gripper is the robot's (daemon/arm/belief.py).
     """
 
     def __init__(
@@ -78,18 +80,22 @@ class PickCycle:
         self.ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         self.tally: Counter[Outcome] = Counter()
         self.skipped: list[Skipped] = []
-        self.hand_full: bool | None = False
         self.pick_order: PickOrder | None = None
-        self.by_word = True
-        """Whether nobody but an operator, or a file of before the start, says that the hand is empty."""
-        self._ball: tuple[Capsule, ...] = ()
-        """What is guarded in the hand where nobody saw how it was grasped."""
         self._world: WorldModel | None = None
-        cell.robot.disturbed = self._disturbed
         self._cycles = 0
         self._auto = False
         self._told_off = asyncio.Event()
         """Ends the wait for parts."""
+
+    @property
+    def beliefs(self) -> Beliefs:
+        """Who owns what is believed of arm and gripper."""
+        return self.cell.robot.beliefs
+
+    @property
+    def belief(self) -> CellBelief:
+        """What is believed of them now."""
+        return self.beliefs.now
 
     def status(self) -> dict[str, object]:
         """How things stand, JSON values only."""
@@ -106,7 +112,8 @@ class PickCycle:
             "stop": None if target is None else target.looks,
             "predicted_mm": None if estimate is None else round(estimate.predicted_mm, 3),
             "predicted_deg": None if estimate is None else round(estimate.predicted_deg, 3),
-            "holding": self.hand_full,
+            "holding": self.belief.holds_part,
+            "believed": self.belief.json(self.cell.clock()),
             "picked": counted.picked,
             "tried": counted.tried,
             "failed": counted.failed,
@@ -236,29 +243,19 @@ class PickCycle:
         pick_order: what was left of auto."""
         self.pick_order = pick_order
         self.supervisor.latch(f"restarted: the daemon ended in {state}")
-        self.hand_full = None if closed is not False else False
+        if closed is not False:
+            self.beliefs.void(Change.RESTARTED)
         self.state = PickState.FAULT
 
     def holding(self, answer: bool) -> None:
-        """What the operator sees in the gripper. A hand that is empty by this word alone opens over the bin all the
-        same: he may have looked at another cell, or not seen a small part in it."""
-        self.by_word = not answer and (self.by_word or self.hand_full is not False)
-        self.hand_full = answer
-        if not answer:
-            self.supervisor.mover.carried = ()
-
-    def doubt_the_hand(self) -> None:
-        """Others than the cycle may have worked it: whether a part is in it nobody knows, and what was held before may
-        be another part by now."""
-        self.hand_full, self.supervisor.mover.carried = None, ()
-        self.cell.log.record("holding", held=None)
+        """What the operator sees in the gripper. That it is empty proves less than that facetd has opened it, where
+        that is believed already."""
+        if answer:
+            self.beliefs.learn(Source.OPERATOR, holding=True)
+        elif self.belief.holds_part is not False or self.belief.empty_unproven:
+            self.beliefs.learn(Source.OPERATOR, holding=False, load=None)
 
     # Inside.
-
-    def _disturbed(self) -> None:
-        """Somebody else types on the arm's line: what they told arm and hand nobody knows."""
-        self.supervisor.mover.forget()
-        self.doubt_the_hand()
 
     def _may_pick(self) -> None:
         self.supervisor.may_move()
@@ -267,11 +264,11 @@ class PickCycle:
             raise RefusedError("there is no model: teach and train first")
 
     def _must_know_the_hand(self) -> None:
-        if self.hand_full is None:
+        if self.belief.holds_part is None:
             raise RefusedError("it is not known whether a part is in the gripper: say `holding yes` or `holding no`")
 
     def _must_be_empty(self) -> None:
-        if self.hand_full:
+        if self.belief.holds_part:
             raise RefusedError(
                 "a part is in the gripper: put it down first (`hand open` lets go here, `pick` over the bin)"
             )
@@ -285,8 +282,8 @@ class PickCycle:
         then = follows(self.state, event, self._held)
         if event is PickEvent.PAUSE:
             self._held = self.state
-        elif then is PickState.CLOSING or (event in CUT_OFF and PickState.PLACE in (self.state, self._held)):
-            self.hand_full = None
+        elif event in CUT_OFF and PickState.PLACE in (self.state, self._held):
+            self.beliefs.void(Change.CUT_OFF)
         before, self.state = self.state, then
         if event is PickEvent.PLACED and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
@@ -329,18 +326,7 @@ class PickCycle:
         return await walk_round(context, count, told)
 
     async def _hand(self, closed: bool) -> None:
-        """Whether a part is in it is open from the moment it is told to close, or to let go of one, and settled once it
-        has opened."""
-        mover, before = self.supervisor.mover, self.hand_full
-        if (closed or before) and not mover.dry:
-            self.hand_full = None
-        try:
-            await mover.hand(closed, self.settings.hand_s)
-        except NotSentError:
-            self.hand_full = before
-            raise
-        if not (closed or mover.dry):
-            self.hand_full = self.by_word = False
+        await self.supervisor.mover.hand(closed, self.settings.hand_s)
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.set_out()
@@ -364,12 +350,15 @@ class PickCycle:
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
         of the parts known fits in, also one that was taught since, wherever it is held."""
-        mover = self.supervisor.mover
-        if self.hand_full is False or self.recogniser is None or mover.carried not in ((), self._ball):
+        load = self.belief.load
+        if self.belief.holds_part is False or self.recogniser is None:
             return
-        known = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
-        balls = mover.carried + ((ball_of(known, "what may be in the hand"),) if known else ())
-        mover.carried = self._ball = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
+        if load is not None and load.source is not Source.ASSUMED:  # facetd grasped it, and knows how it lies
+            return
+        taught = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
+        balls = self.belief.capsules + ((ball_of(taught, "what may be in the hand"),) if taught else ())
+        largest = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
+        self.beliefs.learn(Source.ASSUMED, load=largest)
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
@@ -442,20 +431,16 @@ class PickCycle:
             await self.supervisor.stop_arm(event, why, fault)
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
-        mover = context.mover
         await self.set_out()
-        if self.hand_full:
+        if self.belief.holds_part:
             world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
-        self._enter(PickEvent.FULL_HAND if self.hand_full else PickEvent.BEGIN)
-        if self.by_word and not self.hand_full:
+        self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
+        if self.belief.empty_unproven:
             await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
-        self.by_word = self.by_word and mover.dry
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event is PickEvent.GONE:
-                self.hand_full = True
-            elif event in (PickEvent.PLACED, PickEvent.MISSED):
-                self.hand_full = False
+                self.beliefs.learn(Source.OBSERVED, holding=True)
             self._enter(event)
 
     def _ended(self, world: WorldModel, before: int, started_s: float) -> CycleEnd:

@@ -62,9 +62,9 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
         await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
-        assert context.mover.at is not None
+        assert context.mover.belief.at is not None
         world.taken += 1
-        seen = await context.lit_look(context.mover.at, f"survey {number}")
+        seen = await context.lit_look(context.mover.belief.at, f"survey {number}")
         await world.take_in(context, seen)
         if any(part.named for part in world.left(context)):
             await _settle_question(context, world)

@@ -7,7 +7,7 @@ import asyncio
 from typing import Literal
 
 from daemon import frames
-from daemon.arm import capsule_around
+from daemon.arm import Source, capsule_around
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, in_hand, still_there
 from daemon.pick.looking import Look
@@ -52,7 +52,8 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     target = world.the_target()
     await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
-    context.mover.carried = (capsule_around(corners, f"{target.label} in the hand"),)
+    load = (capsule_around(corners, f"{target.label} in the hand"),)
+    context.mover.beliefs.learn(Source.COMMANDED, load=load)
     return PickEvent.CLOSED
 
 

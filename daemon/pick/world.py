@@ -100,9 +100,10 @@ class PickContext:
                 raise_if_closed(error)
                 refused = str(error)
                 continue
-            assert mover.at is not None
+            beside = mover.belief.at
+            assert beside is not None
             rest_s = cell.clock()
-            second = await taken_here(cell, mover.at, rest_s, settings.settling)
+            second = await taken_here(cell, beside, rest_s, settings.settling)
             return rest_s, moved_pair_of(cell, first, second, settings.doubt)
         raise RefusedError(f"no second picture can be taken beside this place: {refused}")
 
@@ -295,7 +296,7 @@ async def travel(
 
 async def look(context: PickContext, world: WorldModel, purpose: str, expected: Expected | None = None) -> Look:
     """A look from where the last move ended."""
-    assert context.mover.at is not None
+    assert context.mover.belief.at is not None
     stop = 0 if world.target is None else world.target.looks + 1
     world.taken += 1
-    return await context.look(context.mover.at, purpose, stop, expected)
+    return await context.look(context.mover.belief.at, purpose, stop, expected)

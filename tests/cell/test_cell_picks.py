@@ -104,7 +104,7 @@ def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_pi
 
             here.robot.hand = take_away
             end = await here.cycle.pick()
-            return end, here.cycle.hand_full
+            return end, here.cycle.belief.holds_part
 
     end, hand_full = run(story())
     assert (end.outcome, hand_full) == ("missed", False)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
+from daemon.arm.belief import Beliefs
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick.cycle import PickCycle
 from daemon.pick.grasp import tool_rotation
@@ -127,6 +128,7 @@ class FakeRobot:
 
     def __init__(self, world: World) -> None:
         self.world = world
+        self.beliefs = Beliefs(lambda: world.now_s, world.record)
         self.stop_seen = 1
         self._before: np.ndarray | None = None
 

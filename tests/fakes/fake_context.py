@@ -13,6 +13,7 @@ from unittest.mock import Mock
 
 import numpy as np
 
+from daemon.arm.belief import Belief, CellBelief, Source
 from daemon.arm.hold import Waiting
 from daemon.arm.operators import Let, RefusedError
 from daemon.arm.workcell import StopRefusedError
@@ -40,13 +41,17 @@ class FakeCycle:
     slow: bool = False
     pick_order: PickOrder | None = None
     held: bool | None = False
-    by_word: bool = True
     stops: int = 0
     pauses: int = 0
     paused: bool = False
     auto: bool = False
     skipped: list[dict[str, Any]] = field(default_factory=list)
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
+
+    @property
+    def belief(self) -> CellBelief:
+        """What the gripper holds, as an operator says."""
+        return CellBelief(holding=None if self.held is None else Belief(self.held, Source.OPERATOR, 0.0))
 
     @property
     def supervisor(self) -> FakeCycle:

@@ -24,6 +24,7 @@ import numpy as np
 import yaml
 
 from daemon import service
+from daemon.arm.belief import Beliefs
 from daemon.cell import build as build_room
 from daemon.config import Config
 from daemon.console import context
@@ -228,8 +229,9 @@ class LightDaemon:
         """What it holds now."""
         return Held.now(self.folder, len(asyncio.all_tasks(self.loop)))
 
-    def _build(self, config: Config, on_wire: Any, clock: Any = None) -> build_room.Hardware:
+    def _build(self, config: Config, on_wire: Any, record: Any) -> build_room.Hardware:
         robot: Any = Robot(self.world)
+        robot.beliefs = Beliefs(self.world.clock, record)
         eyes: Any = Eyes(self.world)
         robot.on_wire = on_wire
         return build_room.Hardware("real", robot, eyes, self.world.clock, "/dev/arm")

@@ -107,7 +107,7 @@ async def rig(
     config = replace(config, values=replace(config.values, simulated=simulated))
     believed = believed or load_calibration(config.calibration)
     log = log or ListLog()
-    hardware = cells.build(config, log.wire.append)
+    hardware = cells.build(config, log.wire.append, record=log.record)
     assert hardware.hand is not None
     try:
         await hardware.open()

@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from daemon.arm import EyeName
+from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.build import Hardware
@@ -58,7 +59,9 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
     cell.camera.use(alone)
     eyes = ThreadedEyes(cell.camera, loop.time, alone)
-    hardware = Hardware("simulated", ArmOnLink(link, geometry), eyes, loop.time, "memory", seed)
+    hardware = Hardware(
+        "simulated", ArmOnLink(link, geometry, Beliefs(loop.time, log.record)), eyes, loop.time, "memory", seed
+    )
     try:
         await hardware.open()
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))

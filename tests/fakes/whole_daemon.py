@@ -34,6 +34,7 @@ import numpy as np
 import yaml
 
 from daemon import service
+from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
@@ -827,7 +828,7 @@ class Story:
             self._deaf = False
             self.cell.judge.line(self.now_s, hears=True)
 
-    def _build(self, config: Config, on_wire: Any, clock: Any = None) -> Hardware:
+    def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
         """daemon/cell/build.py's simulated hardware, but for the line and the clock."""
         geometry, manners = arm_geometry(config), dialect(config)
         link = Link(
@@ -841,7 +842,15 @@ class Story:
         kind = SimulatedHand if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
         eyes = ThreadedEyes(self.cell.camera, self.loop.time)
-        return Hardware("simulated", ArmOnLink(link, geometry), eyes, self.loop.time, "memory", 7, hand)
+        return Hardware(
+            "simulated",
+            ArmOnLink(link, geometry, Beliefs(self.loop.time, record)),
+            eyes,
+            self.loop.time,
+            "memory",
+            7,
+            hand,
+        )
 
 
 def _write_config(folder: Path, terminal: SerialOperator, **pick: Any) -> None:

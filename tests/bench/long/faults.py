@@ -193,7 +193,7 @@ async def judged(model: Any, seed: int, fault: str, moment: str) -> Judged:
         before = here.cell.world_from_tool()
         await asyncio.sleep(0.15)
         moved_mm = float(np.linalg.norm((here.cell.world_from_tool() - before)[:3, 3]))
-        honest = _honest(end.outcome, here.lies(label), here.cycle.hand_full)
+        honest = _honest(end.outcome, here.lies(label), here.cycle.belief.holds_part)
         after = motions(here, faults_at[0]) if faults_at else 0
         recovered = await _goes_on(here, label, rng) if fault not in BROKEN_FOR_GOOD else True
         return Judged(end.outcome, moved_mm < STILL_MM, after, honest, recovered, end.why)
@@ -216,9 +216,9 @@ async def _goes_on(here: Rig, label: str, rng: np.random.Generator) -> bool:
         await mend(here)
         if here.cycle.supervisor.fault is not None:
             here.cycle.supervisor.resume()
-        if here.cycle.hand_full is None:
+        if here.cycle.belief.holds_part is None:
             here.cycle.holding(here.lies(label) == "hand")
-        if here.cycle.hand_full:
+        if here.cycle.belief.holds_part:
             await here.cycle.pick()
         simulated_cell.lay(here, "cube", rng)
         return (await here.cycle.pick()).outcome == "picked"

@@ -12,6 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from daemon import frames
 from daemon.arm import guard, motion
+from daemon.arm.belief import Source
 from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
@@ -122,7 +123,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule()
     def lose_the_arm(self):
-        self.mover.at = None
+        self.mover.beliefs.learn(Source.REPORTED, position=None)
 
     @rule()
     def ask_where(self):
@@ -139,15 +140,17 @@ class GuardedMotion(RuleBasedStateMachine):
     )
     def go(self, xyz, tilt, heading, speed, from_look, near, bent):
         pose = frames.rigid(tool_rotation(np.array([np.cos(heading), np.sin(heading), 0.0]), tilt), np.array(xyz))
-        if near and self.mover.at is not None:
-            pose = frames.perturb(self.mover.at.world_from_tool, np.array([*(v / 3 for v in xyz), 0.0, 0.0, tilt / 10]))
+        if near and self.mover.belief.at is not None:
+            pose = frames.perturb(
+                self.mover.belief.at.world_from_tool, np.array([*(v / 3 for v in xyz), 0.0, 0.0, tilt / 10])
+            )
         if bent:
             pose = pose.copy()
             pose[0, 0] += 0.01
         self.go_to(pose, speed, from_look)
 
     def go_to(self, pose, speed, from_look):
-        before = self.mover.at
+        before = self.mover.belief.at
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
         state = (self.mover.leave.enabled, self.mover.leave.hindrance, self.world.now_s)
         try:
@@ -159,23 +162,25 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(height=st.floats(0.5, 40.0))
     def dip(self, height):
-        if self.mover.at is not None:
-            pose = self.mover.at.world_from_tool.copy()
+        if self.mover.belief.at is not None:
+            pose = self.mover.belief.at.world_from_tool.copy()
             pose[2, 3] = -300.0 + height
             self.go_to(pose, 50.0, False)
 
     @rule(beyond=st.floats(0.5, 40.0))
     def stray(self, beyond):
         """Out of the box by its side, as far as a step goes."""
-        if self.mover.at is not None:
-            pose = self.mover.at.world_from_tool.copy()
+        if self.mover.belief.at is not None:
+            pose = self.mover.belief.at.world_from_tool.copy()
             pose[1, 3] = min(pose[1, 3] + 440.0, 650.0 + beyond)
             self.go_to(pose, 50.0, False)
 
     @rule(xyz=st.tuples(*[st.floats(-250, 250)] * 3), turn=st.floats(-2.5, 2.5), from_look=st.booleans())
     def go_on(self, xyz, turn, from_look):
-        if self.mover.at is not None:
-            self.go_to(frames.perturb(self.mover.at.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])), 50.0, from_look)
+        if self.mover.belief.at is not None:
+            self.go_to(
+                frames.perturb(self.mover.belief.at.world_from_tool, np.array([*xyz, 0.0, 0.0, turn])), 50.0, from_look
+            )
 
     @rule(
         mm=st.floats(-20.0, 20.0),
@@ -187,14 +192,14 @@ class GuardedMotion(RuleBasedStateMachine):
     def stir(self, mm, turn, speed, from_look, waited_s):
         """Hardly from its place, so that nothing but the one rule that is broken is in its way."""
         self.world.now_s += waited_s
-        if self.mover.at is not None:
-            here = self.mover.at.world_from_tool
+        if self.mover.belief.at is not None:
+            here = self.mover.belief.at.world_from_tool
             self.go_to(frames.perturb(here, np.array([mm, 0.0, 0.0, 0.0, 0.0, turn])), speed, from_look)
 
     @rule(mm=st.sampled_from([-480.0, -440.0, 440.0, 480.0]))
     def go_aside(self, mm):
-        if self.mover.at is not None:
-            pose = self.mover.at.world_from_tool.copy()
+        if self.mover.belief.at is not None:
+            pose = self.mover.belief.at.world_from_tool.copy()
             pose[1, 3] += mm
             self.go_to(pose, 50.0, False)
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.arm.belief import Change, Source
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
@@ -77,7 +78,7 @@ def stop(mover: Mover, world: World) -> None:
 
 
 def lose(mover: Mover, world: World) -> None:
-    mover.at = None
+    mover.beliefs.learn(Source.REPORTED, position=None)
 
 
 def age(mover: Mover, world: World) -> None:
@@ -119,10 +120,10 @@ def test_a_move_that_is_refused_before_is_not_held_back_first():
 def test_while_the_arm_may_move_nobody_knows_where_it_is_and_after_a_failure_neither():
     world = World(np.random.default_rng(0))
     mover, known = mover_in(world), []
-    world.before = lambda name: known.append((name, mover.at))
+    world.before = lambda name: known.append((name, mover.belief.at))
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert known == [("move", None), ("moving", None), ("moved", None)]
-    assert mover.at is not None
+    assert mover.belief.at is not None
 
     def fail(name: str) -> None:
         if name == "moving":
@@ -139,7 +140,7 @@ def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     asyncio.run(mover.hand(closed=False))
-    assert mover.closed is False
+    assert mover.belief.is_open
 
     def fail(name: str) -> None:
         if name == "hand":
@@ -148,7 +149,7 @@ def test_the_hands_state_is_not_known_while_it_moves_and_after_a_failure():
     world.before = fail
     with pytest.raises(OSError, match="no answer"):
         asyncio.run(mover.hand(closed=True))
-    assert mover.closed is None
+    assert mover.belief.closed is None
 
 
 def test_a_way_is_cut_into_steps_and_its_speed_to_the_limit():
@@ -225,7 +226,7 @@ def test_an_arm_that_its_pendant_moved_between_two_moves_is_not_sent_on(joint):
     assert not world.wire
     assert world.said("refusal")[-1]["rule"] == "moved_by_others"
     assert [record["kind"] for record in world.records][-3:] == ["move", "refusal", "held_back"]
-    assert mover.at is None
+    assert mover.belief.at is None
 
 
 def test_an_arm_that_crept_as_it_settled_is_sent_on():
@@ -250,9 +251,9 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     for pose in (NEAR, farther):
         asyncio.run(mover.go(command(pose, False, 50.0)))
     np.testing.assert_allclose(mover.here.world_from_tool, farther)
-    there = mover.cell.robot.reachable(farther, mover.at.joints_rad)
+    there = mover.cell.robot.reachable(farther, mover.belief.at.joints_rad)
     np.testing.assert_allclose(mover.here.joints_rad, there)
-    assert np.abs(there - mover.at.joints_rad).max() > 0.01, "or it shows nothing"
+    assert np.abs(there - mover.belief.at.joints_rad).max() > 0.01, "or it shows nothing"
     asyncio.run(mover.hand(closed=True))
     assert not asked
     assert not world.wire
@@ -319,7 +320,7 @@ def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     mover = mover_in(world)
     asyncio.run(mover.hand(closed=True))
     assert [record["sent"] for record in world.said("hand")] == [True]
-    mover.carried = (CARRIED,)
+    mover.beliefs.learn(Source.COMMANDED, load=(CARRIED,))
     asyncio.run(mover.hand(closed=True))
     assert CARRIED in mover.bounds.capsules
     asyncio.run(mover.hand(closed=False))
@@ -447,7 +448,7 @@ def test_a_way_usually_takes_half_of_what_it_is_waited_for_and_more_at_less_spee
 def test_an_arm_that_does_not_come_to_rest_is_nowhere_known():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    assert asyncio.run(mover.rest()) is mover.at
+    assert asyncio.run(mover.rest()) is mover.belief.at
 
     async def moves_on():
         raise OSError("not at rest")
@@ -460,7 +461,7 @@ def test_an_arm_that_does_not_come_to_rest_is_nowhere_known():
 
 def test_a_move_gives_where_the_arm_is_then():
     mover = mover_in(World(np.random.default_rng(0)))
-    assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.at
+    assert asyncio.run(mover.go(command(NEAR, False, 50.0))) is mover.belief.at
 
 
 def test_who_must_come_out_again_asks_for_the_whole_way_before_he_goes_in():
@@ -485,7 +486,7 @@ def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_spe
 def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    mover.forget()
+    mover.beliefs.void(Change.STOPPED)
     with pytest.raises(MoveRefusedError, match="arm_lost"):
         asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0))
     assert not world.wire

@@ -9,6 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm import route
+from daemon.arm.belief import Beliefs, Source
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
@@ -147,6 +148,7 @@ class Jumping:
 
     def __init__(self, at):
         self.at, self.sent = at, []
+        self.beliefs = Beliefs(lambda: 0.0, Log().record)
         for name in ("reachable", "along", "frames", "between"):
             setattr(self, name, getattr(ROBOT, name))
 
@@ -163,7 +165,7 @@ class Jumping:
 def mover_at(pose, limits=LIMITS):
     robot = Jumping(reading(pose))
     mover = Mover(Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4)), limits, Arrival(), Allowed())
-    mover.at = robot.at
+    mover.beliefs.learn(Source.REPORTED, position=robot.at)
     return mover, robot
 
 
@@ -196,7 +198,7 @@ def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_ar
     mover, robot = mover_at(hand(560, 100, -180))
 
     async def moved_meanwhile(*_):
-        mover.at = reading(LEFT)
+        mover.beliefs.learn(Source.REPORTED, position=reading(LEFT))
 
     mover.gate = moved_meanwhile
     with pytest.raises(MoveRefusedError, match="kept_out"):

@@ -87,7 +87,7 @@ def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_s
 
     def hook(name: str) -> None:
         if name == "abort":
-            standing.append((supervisor.fault, supervisor.mover.at, len(world.said("fault"))))
+            standing.append((supervisor.fault, supervisor.mover.belief.at, len(world.said("fault"))))
 
     world.before = hook
     asyncio.run(act(supervisor))
@@ -418,7 +418,7 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
     async def story() -> None:
         await mover.rest()
         await mover.hand(closed=False)
-        assert (mover.at is None, mover.closed) == (False, False)
+        assert (mover.belief.at is None, mover.belief.is_open) == (False, True)
         if way == "stop":
             await supervisor.stop()
         elif way == "conversation":
@@ -427,7 +427,7 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
             await supervisor.by_hand("DO READY", lambda: asyncio.sleep(0))
 
     asyncio.run(story())
-    assert (mover.at, mover.here, mover.closed) == (None, None, None)
+    assert (mover.belief.at, mover.here, mover.belief.closed) == (None, None, None)
 
 
 @pytest.mark.parametrize("way", ["pause", "step"])
@@ -762,7 +762,7 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
         await supervisor.mover.rest()
         asked = supervisor.stops
         supervisor.line_opened_anew()
-        assert (supervisor.enabled, supervisor.mover.at) == (False, None)
+        assert (supervisor.enabled, supervisor.mover.belief.at) == (False, None)
         with pytest.raises(RefusedError, match="say `enable` once more"):
             supervisor.enable(asked)
         await supervisor.stop()

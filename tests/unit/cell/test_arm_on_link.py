@@ -8,11 +8,12 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from daemon.arm import StopRefusedError
+from daemon.arm import Beliefs, StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import Arm
@@ -41,10 +42,14 @@ def line() -> Iterator[ArmLine]:
     server.stop()
 
 
+def arm_of(link: Link, geometry: ArmGeometry) -> ArmOnLink:
+    return ArmOnLink(link, geometry, Beliefs(link.clock, Mock()))
+
+
 @asynccontextmanager
 async def arm_on(line: ArmLine) -> AsyncIterator[ArmOnLink]:
     async with line.link() as link:
-        yield ArmOnLink(link, ArmGeometry())
+        yield arm_of(link, ArmGeometry())
 
 
 def moving(line: ArmLine) -> bool:
@@ -124,7 +129,7 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line
 
     async def story() -> None:
         async with line.link() as link:
-            arm = ArmOnLink(link, ArmGeometry(flange_from_tool=tool))
+            arm = arm_of(link, ArmGeometry(flange_from_tool=tool))
             here = (await arm.where()).world_from_tool
             await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
             await meanwhile(arm, line)
@@ -240,7 +245,7 @@ def test_whether_the_arm_rests_is_asked_of_the_controller_now(line: ArmLine) -> 
 def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: ArmLine) -> None:
     async def story() -> None:
         async with line.link(replace(QUICK, abort_word="HALT")) as link:
-            arm = ArmOnLink(link, ArmGeometry())
+            arm = arm_of(link, ArmGeometry())
             for word in (arm.prove_stop, arm.abort):
                 with pytest.raises(StopRefusedError, match=r"HALT \(it says `\*Illegal command\*`\)"):
                     await word()
@@ -273,7 +278,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
         monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)
         link = Link(line.port, clock=loop.time, open_port=line.open)
         await link.open()
-        arm = ArmOnLink(link, ArmGeometry())
+        arm = arm_of(link, ArmGeometry())
         if typed == "a line":
             await arm.monitor("EXEC PROG")
         else:
@@ -296,7 +301,7 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
         line = MemoryLine(controller, asyncio.get_running_loop())
         link = Link(line.port, clock=line.now_s, open_port=line.open)
         await link.open()
-        arm = ArmOnLink(link, ArmGeometry())
+        arm = arm_of(link, ArmGeometry())
         async with arm.terminal(lambda _: None):
             controller.mishap(Mishap.POWER_CYCLED)
             await asyncio.sleep(1.0)
@@ -316,7 +321,7 @@ def test_a_question_found_on_opening_is_one_of_power_up_by_its_words_alone() -> 
     async def story(asks: tuple[str, ...]) -> tuple[bool, bool, list[str]]:
         controller = Controller(Arm(joints_rad=BENT), Manners(power_up=asks), cold=True)
         line = MemoryLine(controller, asyncio.get_running_loop())
-        arm = ArmOnLink(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
+        arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         with contextlib.suppress(LinkError):
             await arm.open()
         rests = not arm.asks_whether_to_move and await arm.at_rest()
@@ -339,7 +344,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
             machine.move_joints(READY_RAD)
 
         monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", asking)
-        arm = ArmOnLink(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
+        arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         await arm.open()
         with pytest.raises(LinkError, match="Another part"):
             await arm.monitor("EXEC PROG")
@@ -357,7 +362,7 @@ def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
         controller = Controller(Arm(joints_rad=BENT), Manners(lost_within_s=0.005))
         line = MemoryLine(controller, asyncio.get_running_loop())
         slowly = Dialect(character_pause_s=0.01)
-        arm = ArmOnLink(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())
+        arm = arm_of(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())
         await arm.open()
         async with arm.terminal(lambda _: None) as send:
             send(b"SPEED 20\rSPE")

@@ -16,6 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm import capsule_around
+from daemon.arm.belief import Source
 from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
 from daemon.cell.no_arm import CellError
 from daemon.commands.controller_terminal import SPOIL, Typist, shown
@@ -96,24 +97,24 @@ def test_a_line_that_would_move_an_arm_that_may_not_is_taken_back_and_told(conte
 def test_a_hand_that_was_worked_here_is_asked_about_later(line: bytes) -> None:
     context = standing()
     typed(context, b"WHERE\rDO MOVE P1\r")
-    assert context.cycle.hand_full is False
+    assert context.cycle.belief.holds_part is False
     typed(context, line + b"\r", b"n")
-    assert context.cycle.hand_full is False
+    assert context.cycle.belief.holds_part is False
     typed(context, line + b"\r", b"y")
-    assert context.cycle.hand_full is None
+    assert context.cycle.belief.holds_part is None
 
 
 def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_saw_grasped() -> None:
     """A part that was known to be in it stood for whatever was put there instead, however long."""
     context = standing()
     known = capsule_around(np.eye(3), "a part")
-    context.cycle.supervisor.mover.carried = (known,)
+    context.cycle.supervisor.mover.beliefs.learn(Source.COMMANDED, load=(known,))
     typed(context, b"DO MOVE P1\r", b"y")
-    assert context.cycle.supervisor.mover.carried == (known,)
+    assert context.cycle.supervisor.mover.belief.capsules == (known,)
     typed(context, b"DO CLOSEI\r", b"y")
     context.cycle.recogniser = TruthRecogniser(World(np.random.default_rng(0)))
     context.cycle.guard_the_hand()
-    assert [capsule.name for capsule in context.cycle.supervisor.mover.carried] == ["what may be in the hand"]
+    assert [capsule.name for capsule in context.cycle.supervisor.mover.belief.capsules] == ["what may be in the hand"]
 
 
 @pytest.mark.parametrize("line", [b"DO FLIP", b"d lef", b"DO BEL", b"DO R"])
@@ -129,9 +130,9 @@ def test_a_yes_to_a_program_that_asks_may_work_the_hand() -> None:
     context = standing()
     context.hardware.robot.asks_whether_to_move = True
     typed(context, b"N\r")
-    assert context.cycle.hand_full is False
+    assert context.cycle.belief.holds_part is False
     typed(context, b"Y\r")
-    assert context.cycle.hand_full is None
+    assert context.cycle.belief.holds_part is None
 
 
 @pytest.mark.parametrize("keys", [[b"DO READY\r", b"n"], [b"DO READY\ry"], [b"DO READY\r", b" ", b"y"]])
@@ -388,7 +389,7 @@ def test_what_the_controller_says_does_not_steer_the_terminal_it_is_shown_at() -
 
 @pytest.mark.parametrize("line", ["x" * 80, "TYPE \N{LATIN SMALL LETTER U WITH DIAERESIS}", "DO MOVE " + "A" * 90])
 def test_a_line_that_cannot_be_typed_is_refused_in_a_line_and_is_no_fault(line: str) -> None:
-    arm = ArmOnLink(Link("none"), Mock())
+    arm = ArmOnLink(Link("none"), Mock(), Mock())
     with pytest.raises(CellError, match="the controller takes lines of up to 79 plain characters"):
         arm.check_typable(line)
     arm.check_typable("x" * 79)

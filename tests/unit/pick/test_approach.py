@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm.belief import Source
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach
 from daemon.pick.transitions import PickEvent, PickState
@@ -48,7 +49,7 @@ def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.STOP_N, context, world)
-    context.mover.closed = known
+    context.mover.beliefs.learn(Source.COMMANDED, closed=known)
     sent = len(fake.wire)
     assert step(context, world, PickState.STOP_N) is PickEvent.THERE
     names = [name for name, _ in fake.wire[sent:]]

@@ -5,6 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
+from daemon.arm.belief import Source
 from daemon.arm.motion import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import PickCycle
@@ -407,7 +408,7 @@ def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at()
     world.before = note
     assert asyncio.run(cycle.pick()).outcome == "picked"
     assert {holding for closed, state, holding in said if closed and state != "place"} == {None}
-    assert {holding for closed, _, holding in said if not closed} == {False, True}, "until it was opened"
+    assert {holding for closed, _, holding in said if not closed} == {False, None}, "not while it opens either"
 
 
 def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
@@ -497,7 +498,8 @@ def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_ho
         stopping.append(asyncio.create_task(cycle.supervisor.stop()))
         await asyncio.sleep(60.0)
 
-    cycle.hand_full, cycle.cell.robot.hand = False if closed else None, hand
+    cycle.beliefs.learn(Source.COMMANDED, holding=False if closed else None)
+    cycle.cell.robot.hand = hand
 
     async def story():
         with pytest.raises(RefusedError):
@@ -505,7 +507,7 @@ def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_ho
         await asyncio.gather(*stopping)
 
     asyncio.run(story())
-    assert cycle.hand_full is None
+    assert cycle.belief.holds_part is None
 
 
 @pytest.mark.parametrize(("closed", "full"), [(False, True), (True, False)])
@@ -514,7 +516,7 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
     """In a dry run `hand open` had the part in it forgotten."""
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
-    cycle.hand_full = full
+    cycle.beliefs.learn(Source.COMMANDED, holding=full)
     if why == "dry":
         cycle.supervisor.dry(True)
         asyncio.run(cycle.hand(closed))
@@ -522,7 +524,7 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
         cycle.supervisor.latch("stopped")
         with pytest.raises(MoveRefusedError):
             asyncio.run(cycle.hand(closed))
-    assert (cycle.hand_full, world.wire) == (full, [])
+    assert (cycle.belief.holds_part, world.wire) == (full, [])
 
 
 @pytest.mark.parametrize("act", ["stop", "abort"])
@@ -590,4 +592,4 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
             await closing
 
     asyncio.run(asyncio.wait_for(story(), 10.0))
-    assert (world.wire, cycle.hand_full) == ([], False)
+    assert (world.wire, cycle.belief.holds_part) == ([], False)

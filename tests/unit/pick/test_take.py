@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import capsule_around
+from daemon.arm.belief import Source
 from daemon.pick import take
 from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
@@ -115,13 +116,13 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     context, world = begun(fake)
     brought_to(PickState.CLOSING, context, world)
     step(context, world, PickState.CLOSING)
-    (carried,) = context.mover.carried
+    (carried,) = context.mover.belief.capsules
     assert carried.name == f"{world.the_target().label} in the hand"
     step(context, world, PickState.RETREAT)
     low = world.the_target().plan.grasp.world_from_tool
     assert not context.mover.allows(low), "what is held would touch the table again"
     asyncio.run(context.mover.hand(closed=False))
-    assert context.mover.carried == ()
+    assert context.mover.belief.capsules == ()
     assert context.mover.allows(low)
 
 
@@ -129,19 +130,19 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
 def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_round(held):
     """After a restart, or a hand closed by a word: what hung below the fingers was not guarded at all."""
     cycle = cycle_of(one_part())
-    cycle.hand_full = held
+    cycle.beliefs.learn(Source.COMMANDED, holding=held)
     asyncio.run(cycle.go("home"))
     mover = cycle.supervisor.mover
-    (carried,) = mover.carried
+    (carried,) = mover.belief.capsules
     corners = np.concatenate([cycle.recogniser.shape(label).corners_mm for label in cycle.recogniser.labels])
     assert carried.link == "tool"
     assert carried.radius_mm <= np.linalg.norm(np.ptp(corners, axis=0))
-    low = mover.at.world_from_tool.copy()
+    low = mover.belief.at.world_from_tool.copy()
     low[2, 3] = mover.limits.table_z_mm + carried.radius_mm
     assert not mover.allows(low)
     cycle.holding(False)
     asyncio.run(cycle.go("home"))
-    assert mover.carried == ()
+    assert mover.belief.capsules == ()
     assert mover.allows(low)
 
 
@@ -149,19 +150,20 @@ def test_what_was_taught_since_may_be_in_the_hand_as_well():
     """The ball was made once, of what was known by then: a longer part hung out of it, though it had a name by now."""
     cycle = cycle_of(one_part())
     by_length = sorted(parts.TAUGHT, key=lambda label: np.linalg.norm(np.ptp(shape_of(label).corners_mm, axis=0)))
-    cycle.hand_full, radii = None, []
+    radii = []
+    cycle.beliefs.learn(Source.COMMANDED, holding=None)
     for labels in (by_length[:1], by_length, by_length[:1]):
         cycle.use(TruthRecogniser(World(np.random.default_rng(0)), tuple(labels)))
         asyncio.run(cycle.go("home"))
-        (carried,) = cycle.supervisor.mover.carried
+        (carried,) = cycle.supervisor.mover.belief.capsules
         radii.append(carried.radius_mm)
     assert radii[0] < radii[1] == radii[2], "what was known may still be in it"
 
 
 def test_what_an_operator_sees_to_be_empty_carries_nothing():
     cycle = cycle_of(one_part())
-    cycle.supervisor.mover.carried = (capsule_around(np.eye(3), "a part"),)
+    cycle.supervisor.mover.beliefs.learn(Source.COMMANDED, load=(capsule_around(np.eye(3), "a part"),))
     cycle.holding(True)
-    assert cycle.supervisor.mover.carried
+    assert cycle.supervisor.mover.belief.capsules
     cycle.holding(False)
-    assert cycle.supervisor.mover.carried == ()
+    assert cycle.supervisor.mover.belief.capsules == ()

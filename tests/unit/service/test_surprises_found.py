@@ -75,8 +75,8 @@ def test_a_calibration_that_is_refused_while_a_part_is_let_go_puts_no_part_back_
     context = story._service.context
     assert context is not None
     assert "busy: pick" in story.texts
-    assert context.cycle.hand_full is False
-    assert context.cycle.supervisor.mover.carried == ()
+    assert context.cycle.belief.holds_part is False
+    assert context.cycle.supervisor.mover.belief.capsules == ()
     assert story.close() == ()
 
 
@@ -469,11 +469,11 @@ def test_an_answer_to_what_is_in_the_hand_counts_only_as_long_as_things_are_as_i
     for text in meanwhile:
         story.sockets[2].say(text)
         story.wait(0.5)
-    carried = context.cycle.supervisor.mover.carried
+    carried = context.cycle.supervisor.mover.belief.capsules
     story.sockets[0].answer("n")
     story.wait(0.2)
     assert context.cycle.status()["holding"] is True
-    assert context.cycle.supervisor.mover.carried == carried
+    assert context.cycle.supervisor.mover.belief.capsules == carried
     assert any("meanwhile somebody else went on" in text for text in story.texts)
     assert story.close() == ()
 
@@ -660,8 +660,8 @@ def test_whoever_else_types_on_the_arms_line_is_told_of_everywhere_and_nothing_i
     assert story._service.context is not None
     cycle = story._service.context.cycle
     assert not cycle.supervisor.enabled
-    assert cycle.supervisor.mover.closed is None
-    assert cycle.hand_full is None
+    assert cycle.supervisor.mover.belief.closed is None
+    assert cycle.belief.holds_part is None
     assert "somebody else types on this line (heard" in str(cycle.supervisor.fault)
     before = story.cell.world_from_tool()
     story.sockets[1].say("go home")

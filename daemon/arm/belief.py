@@ -1,0 +1,198 @@
+"""What facetd believes of the arm and its gripper: each fact with how and when it was learnt, and what voids which.
+
+One value (`CellBelief`) with one owner (`Beliefs`). A teach pendant, a second terminal, a program in the controller or
+a part that slips changes the cell unseen, so a belief is a hint: whoever acts on one asks how it was learnt, and a
+move asks the controller again in the same turn of the line (motion.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from daemon.arm.body import Capsule
+from daemon.arrays import Array
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Where the controller says the arm is: world_from_tool (4, 4) mm, joints_rad (6,)."""
+
+    world_from_tool: Array
+    joints_rad: Array
+
+
+class Source(StrEnum):
+    """How a fact was learnt."""
+
+    REPORTED = "reported by the controller"
+    COMMANDED = "commanded by facetd"
+    OBSERVED = "observed by the cameras"
+    OPERATOR = "reported by an operator"
+    ASSUMED = "assumed"
+
+
+@dataclass(frozen=True, eq=False)
+class Belief(Generic[T]):
+    """One fact; learnt_s: when, on the cell's clock."""
+
+    value: T
+    source: Source
+    learnt_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class CellBelief:
+    """All that is believed; None: unknown.
+
+    position: where the arm is at rest; planned: where it would be by now had the moves of a dry run been sent;
+    speed_pct: the controller's monitor speed; tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether
+    the gripper is; holding: whether a part is in it; load: what of that part is guarded, capsules in the tool's frame.
+    """
+
+    position: Belief[Reading] | None = None
+    planned: Belief[Reading] | None = None
+    speed_pct: Belief[float] | None = None
+    tool: Belief[Array] | None = None
+    closed: Belief[bool] | None = None
+    holding: Belief[bool] | None = None
+    load: Belief[tuple[Capsule, ...]] | None = None
+
+    @property
+    def at(self) -> Reading | None:
+        """Where the arm is at rest."""
+        return None if self.position is None else self.position.value
+
+    @property
+    def here(self) -> Reading | None:
+        """Where the next move starts: where the arm is or, in a dry run, would be by now."""
+        return self.at if self.planned is None else self.planned.value
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the gripper is known to be open."""
+        return self.closed is not None and not self.closed.value
+
+    @property
+    def holds_part(self) -> bool | None:
+        """Whether a part is in the gripper; None: unknown."""
+        return None if self.holding is None else self.holding.value
+
+    @property
+    def empty_unproven(self) -> bool:
+        """Whether the gripper counts as empty although facetd has not opened it since: an operator may have looked at
+        another cell or overlooked a small part, and a record from before the start may be wrong."""
+        return self.holding is not None and not self.holding.value and self.holding.source is not Source.COMMANDED
+
+    @property
+    def capsules(self) -> tuple[Capsule, ...]:
+        """What is guarded of a part that is, or may be, in the gripper."""
+        return () if self.load is None else self.load.value
+
+    def json(self, now_s: float) -> dict[str, dict[str, object]]:
+        """Each known fact for people: value, how it was learnt, how long ago in s."""
+        known = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            name: {"value": _plain(belief.value), "how": str(belief.source), "age_s": round(now_s - belief.learnt_s, 1)}
+            for name, belief in known.items()
+            if belief is not None
+        }
+
+
+class Change(StrEnum):
+    """What makes beliefs void."""
+
+    MOVE_BEGUN = "the arm may be moving"
+    GRIPPER_CLOSES = "the gripper is closing"
+    GRIPPER_OPENS = "the gripper is opening"
+    CUT_OFF = "the arm was stopped while it placed a part"
+    STOPPED = "the arm was stopped"
+    FAULT_CLEARED = "a fault was cleared; people may have worked at the arm while it was active"
+    RECONNECTED = "the line was opened again"
+    RESTARTED = "facetd was restarted"
+    OPERATOR_TYPED = "an operator typed to the controller"
+    GRIPPER_TYPED = "a line that may work the gripper was typed to the controller"
+    MOVED_BY_OTHERS = "somebody else moved the arm"
+    OTHERS_TYPED = "somebody else typed on the arm's line"
+
+
+PLACE = frozenset({"position", "planned"})
+CONTROLLER = PLACE | {"speed_pct", "tool", "closed"}
+GRIPPER = frozenset({"closed", "holding", "load"})
+VOIDS: Mapping[Change, frozenset[str]] = {
+    Change.MOVE_BEGUN: PLACE,
+    Change.GRIPPER_CLOSES: frozenset({"closed", "holding"}),
+    Change.GRIPPER_OPENS: frozenset({"closed"}),
+    Change.CUT_OFF: frozenset({"holding"}),
+    Change.STOPPED: CONTROLLER,
+    Change.FAULT_CLEARED: CONTROLLER,
+    Change.RECONNECTED: CONTROLLER,
+    Change.RESTARTED: CONTROLLER | GRIPPER,
+    Change.OPERATOR_TYPED: CONTROLLER,
+    Change.GRIPPER_TYPED: GRIPPER,
+    Change.MOVED_BY_OTHERS: PLACE | {"closed"},
+    Change.OTHERS_TYPED: CONTROLLER | GRIPPER,
+}
+"""Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go."""
+
+
+def voided(belief: CellBelief, change: Change) -> CellBelief:
+    """What is still believed after a change. An opening gripper that is believed empty stays empty; one on an arm that
+    a pendant moved may have been worked as well, so that it is only assumed to be empty."""
+    unknown = VOIDS[change]
+    if change is Change.GRIPPER_OPENS and belief.holds_part:
+        unknown |= {"holding"}
+    elif change is Change.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
+        belief = replace(belief, holding=replace(belief.holding, source=Source.ASSUMED))
+    return replace(belief, **dict.fromkeys(unknown))
+
+
+class Beliefs:
+    """The one owner of what is believed of a cell: `now` is replaced here and nowhere else.
+
+    clock: the cell's; record: the run log's, which must have it that a part may be in the gripper before facetd dies.
+    """
+
+    def __init__(self, clock: Callable[[], float], record: Callable[..., None]) -> None:
+        self._clock, self._record = clock, record
+        self.now = CellBelief(holding=Belief(False, Source.ASSUMED, clock()))
+
+    def learn(self, source: Source, **facts: object) -> None:
+        """Believe these facts from now on; a fact of None is unknown from now on."""
+        now_s = self._clock()
+        learnt: dict[str, Any] = {
+            name: None if value is None else Belief(value, source, now_s) for name, value in facts.items()
+        }
+        self.now = replace(self.now, **learnt)
+
+    def void(self, change: Change) -> Callable[[], None]:
+        """Forget what a change leaves unknown. Gives what undoes that where the change turns out not to have begun; it
+        does nothing where anything else was learnt or voided meanwhile."""
+        before, after = self.now, voided(self.now, change)
+        self.now = after
+        if "load" in VOIDS[change] and change is not Change.RESTARTED:
+            self._record("holding", held=None)
+
+        def undo() -> None:
+            if self.now is after:
+                self.now = before
+
+        return undo
+
+
+def _plain(value: object) -> object:
+    """As JSON has it."""
+    match value:
+        case Reading():
+            return value.world_from_tool[:3, 3].round(2).tolist()
+        case np.ndarray():
+            return value[:3, 3].round(2).tolist()
+        case tuple():
+            return [capsule.name for capsule in value]
+    return value

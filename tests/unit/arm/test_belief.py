@@ -1,0 +1,238 @@
+"""What is believed of arm and gripper: what each change leaves unknown, how it was learnt, and who voids it when."""
+
+import asyncio
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.arm.belief import VOIDS, Belief, Beliefs, CellBelief, Change, Reading, Source, voided
+from daemon.arm.body import Capsule
+from daemon.arm.guard import Limits, MoveCommand
+from daemon.arm.motion import Arrival, MovedByOthersError, Mover
+from daemon.arm.supervisor import Supervisor
+from daemon.arm.workcell import HeldBackError
+from tests.fakes.fake_cell import HEAD_DOWN, Allowed, World, build
+
+FACTS = [field.name for field in fields(CellBelief)]
+LOAD = (Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0),)
+READING = Reading(np.eye(4), np.zeros(6))
+NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
+
+
+def everything(holding: bool = True) -> CellBelief:
+    """All of it known, as facetd's own acts left it."""
+    values = {
+        "position": READING,
+        "planned": READING,
+        "speed_pct": 30.0,
+        "tool": np.eye(4),
+        "closed": holding,
+        "holding": holding,
+        "load": LOAD,
+    }
+    return CellBelief(**{name: Belief(value, Source.COMMANDED, 1.0) for name, value in values.items()})
+
+
+def unknown(belief: CellBelief) -> set[str]:
+    return {name for name in FACTS if getattr(belief, name) is None}
+
+
+PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "speed_pct", "tool", "closed"}
+
+
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (Change.MOVE_BEGUN, PLACE),
+        (Change.GRIPPER_CLOSES, {"closed", "holding"}),
+        (Change.GRIPPER_OPENS, {"closed", "holding"}),
+        (Change.CUT_OFF, {"holding"}),
+        (Change.STOPPED, CONTROLLER),
+        (Change.FAULT_CLEARED, CONTROLLER),
+        (Change.RECONNECTED, CONTROLLER),
+        (Change.RESTARTED, set(FACTS)),
+        (Change.OPERATOR_TYPED, CONTROLLER),
+        (Change.GRIPPER_TYPED, {"closed", "holding", "load"}),
+        (Change.MOVED_BY_OTHERS, PLACE | {"closed"}),
+        (Change.OTHERS_TYPED, set(FACTS)),
+    ],
+)
+def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(change, lost):
+    assert unknown(voided(everything(), change)) == lost
+
+
+def test_every_change_has_its_row():
+    assert set(VOIDS) == set(Change)
+
+
+@given(st.lists(st.sampled_from(list(Change)), min_size=1, max_size=6), st.booleans())
+def test_whatever_changes_follow_one_another_nothing_becomes_known_by_them(changes, holding):
+    belief = everything(holding)
+    for change in changes:
+        before, belief = unknown(belief), voided(belief, change)
+        assert before <= unknown(belief)
+        assert not (unknown(belief) - before - VOIDS[change] - {"holding"})
+
+
+def test_an_opening_gripper_that_is_believed_empty_stays_empty():
+    assert voided(everything(holding=False), Change.GRIPPER_OPENS).holds_part is False
+
+
+def test_an_empty_gripper_on_an_arm_that_a_pendant_moved_is_only_assumed_to_be_empty():
+    """A pendant works the gripper as well: it is opened over the bin before the next pick."""
+    believed = everything(holding=False)
+    assert not believed.empty_unproven
+    moved = voided(believed, Change.MOVED_BY_OTHERS)
+    assert moved.holds_part is False
+    assert moved.empty_unproven
+    assert voided(everything(holding=True), Change.MOVED_BY_OTHERS).holds_part is True
+
+
+def test_each_fact_says_how_and_when_it_was_learnt():
+    now = [10.0]
+    beliefs = Beliefs(lambda: now[0], lambda *_, **__: None)
+    assert beliefs.now.empty_unproven, "nobody has seen it open yet"
+    now[0] = 12.0
+    beliefs.learn(Source.REPORTED, position=READING)
+    beliefs.learn(Source.COMMANDED, closed=False, load=LOAD, tool=np.eye(4))
+    beliefs.learn(Source.OBSERVED, holding=True)
+    told = beliefs.now.json(15.5)
+    assert told["position"] == {"value": [0.0, 0.0, 0.0], "how": "reported by the controller", "age_s": 3.5}
+    assert told["holding"] == {"value": True, "how": "observed by the cameras", "age_s": 3.5}
+    assert told["load"]["value"] == ["a part"]
+    assert told["tool"]["value"] == [0.0, 0.0, 0.0]
+    assert told["closed"]["value"] is False
+    assert "speed_pct" not in told
+
+
+@pytest.mark.parametrize("change", list(Change))
+def test_that_a_part_may_be_in_the_gripper_again_is_recorded_where_others_worked_it(change):
+    records = []
+    beliefs = Beliefs(lambda: 0.0, lambda kind, **fields: records.append((kind, fields)))
+    beliefs.void(change)
+    others = change in (Change.GRIPPER_TYPED, Change.OTHERS_TYPED)
+    assert records == [("holding", {"held": None})] * others
+
+
+def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_meanwhile():
+    beliefs = Beliefs(lambda: 0.0, lambda *_, **__: None)
+    beliefs.learn(Source.REPORTED, position=READING)
+    beliefs.void(Change.MOVE_BEGUN)()
+    assert beliefs.now.at is READING
+    undo = beliefs.void(Change.MOVE_BEGUN)
+    beliefs.void(Change.STOPPED)
+    undo()
+    assert beliefs.now.at is None
+
+
+# Who voids it.
+
+
+def mover_in(world: World) -> Mover:
+    mover = Mover(build(world), Limits(), Arrival(), Allowed())
+    asyncio.run(mover.rest())
+    mover.beliefs.learn(Source.COMMANDED, speed_pct=30.0, tool=np.eye(4), closed=True, holding=True, load=LOAD)
+    return mover
+
+
+@pytest.mark.parametrize(("closes", "lost"), [(True, {"closed", "holding"}), (False, {"closed", "holding"})])
+def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(closes, lost):
+    world = World(np.random.default_rng(0))
+    mover, during = mover_in(world), []
+    planned = unknown(mover.belief)
+
+    def fail(name: str) -> None:
+        if name == "hand":
+            during.append(unknown(mover.belief) - planned)
+            raise OSError("no answer")
+
+    world.before = fail
+    with pytest.raises(OSError, match="no answer"):
+        asyncio.run(mover.hand(closes))
+    assert during == [lost]
+    assert unknown(mover.belief) - planned == lost
+
+
+def test_a_gripper_that_facetd_opened_is_open_and_empty_by_its_own_act():
+    mover = mover_in(World(np.random.default_rng(0)))
+    asyncio.run(mover.hand(closed=False))
+    assert mover.belief.is_open
+    assert (mover.belief.holds_part, mover.belief.empty_unproven, mover.belief.capsules) == (False, False, ())
+
+
+def test_a_gripper_that_was_held_back_is_tried_again_and_unknown_as_long_as_it_may_work():
+    world = World(np.random.default_rng(0))
+    mover, tries = mover_in(world), []
+    honest = mover.cell.robot.hand
+
+    async def once_held_back(closed: bool) -> None:
+        tries.append(unknown(mover.belief))
+        if len(tries) == 1:
+            raise HeldBackError("somebody paused")
+        assert mover.belief.holds_part is None
+        await honest(closed)
+
+    seen = []
+    record = world.record
+    mover.cell.robot.hand = once_held_back
+
+    def recorded(kind: str, /, **fields: object) -> None:
+        seen.append((kind, mover.belief.holds_part))
+        record(kind, **fields)
+
+    mover.cell.log.record = recorded
+    asyncio.run(mover.hand(closed=True))
+    assert seen == [("hand", None), ("held_back", None), ("hand", None)]
+    assert mover.belief.closed.value is True
+
+
+def test_an_arm_that_was_moved_by_others_is_nowhere_and_its_gripper_in_doubt():
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    mover.beliefs.learn(Source.COMMANDED, closed=False, holding=False)
+    world.before = lambda name: world.at.__setitem__((1, 3), 5.0) if name == "move" else None
+    with pytest.raises(MovedByOthersError):
+        asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "a test")))
+    assert {"position", "closed"} <= unknown(mover.belief)
+    assert mover.belief.empty_unproven
+
+
+def supervised() -> Supervisor:
+    supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
+    supervisor.enable()
+    supervisor.mover.beliefs.learn(
+        Source.COMMANDED, position=READING, speed_pct=30.0, tool=np.eye(4), closed=False, holding=True, load=LOAD
+    )
+    return supervisor
+
+
+async def stopped(supervisor: Supervisor) -> None:
+    await supervisor.stop()
+
+
+async def found_faulty(supervisor: Supervisor) -> None:
+    await supervisor.fail("cameras", "no frame")
+
+
+async def reconnected(supervisor: Supervisor) -> None:
+    supervisor.line_opened_anew()
+
+
+async def typed_to(supervisor: Supervisor) -> None:
+    await supervisor.converse("monitor", lambda: asyncio.sleep(0), moves=False)
+
+
+async def cleared(supervisor: Supervisor) -> None:
+    supervisor.latch("a fault")
+    supervisor.resume()
+
+
+@pytest.mark.parametrize("event", [stopped, found_faulty, reconnected, typed_to, cleared])
+def test_what_the_supervisor_hears_of_voids_all_that_the_controller_may_have_otherwise_now(event):
+    supervisor = supervised()
+    asyncio.run(event(supervisor))
+    assert unknown(supervisor.mover.belief) == CONTROLLER
