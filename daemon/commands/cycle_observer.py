@@ -75,7 +75,12 @@ class CycleObserver:
     def _note_truth(self, end: CycleEnd) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
         context, hand = self._context, self._context.hardware.hand
-        if hand is None or end.outcome not in ("picked", "missed") or end.grasp is None or end.corners is None:
+        if (
+            hand is None
+            or end.outcome not in ("picked", "released", "missed")
+            or end.grasp is None
+            or end.corners is None
+        ):
             return
         truth = hand.grasp_error(end.grasp, end.corners)
         if truth is not None:

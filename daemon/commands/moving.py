@@ -225,7 +225,7 @@ async def _auto_told(context: CommandContext, frontend: Frontend) -> list[CycleE
         await asyncio.wait([ended], timeout=POLL_S)
         for end in [end for end in context.cycle.ends if end.cycle > told]:
             told = end.cycle
-            if end.outcome in (Outcome.PICKED, Outcome.PLACED, Outcome.MISSED, Outcome.LOST):
+            if end.outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.PLACED, Outcome.MISSED, Outcome.LOST):
                 await frontend.say(describe_end(end))
     return await ended
 

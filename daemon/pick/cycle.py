@@ -380,7 +380,7 @@ class PickCycle:
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break
-                if ends[-1].outcome in (Outcome.PICKED, Outcome.PLACED):
+                if ends[-1].outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.PLACED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
                     if every_s is None or not self._auto:

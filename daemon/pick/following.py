@@ -152,24 +152,25 @@ def still_there(target: Target, look: Look) -> bool:
     return _in_its_place(target, look.taken) is not None
 
 
-def in_hand(target: Target, look: Look, cell: Workcell) -> bool:
-    """Whether a look shows the target in the hand, as it was grasped. Where the cameras do not have it in view, it does
-    not."""
+def in_hand(target: Target, taken: Taken, cell: Workcell) -> bool:
+    """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
+    does not."""
     near = frames.inverse(cell.tool_from_cyclopean) @ target.tool_from_part
-    return borne_out(target.shape, _eyes_on_the_hand(look, cell), near, REACH_MM) >= HELD
+    return borne_out(target.shape, _eyes_on_the_hand(taken, cell), near, REACH_MM) >= HELD
 
 
-def came_back_empty(look: Look, cell: Workcell, gripper: GripperGeometry) -> bool:
-    """Whether a look shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
+def came_back_empty(taken: Taken, cell: Workcell, gripper: GripperGeometry) -> bool:
+    """Whether a pair shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
-    eyes, near = _eyes_on_the_hand(look, cell), frames.inverse(cell.tool_from_cyclopean)
+    eyes, near = _eyes_on_the_hand(taken, cell), frames.inverse(cell.tool_from_cyclopean)
     return shown(closed_fingers(gripper), eyes, near, FINGERS_REACH_MM) > FINGERS_SHOW
 
 
-def _eyes_on_the_hand(look: Look, cell: Workcell) -> Eyes:
-    """A look's pictures as they show what goes with the cameras: one eye that took both has it in one place in both."""
-    eyes = look.taken.eyes
-    if look.taken.moved is None:
+def _eyes_on_the_hand(taken: Taken, cell: Workcell) -> Eyes:
+    """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
+    both."""
+    eyes = taken.eyes
+    if cell.alone is None:
         return eyes
     left, right = (replace(view, eye=replace(view.eye, camera=cell.rig.left)) for view in eyes.views)
     return replace(eyes, left=left, right=right)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Protocol
 
 from daemon.arrays import Array
@@ -37,6 +38,28 @@ class CycleEnd:
     grasp: Array | None
     skipped: tuple[Skipped, ...]
     corners: Array | None
+
+
+class InGripper(StrEnum):
+    """What a look at the gripper shows."""
+
+    PART = "part"
+    EMPTY = "empty"
+    UNCLEAR = "unclear"
+
+
+def released(label: str, above: InGripper, opened: InGripper) -> tuple[Outcome, str]:
+    """How a pick ends whose gripper opened above the bin, and why. above, opened: what it showed before, and after."""
+    if opened is InGripper.PART:
+        return Outcome.RELEASED, f"{label} still shows in the gripper after it opened above the bin"
+    if above is InGripper.PART:
+        return Outcome.PICKED, f"{label} showed in the gripper above the bin, and no longer once it had opened"
+    if above is InGripper.EMPTY:
+        return Outcome.RELEASED, f"the gripper came to the bin empty: {label} fell on the way"
+    return (
+        Outcome.RELEASED,
+        f"{label} did not show in the gripper above the bin, so that nothing proves that it fell in",
+    )
 
 
 class Observer(Protocol):

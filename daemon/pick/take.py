@@ -7,11 +7,11 @@ import asyncio
 from typing import Literal
 
 from daemon import frames
-from daemon.arm import Source, capsule_around
+from daemon.arm import NotSettledError, Source, capsule_around
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, in_hand, still_there
-from daemon.pick.looking import Look
-from daemon.pick.outcome import Outcome
+from daemon.pick.looking import Look, taken_here
+from daemon.pick.outcome import InGripper, Outcome, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.transitions import PickEvent
@@ -75,13 +75,14 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     target, seen = world.the_target(), await look(context, world, "verify")
 
     def judged() -> tuple[bool, str | None]:
-        held = in_hand(target, seen, context.cell)
+        held = in_hand(target, seen.taken, context.cell)
         return held, None if held else _failed(context, world, target, seen)
 
     held, failed = await asyncio.to_thread(judged)
     if failed is None:
-        shown = "is seen in the hand" if held else "is gone from where it lay"
-        world.outcome, world.why = Outcome.PICKED, f"{target.label} {shown}"
+        shown = "shows in the gripper" if held else "is gone from where it lay"
+        world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
+        context.decide("bring it to the bin", world.why)
         return PickEvent.GONE
     world.failures += 1
     world.outcome, world.why = Outcome.MISSED, f"{target.label} {failed}"
@@ -101,7 +102,7 @@ def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look)
         return "still lies there"
     if _knocked_away(world, target, on_table):
         return "was knocked away"
-    if came_back_empty(seen, context.cell, settings.gripper):
+    if came_back_empty(seen.taken, context.cell, settings.gripper):
         return "is gone, and the hand came back empty"
     return None
 
@@ -113,24 +114,67 @@ def _knocked_away(world: WorldModel, target: Target, on_table: list[ObservedPart
     return any(not any(same_place(now, before) for before in others) for now in alike)
 
 
-async def place(context: PickContext, world: WorldModel) -> Literal[PickEvent.PLACED, PickEvent.DRY]:
-    """To the bin, and let go."""
-    await let_go(context, world)
+async def place(
+    context: PickContext, world: WorldModel
+) -> Literal[PickEvent.PLACED, PickEvent.DROPPED, PickEvent.STILL_HELD, PickEvent.DRY]:
+    """Let go above the bin; of a part that this pick grasped, look into the gripper before and after. What a pick
+    brings counts as picked only where both agree that the part left the gripper there."""
+    target = world.target
+    await _to_the_bin(context, world, "bin")
+    above = await _in_gripper(context, target)
+    await _open_gripper(context)
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
         return PickEvent.DRY
-    return PickEvent.PLACED
+    if target is None:
+        return PickEvent.PLACED
+    opened = await _in_gripper(context, target)
+    world.outcome, world.why = released(target.label, above, opened)
+    context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
+    context.decide(world.outcome, world.why)
+    if opened is InGripper.PART:
+        context.mover.beliefs.learn(Source.OBSERVED, holding=True)
+        return PickEvent.STILL_HELD
+    return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.PLACED
+
+
+async def _in_gripper(context: PickContext, target: Target | None) -> InGripper:
+    """What the gripper shows of the target from where the arm is at rest. Where the pictures do not come to rest (a
+    conveyor below), nothing can be told."""
+    cell, reading = context.cell, context.mover.belief.at
+    if target is None or context.mover.dry:
+        return InGripper.UNCLEAR
+    assert reading is not None
+    try:
+        taken = await taken_here(cell, reading, cell.clock(), context.settings.settling)
+    except NotSettledError:
+        return InGripper.UNCLEAR
+
+    def judged() -> InGripper:
+        if in_hand(target, taken, cell):
+            return InGripper.PART
+        return InGripper.EMPTY if came_back_empty(taken, cell, context.settings.gripper) else InGripper.UNCLEAR
+
+    return await asyncio.to_thread(judged)
 
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
-    """Open the hand over the bin: nowhere else does a pick open a hand that has closed."""
+    """Open the gripper above the bin: nowhere else does a pick open one that has closed."""
+    await _to_the_bin(context, world, purpose)
+    await _open_gripper(context)
+
+
+async def _to_the_bin(context: PickContext, world: WorldModel, purpose: str) -> None:
     await travel(context, world, context.settings.bin.pose(), purpose)
+
+
+async def _open_gripper(context: PickContext) -> None:
     await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
     world.target = None
-    if not (context.stay and world.outcome is Outcome.PICKED):
+    if not (context.stay and world.outcome in (Outcome.PICKED, Outcome.RELEASED)):
         await travel(context, world, context.settings.home.pose(), "home")
     return PickEvent.THERE

@@ -59,6 +59,8 @@ class PickEvent(StrEnum):
     GONE = "gone"
     MISSED = "missed"
     PLACED = "placed"
+    DROPPED = "dropped"
+    STILL_HELD = "still_held"
     PAUSE = "pause"
     RESUME = "resume"
     ABORT = "abort"
@@ -125,7 +127,7 @@ TABLE: tuple[Row, ...] = (
         PickState.VERIFY,
         PickEvent.GONE,
         PickState.PLACE,
-        "the part is seen in the hand, or no longer lies there and the hand is not seen to be empty",
+        "the part shows in the gripper, or no longer lies there and the gripper does not show empty",
     ),
     Row(
         PickState.VERIFY,
@@ -134,6 +136,18 @@ TABLE: tuple[Row, ...] = (
         "it lies there still, or elsewhere, or the hand is empty: opened over the bin, try again or skip",
     ),
     Row(PickState.PLACE, PickEvent.PLACED, PickState.HOME, "let go over the bin"),
+    Row(
+        PickState.PLACE,
+        PickEvent.DROPPED,
+        PickState.HOME,
+        "the gripper came to the bin empty: the part fell on the way",
+    ),
+    Row(
+        PickState.PLACE,
+        PickEvent.STILL_HELD,
+        PickState.HOME,
+        "the part still shows in the opened gripper: the next pick puts it down again",
+    ),
     Row(PickState.PLACE, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
     Row(PickState.HOME, PickEvent.THERE, PickState.IDLE, "the pick has ended"),
     Row(PickState.ANY, PickEvent.PAUSE, PickState.PAUSED, "an operator holds it before its next move"),

@@ -60,6 +60,8 @@ class _Line(msgspec.Struct, omit_defaults=True, kw_only=True):
     auto: dict[str, Any] | None = None
     reloaded: Flag = None
     times_life: Number = None
+    above: Text = None
+    opened: Text = None
     what: Text = None
     code: Text = None
     rule: Text = None

@@ -88,6 +88,11 @@ KNOWN: Mapping[str, Known] = {
         "estimate",
         "a nearer last stand-off in pick.stops.stand_offs_mm, better light, or `calibrate verify`",
     ),
+    "release not confirmed": Known(
+        "grasp",
+        "look into the bin: the part may lie in it; if this recurs, move pick.bin so that the part in the gripper "
+        "shows there against something plain",
+    ),
     "part slipped": Known("grasp", "clean part and pads; pick.gripper.friction lower makes it choose squarer grasps"),
     "gripper": Known(
         "grasp",

@@ -346,6 +346,16 @@ def _moved_mm(cycle: Cycle, after: Stop) -> float | None:
     return float(min(np.linalg.norm(place - before) for place in places))
 
 
+def _released(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
+    """The gripper opened above the bin, and what it showed there does not prove that the part fell in."""
+    for record in cycle.of("release"):
+        showed = record.get("above"), record.get("opened")
+        if cycle.outcome == "released":
+            slipped, stuck = showed[0] == "empty", showed[1] == "part"
+            name = "gripper" if stuck else "part slipped" if slipped else "release not confirmed"
+            yield Cause(name, 0.8, str(cycle.why), int(record.get("seq") or 0))
+
+
 def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[Cause]:
     """It was never known well enough, or the hand went for it although it was not."""
     last = next((s for s in reversed(cycle.stops) if s.estimate), None)
@@ -391,5 +401,6 @@ def _last(cycle: Cycle) -> int:
 
 Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[Cause]]
 RULES: tuple[Rule, ...] = (
-    _ended, _refused, _geometry, _all_moves, _eyes_apart, _images, _unnamed, _lost, _missed, _uncertain, _cut_off,
+    _ended, _refused, _geometry, _all_moves, _eyes_apart, _images, _unnamed, _lost, _missed, _released, _uncertain,
+    _cut_off,
 )  # fmt: skip

@@ -56,6 +56,8 @@ KINDS: Mapping[str, str] = {
     "move": "cycle how target speed_pct purpose",
     "moved": "cycle where joints error_mm error_deg seconds",
     "held_back": "cycle what (the move or hand told last was taken back as its line was typed: nothing has left)",
+    "release": "cycle label above opened (part, empty or unclear: what the gripper showed above the bin before and "
+    "after it opened; `cycle_end` says picked only for part, then not part)",
     "refusal": "rule text",
     "fault": "code text while",
     "rest": "text (after an alarm that a stop was not confirmed, the arm was seen at rest)",

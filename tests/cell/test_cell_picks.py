@@ -106,9 +106,36 @@ def test_a_part_taken_away_while_the_hand_closes_is_missed_and_not_said_to_be_pi
             end = await here.cycle.pick()
             return end, here.cycle.belief.holds_part
 
-    end, hand_full = run(story())
-    assert (end.outcome, hand_full) == ("missed", False)
+    end, holds_part = run(story())
+    assert (end.outcome, holds_part) == ("missed", False)
     assert "the hand came back empty" in end.why
+
+
+@pytest.mark.parametrize(("jaws", "told"), [("meet", "came to the bin empty"), ("stay open", "nothing proves")])
+def test_a_part_lost_on_the_way_to_the_bin_is_released_and_not_picked(model, jaws, told):
+    """The verifying look had seen it in the gripper: it counted as picked, and lay on the floor."""
+
+    async def story():
+        async with rig(seed=4, model=model) as here:
+            simulated_cell.lay(here, "cube", np.random.default_rng(1))
+            move, world = here.robot.move, here.cell.world
+
+            async def loses_it(pose, **how):
+                if world.held and here.log.said("move")[-1]["purpose"] == "bin":
+                    world.open_hand(here.cell.world_from_tool())
+                    world.gap_mm = 0.0 if jaws == "meet" else world.gap_mm
+                return await move(pose, **how)
+
+            here.robot.move = loses_it
+            end = await here.cycle.pick()
+            return end, here.lies("cube"), here.log.said("release"), here.cycle.status()
+
+    end, lies, (release,), status = run(story())
+    assert lies != "bin"
+    assert end.outcome == "released"
+    assert told in end.why
+    assert release["above"] == ("empty" if jaws == "meet" else "unclear")
+    assert (status["picked"], status["released"], status["holding"]) == (0, 1, False)
 
 
 def test_looks_that_deny_a_part_that_is_held_let_it_fall_nowhere_but_into_the_bin(model, monkeypatch):

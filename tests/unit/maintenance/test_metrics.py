@@ -68,7 +68,7 @@ def scraped(context: Any, port: int) -> dict[str, float]:
 
 def test_a_scrape_says_what_status_says(port: int) -> None:
     found = scraped(watched(), port)
-    assert (found["facetd_picked_total"], found["facetd_failed_total"]) == (12, 3)
+    assert [found[f"facetd_{name}_total"] for name in ("picked", "released", "failed")] == [12, 1, 3]
     assert (found["facetd_fault"], found["facetd_enabled"], found["facetd_busy"]) == (0, 1, 0)
     assert (found["facetd_troubles"], found["facetd_parts_taught"]) == (1, 2)
     assert found["facetd_up_seconds"] > 0

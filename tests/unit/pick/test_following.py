@@ -36,7 +36,7 @@ IN_THE_HAND = rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0])
 
 
 def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
-    """A look from over a patterned table, the hand upright, and the cell; the cube's print is the seed's."""
+    """A pair from over a patterned table, the hand upright, and the cell; the cube's print is the seed's."""
     believed = load_calibration(CONFIG.calibration)
     with SimulatedCell(ETC / "simcell.yaml", seed=seed, table="patterned", parts="printed") as cell:
         cell.world_from_tool = lambda real_s=None: rigid(turn([1, 0, 0], np.pi), [470.0, 0.0, 0.0])  # type: ignore[method-assign]
@@ -46,8 +46,8 @@ def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
         cell.world.gap_mm = 50.0 if holds_cube else 0.0
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
-    workcell = SimpleNamespace(tool_from_cyclopean=believed.tool_from_cyclopean)
-    return SimpleNamespace(taken=taken(pair, believed.rig)), workcell
+    workcell = SimpleNamespace(tool_from_cyclopean=believed.tool_from_cyclopean, alone=None)
+    return taken(pair, believed.rig), workcell
 
 
 def seems_empty(seed: int, holds_cube: bool) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from daemon.arm.settling import Settling
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
-from daemon.pick.outcome import CycleEnd
+from daemon.pick.outcome import CycleEnd, InGripper, Outcome, released
 from daemon.pick.settings import Settings
 from tests.fakes.fake_cell import TruthRecogniser, World, build, one_part
 
@@ -84,3 +84,12 @@ def test_an_observer_that_finds_the_arm_must_stop_asks_the_supervisor_to(code):
     assert end.outcome == "fault"
     assert cycle.status()["fault"] == "calibration: an eye has moved"
     assert world.wire[-1][0] == "abort"
+
+
+@pytest.mark.parametrize("opened", list(InGripper))
+@pytest.mark.parametrize("above", list(InGripper))
+def test_a_part_is_picked_only_where_it_showed_above_the_bin_and_no_longer_after(above, opened):
+    outcome, why = released("cube", above, opened)
+    picked = above is InGripper.PART and opened is not InGripper.PART
+    assert outcome is (Outcome.PICKED if picked else Outcome.RELEASED)
+    assert "cube" in why

@@ -90,9 +90,10 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     context, world = begun(fake)
     brought_to(PickState.VERIFY, context, world)
     monkeypatch.setattr(take, "came_back_empty", lambda *_: empty)
+    monkeypatch.setattr(take, "in_hand", lambda *_: False)
     event = step(context, world, PickState.VERIFY)
     assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
-    assert world.outcome == ("missed" if empty else "picked")
+    assert world.outcome == ("missed" if empty else "released"), "nobody has seen it above the bin yet"
     assert fake.closed is not empty, "a hand that missed is opened"
     if empty:
         assert np.allclose(fake.at, context.settings.bin.pose(), atol=0.1), "over the bin, as a look may err"
@@ -107,7 +108,7 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
         monkeypatch.setattr(take, denial, lambda *_: True)
     monkeypatch.setattr(take, "in_hand", lambda *_: True)
     assert step(context, world, PickState.VERIFY) is PickEvent.GONE
-    assert world.outcome == "picked"
+    assert world.outcome == "released", "nobody has seen it above the bin yet"
     assert fake.closed
 
 
@@ -167,3 +168,79 @@ def test_what_an_operator_sees_to_be_empty_carries_nothing():
     assert cycle.supervisor.mover.belief.capsules
     cycle.holding(False)
     assert cycle.supervisor.mover.belief.capsules == ()
+
+
+def released_as(fake):
+    return [(r["label"], r["above"], r["opened"]) for r in fake.said("release")]
+
+
+def test_a_part_that_shows_in_the_gripper_above_the_bin_and_no_longer_once_it_opened_is_picked():
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.PLACE, context, world)
+    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert (world.outcome, fake.binned) == ("picked", ["cube"])
+    assert "no longer once it had opened" in world.why
+    assert released_as(fake) == [("cube", "part", "unclear")]
+
+
+def test_a_part_that_was_lost_behind_the_verifying_look_is_released_and_not_picked():
+    """It had counted as picked, and lay on the floor."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.PLACE, context, world)
+    fake.held = None
+    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert world.outcome == "released"
+    assert "nothing proves that it fell in" in world.why
+    assert released_as(fake) == [("cube", "unclear", "unclear")]
+    assert not fake.binned
+
+
+def test_fingers_that_show_met_above_the_bin_say_that_the_part_fell_on_the_way(monkeypatch):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.PLACE, context, world)
+    fake.held = None
+    monkeypatch.setattr(take, "came_back_empty", lambda *_: fake.closed)
+    assert step(context, world, PickState.PLACE) is PickEvent.DROPPED
+    assert world.outcome == "released"
+    assert "fell on the way" in world.why
+
+
+def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there():
+    """It went along to the next part, guarded by nobody."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.PLACE, context, world)
+    honest = context.cell.robot.hand
+
+    async def sticky(closed):
+        held = fake.held
+        await honest(closed)
+        fake.held = held
+
+    context.cell.robot.hand = sticky
+    assert step(context, world, PickState.PLACE) is PickEvent.STILL_HELD
+    assert world.outcome == "released"
+    assert context.mover.belief.holds_part is True
+
+
+def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_no_fault():
+    """A conveyor below it moves on and on."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.PLACE, context, world)
+    context.cell.eyes.shaking = 10_000
+    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert released_as(fake) == [("cube", "unclear", "unclear")]
+    assert world.outcome == "released"
+
+
+def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
+    fake = one_part()
+    context, world = begun(fake)
+    grabs = context.cell.eyes.grabs
+    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert context.cell.eyes.grabs == grabs
+    assert not fake.said("release")

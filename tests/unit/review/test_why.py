@@ -211,6 +211,20 @@ def missed(why: str, off_mm: float = 0.3, *, chi2: float = 1.0, mm: float = 0.6)
     return plant
 
 
+def released(above: str, opened: str) -> Callable[[MadeRun], None]:
+    """The gripper opened above the bin, and looks at it showed this before and after."""
+
+    def plant(made: MadeRun) -> None:
+        begin(made)
+        made.write("hand", cycle=made.cycle, closed=True)
+        made.look("verify", part("cube"), stop=2)
+        made.write("hand", cycle=made.cycle, closed=False)
+        made.write("release", cycle=made.cycle, label="cube", above=above, opened=opened)
+        end(made, "released", "what is known")
+
+    return plant
+
+
 def look_errs(again: Sequence[dict[str, Any]] = (), purpose: str = "bin") -> Callable[[MadeRun], None]:
     """The look after the lift denies a part that is held. again: what the table shows when it is looked at once more;
     purpose: of the move before the hand opens."""
@@ -328,6 +342,9 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "arm's zero drifted": ("hand-eye", everything_moves),
     "hand-eye knocked, one part alone": ("hand-eye", suspect("unclear")),
     "hand-eye knocked, hand misses": ("hand-eye", missed("cube still lies there", chi2=80.0)),
+    "part fell on the way to the bin": ("part slipped", released("empty", "unclear")),
+    "part sticks to a finger": ("gripper", released("part", "part")),
+    "part out of the cameras' view above the bin": ("release not confirmed", released("unclear", "unclear")),
     "one part alone pushed": ("part moved", suspect("unclear", good=True)),
     "part pushed": ("part moved", suspect("part")),
     "part taken away": ("part moved", taken_away),
