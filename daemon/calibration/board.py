@@ -1,4 +1,4 @@
-"""A chessboard or ChArUco board, and where an image shows it. Pure: image in, corners out, or the reason why not.
+"""A calibration board: its size, what is printed on it, where its corners are. Pure.
 
 Corner numbers run along the rows of inner corners; the board frame lies in the first inner corner, x along a row,
 y along a column, z into the board, mm.
@@ -6,7 +6,9 @@ y along a column, z into the board, mm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -17,11 +19,12 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.quantities import shown, whole
 
-Grey = NDArray[np.uint8]
-
 MOST_CORNERS = 100
-SHARP_ENOUGH_PX = 2.5
-"""Widest blur (sigma of the black-white edge) of which corners are still trusted."""
+USUAL_DICTIONARY = "DICT_4X4_50"
+DICTIONARIES = tuple(
+    sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and isinstance(getattr(cv2.aruco, name), int))
+)
+"""OpenCV's own, by the names that it gives them."""
 
 
 class BoardError(FacetdError):
@@ -30,25 +33,72 @@ class BoardError(FacetdError):
 
 @dataclass(frozen=True)
 class Board:
-    """columns x rows inner corners, square_mm a side; a ChArUco board has markers of marker_share of a square in its
-    white squares (dictionary DICT_4X4_50) and may be seen in part."""
+    """columns x rows inner corners, square_mm a side. A ChArUco board has markers of a dictionary, marker_share of a
+    square wide, in its white squares, and may be seen in part; legacy: laid out as OpenCV did before 4.6, where a board
+    of an even number of squares a column begins with a white one."""
 
     columns: int
     rows: int
     square_mm: float
     kind: Literal["chessboard", "charuco"] = "chessboard"
     marker_share: float = 0.75
+    dictionary: str = USUAL_DICTIONARY
+    legacy: bool = False
+
+    def __str__(self) -> str:
+        """As `calibrate` takes it: `9x6 16 charuco legacy DICT_5X5_100`."""
+        words = [f"{self.columns}x{self.rows} {self.square_mm:g}", *self.charuco_words]
+        return " ".join(words)
+
+    @property
+    def charuco_words(self) -> list[str]:
+        """What makes it the ChArUco board that it is, in words of `calibrate`."""
+        if self.kind == "chessboard":
+            return []
+        dictionary = [] if self.dictionary == USUAL_DICTIONARY else [self.dictionary]
+        return ["charuco", *(["legacy"] if self.legacy else []), *dictionary]
 
     def points_mm(self) -> Array:
         """(columns * rows, 3) inner corners in the board frame."""
         grid = np.mgrid[0 : self.columns, 0 : self.rows].T.reshape(-1, 2) * self.square_mm
         return np.column_stack([grid, np.zeros(len(grid))])
 
+    def drawing(self, squares: Array) -> NDArray[np.bool_]:
+        """Whether the board is white at (..., 2) places in squares from the first inner corner."""
+        cell = np.floor(squares).astype(int)
+        if self.kind == "chessboard":
+            return np.asarray(cell.sum(axis=-1) % 2 == 1)
+        which, bits = _markers(self)
+        column, row = np.clip(cell + 1, 0, np.array(which.shape)[::-1] - 1).T
+        marker = which[row, column]
+        modules = bits.shape[1]
+        inside = (squares - cell - (1 - self.marker_share) / 2) / self.marker_share * modules
+        on_marker = (marker >= 0) & ((inside >= 0) & (inside < modules)).all(axis=-1)
+        x, y = np.clip(inside.astype(int), 0, modules - 1).T
+        return np.asarray(np.where(on_marker, bits[marker, y, x], marker >= 0))
+
     def charuco(self) -> cv2.aruco.CharucoBoard:
         """The board as OpenCV knows it."""
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         size = (self.columns + 1, self.rows + 1)
-        return cv2.aruco.CharucoBoard(size, self.square_mm, self.square_mm * self.marker_share, dictionary)
+        board = cv2.aruco.CharucoBoard(size, self.square_mm, self.square_mm * self.marker_share, dictionary)
+        board.setLegacyPattern(self.legacy)
+        return board
+
+
+@lru_cache(maxsize=8)
+def _markers(board: Board) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Of each square (rows, columns) the number of its marker, -1 in black ones; each marker's modules, its own black
+    border among them, (markers, modules, modules), True where white."""
+    charuco = board.charuco()
+    dictionary, ids = charuco.getDictionary(), np.ravel(charuco.getIds())
+    which = np.full((board.rows + 1, board.columns + 1), -1)
+    for k, corners in enumerate(charuco.getObjPoints()):
+        column, row = np.floor(np.asarray(corners)[:, :2].mean(axis=0) / board.square_mm).astype(int)
+        which[row, column] = k
+    modules = dictionary.markerSize + 2
+    drawn = [cv2.aruco.generateImageMarker(dictionary, int(one), modules) > 127 for one in ids]
+    return which, np.array(drawn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +110,11 @@ class SeenBoard:
     blur_px: float
 
 
-def parse_board(text: str, square_mm: float, kind: Literal["chessboard", "charuco"] = "chessboard") -> Board:
-    """`9x6` -> Board. Raises BoardError with what was expected."""
+def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board:
+    """`9x6` and the words behind it (`charuco`, then `legacy`, a dictionary's name) -> Board.
+
+    Raises BoardError with what was expected.
+    """
     columns, _, rows = text.lower().partition("x")
     expected = f"--board {shown(text)}: expected COLUMNSxROWS of inner corners, 3x3 or more, such as 9x6"
     try:
@@ -72,98 +125,18 @@ def parse_board(text: str, square_mm: float, kind: Literal["chessboard", "charuc
         raise BoardError(expected)
     if not square_mm > 0:
         raise BoardError(f"--square-mm {square_mm:g}: expected a length above 0")
-    return Board(*counts, square_mm, kind)
-
-
-def find_board(image: Grey, board: Board) -> SeenBoard:
-    """Find the board's corners to sub-pixel. Raises BoardError: not in view, in part, too small, blurred, mirrored."""
-    sight = _find_charuco(image, board) if board.kind == "charuco" else _find_chessboard(image, board)
-    if sight.blur_px > SHARP_ENOUGH_PX:
+    if not words:
+        return Board(*counts, square_mm)
+    kind, *further = words
+    names = [name for word in further for name in DICTIONARIES if name == f"DICT_{word.upper().removeprefix('DICT_')}"]
+    legacy = [word for word in further if word == "legacy"]
+    if kind != "charuco" or len(names) + len(legacy) != len(further) or len(names) > 1 or len(legacy) > 1:
         raise BoardError(
-            f"blurred: edges {sight.blur_px:.1f} px wide, {SHARP_ENOUGH_PX:g} is the most; hold it still, or focus"
+            f"{shown(' '.join(words))}: expected `charuco`, then `legacy` for a layout from before OpenCV 4.6, and a "
+            f"dictionary's name where it is not {USUAL_DICTIONARY}"
         )
-    return sight
-
-
-def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
-    size = (board.columns, board.rows)
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, raw = cv2.findChessboardCorners(image, size, flags=flags)
-    if not found:
-        raise BoardError(
-            f"no {board.columns}x{board.rows} board in view: all its inner corners must show, and a white rim"
-        )
-    corners = _refined(image, np.asarray(raw, np.float32).reshape(-1, 2), board)
-    grid = corners.reshape(board.rows, board.columns, 2)
-    if _upside_down(image, grid, board):
-        corners = corners[::-1].copy()
-    return SeenBoard(np.arange(len(corners)), corners, edge_blur_px(image, grid))
-
-
-def _find_charuco(image: Grey, board: Board) -> SeenBoard:
-    detector = cv2.aruco.CharucoDetector(board.charuco())
-    raw, ids, *_ = detector.detectBoard(image)
-    if ids is None or len(ids) < 8:
-        seen = 0 if ids is None else len(ids)
-        flipped, *_ = cv2.aruco.ArucoDetector(board.charuco().getDictionary()).detectMarkers(cv2.flip(image, 1))
-        if len(flipped) > 2 * seen + 2:
-            raise BoardError(
-                "mirrored: its markers read backwards; unset the camera's flip, or the board was printed so"
-            )
-        raise BoardError(f"only {seen} of its corners in view, 8 are needed")
-    order = np.argsort(ids.ravel())
-    corners = _refined(image, np.asarray(raw, np.float32).reshape(-1, 2)[order], board)
-    return SeenBoard(ids.ravel()[order].astype(np.int64), corners, _blur_at(image, corners))
-
-
-def _refined(image: Grey, corners: NDArray[np.float32], board: Board) -> Array:
-    """Sub-pixel corners; the window stays inside the squares next to each corner (saddle point, Foerstner)."""
-    gaps = np.linalg.norm(corners[:, None] - corners[None], axis=2) + 1e9 * np.eye(len(corners), dtype=np.float32)
-    nearest = float(np.median(gaps.min(axis=1)))
-    if nearest < 8.0:
-        raise BoardError(f"too small: its squares are {nearest:.0f} px wide, 8 is the least; bring it nearer")
-    reach = int(np.clip(nearest * 0.3, 2, 7))
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-    refined = cv2.cornerSubPix(image, corners.reshape(-1, 1, 2).copy(), (reach, reach), (-1, -1), criteria)
-    return np.asarray(refined, float).reshape(-1, 2)
-
-
-def _upside_down(image: Grey, grid: Array, board: Board) -> bool:
-    """Whether the corners are numbered from the other end than a board with a black first square has them.
-
-    Told by colour where the two ends differ (columns + rows odd); a symmetric board is numbered from the top left.
-    """
-    if (board.columns + board.rows) % 2 == 0:
-        return bool(grid[0, 0].sum() > grid[-1, -1].sum())
-    first, last = grid[:2, :2].mean(axis=(0, 1)), grid[-2:, -2:].mean(axis=(0, 1))
-    return _brightness(image, first) > _brightness(image, last)
-
-
-def _brightness(image: Grey, at_px: Array) -> float:
-    return float(cv2.getRectSubPix(image, (3, 3), (float(at_px[0]), float(at_px[1]))).mean())
-
-
-def edge_blur_px(image: Grey, grid: Array) -> float:
-    """Sigma of the black-white edges between neighbouring corners (rows, columns, 2) px, median over the board."""
-    middles = np.concatenate(
-        [(grid[:, 1:] + grid[:, :-1]).reshape(-1, 2) / 2, (grid[1:] + grid[:-1]).reshape(-1, 2) / 2]
-    )
-    return _blur_at(image, middles, middle_of_edge=True)
-
-
-def _blur_at(image: Grey, points_px: Array, middle_of_edge: bool = False) -> float:
-    """Edge spread near points: range of grey over steepest slope, as the sigma of a Gaussian-blurred step.
-
-    A step of height A blurred with sigma has slope A / (sigma sqrt(2 pi)) at its middle. At a corner all four edges
-    meet, so the steepest slope around it is taken; either way the reach of the slope (variance 1/3) is taken out.
-    """
-    reach = 5 if middle_of_edge else 7
-    sigmas = []
-    for x, y in points_px:
-        patch = cv2.getRectSubPix(image, (2 * reach + 1, 2 * reach + 1), (float(x), float(y))).astype(np.float32)
-        slope = float(np.percentile(np.hypot(cv2.Sobel(patch, -1, 1, 0), cv2.Sobel(patch, -1, 0, 1)), 98)) / 8
-        low, high = np.percentile(patch, (5, 95))
-        if high - low > 15:
-            sigmas.append((high - low) / max(slope, 1e-6) / np.sqrt(2 * np.pi))
-    wide = float(np.median(sigmas)) if sigmas else np.inf
-    return float(np.sqrt(max(wide**2 - 1 / 3, 0.0)))
+    board = Board(*counts, square_mm, "charuco", dictionary=(names or [USUAL_DICTIONARY])[0], legacy=bool(legacy))
+    room = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary)).bytesList)
+    if room < (need := (board.columns + 1) * (board.rows + 1) // 2):
+        raise BoardError(f"{text} charuco: {need} markers, {board.dictionary} has {room} only; name the one it has")
+    return board

@@ -10,7 +10,8 @@ from datetime import UTC, datetime
 from glob import glob
 from pathlib import Path
 
-from daemon.calibration.board import Board, BoardError, Grey, find_board, parse_board
+from daemon.calibration.board import USUAL_DICTIONARY, Board, BoardError, parse_board
+from daemon.calibration.board_detection import Grey, find_board
 from daemon.calibration.file import load_calibration, of_stereo, save_calibration
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.quantities import decimal
@@ -27,9 +28,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--board", required=True, metavar="CxR", help="inner corners along a row and a column, e.g. 9x6"
     )
     parser.add_argument("--square-mm", required=True, type=decimal, help="side of one square")
-    parser.add_argument(
-        "--charuco", action="store_true", help="a ChArUco board (DICT_4X4_50), which may be seen in part"
-    )
+    parser.add_argument("--charuco", action="store_true", help="a ChArUco board, which may be seen in part")
+    parser.add_argument("--dictionary", metavar="NAME", help=f"of its markers (default {USUAL_DICTIONARY})")
+    parser.add_argument("--legacy", action="store_true", help="laid out as OpenCV did before 4.6")
     parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left eye")
     parser.add_argument("--right", required=True, nargs="+", metavar="GLOB", help="the right eye's, in the same order")
     parser.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
@@ -39,7 +40,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate from files. Raises BoardError, StereoError, OSError: unusable arguments, pictures or views."""
-    board = parse_board(args.board, args.square_mm, "charuco" if args.charuco else "chessboard")
+    board = _board(args)
     left, right = _expand(args.left, "--left"), _expand(args.right, "--right")
     if len(left) != len(right):
         raise BoardError(f"--left names {len(left)} pictures and --right {len(right)}: each needs its partner")
@@ -50,6 +51,13 @@ def run(args: argparse.Namespace) -> int:
     save_calibration(of_stereo(result), args.out)
     _print(args, result, unused, kept, warning)
     return 0
+
+
+def _board(args: argparse.Namespace) -> Board:
+    legacy, dictionary = ["legacy"] * args.legacy, [args.dictionary] * (args.dictionary is not None)
+    if not args.charuco and (legacy or dictionary):
+        raise BoardError("--legacy and --dictionary are of a ChArUco board: add --charuco")
+    return parse_board(args.board, args.square_mm, ["charuco", *legacy, *dictionary] if args.charuco else ())
 
 
 def _expand(patterns: Sequence[str], option: str) -> list[Path]:

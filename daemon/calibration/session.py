@@ -25,7 +25,8 @@ from daemon.arm import (
     settled_pair,
 )
 from daemon.arrays import Array
-from daemon.calibration.board import Board, BoardError, find_board
+from daemon.calibration.board import Board, BoardError
+from daemon.calibration.board_detection import find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
 from daemon.calibration.file import Calibration, Quality, now, of_one, of_stereo
 from daemon.calibration.guide import Shown, is_new, missing

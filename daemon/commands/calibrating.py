@@ -49,7 +49,7 @@ from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
 KEPT = ("list", "use")
-USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco]] | list | use N"
+USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco [legacy] [DICTIONARY]]] | list | use N"
 POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
@@ -126,10 +126,8 @@ def _session(context: CommandContext, board: Board) -> Session:
 
 def _board(words: list[str]) -> Board:
     size, square, *rest = [*words, *USUAL_BOARD[len(words) :]] if len(words) < 2 else words
-    if rest not in ([], ["charuco"]):
-        raise CommandError(f"{rest[0]}: expected `charuco` or nothing; usage: {USAGE}", NOT_UNDERSTOOD)
     try:
-        return parse_board(size, decimal(square), "charuco" if rest else "chessboard")
+        return parse_board(size, decimal(square), rest)
     except (BoardError, ValueError) as error:
         raise CommandError(f"calibrate: {error}", NOT_UNDERSTOOD) from None
 

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.calibration.board import Board, find_board
+from daemon.calibration.board import Board
+from daemon.calibration.board_detection import find_board
 from daemon.calibration.stereo import Pair, calibrate_stereo
 from daemon.store.pictures import read_grey
 from daemon.vision.geometry.rig import Camera, StereoRig

@@ -1,13 +1,26 @@
-"""A calibration board of 9 x 6 corners, 10 mm apart, and a picture of one."""
+"""Calibration boards in pictures: one of 9 x 6 corners, drawn flat, and any board painted through any camera.
+
+The painter knows nothing of how corners are found: OpenCV draws the board, rays of each pixel's parts meet it.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from daemon import frames
+from daemon.arrays import Array
 from daemon.calibration.board import Board
+from daemon.vision.geometry import Camera
 
 BOARD = Board(9, 6, 10.0)
+PX_A_SQUARE = 240
+"""Of the drawing: the usual marker shares come to whole pixels in it, and so do their modules."""
+WHITE, BLACK, AROUND = 215.0, 25.0, 150.0
+PARTS = 5
+"""A pixel is the mean of PARTS x PARTS rays."""
 
 
 def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
@@ -17,3 +30,64 @@ def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
     image[100 : 100 + board.shape[0], 120 : 120 + board.shape[1]] = board
     image = cv2.GaussianBlur(image, (0, 0), 0.8)
     return image[::-1, ::-1].copy() if turned else image
+
+
+def drawing(board: Board) -> np.ndarray:
+    """The board as it is printed, PX_A_SQUARE px a square, with a white rim of one square."""
+    if board.kind == "charuco":
+        size = (board.columns + 1) * PX_A_SQUARE, (board.rows + 1) * PX_A_SQUARE
+        inner = np.asarray(board.charuco().generateImage(size), np.uint8)
+    else:
+        squares = np.add.outer(np.arange(board.rows + 1), np.arange(board.columns + 1)) % 2
+        inner = np.kron(squares * np.uint8(255), np.ones((PX_A_SQUARE, PX_A_SQUARE), np.uint8))
+    return np.pad(inner, PX_A_SQUARE, constant_values=255)
+
+
+@dataclass(frozen=True, eq=False)
+class Painter:
+    """One camera's pictures of a board: blur_px, sigma of the lens's spread; noise, sigma in grey levels."""
+
+    camera: Camera
+    board: Board
+    image_size: tuple[int, int] = (640, 480)
+    blur_px: float = 0.7
+    noise: float = 1.5
+
+    def picture(self, cyclopean_from_board: Array, rng: np.random.Generator) -> np.ndarray:
+        """(height, width) uint8, lit a little unevenly."""
+        width, height = self.image_size
+        image = np.full((height, width), AROUND, np.float32)
+        (left, top), (right, bottom) = self._window(cyclopean_from_board)
+        steps = [(np.arange(a * PARTS, b * PARTS) + 0.5) / PARTS - 0.5 for a, b in ((left, right), (top, bottom))]
+        px = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+        grey = self._grey(px, frames.inverse(self.camera.cyclopean_from_camera) @ cyclopean_from_board)
+        image[top:bottom, left:right] = grey.reshape(bottom - top, PARTS, right - left, PARTS).mean(axis=(1, 3))
+        image *= np.linspace(0.85, 1.0, width, dtype=np.float32)
+        image = cv2.GaussianBlur(image, (0, 0), self.blur_px) if self.blur_px > 0 else image
+        return np.clip(np.round(image + rng.normal(0, self.noise, image.shape)), 0, 255).astype(np.uint8)
+
+    def _window(self, cyclopean_from_board: Array) -> tuple[Array, Array]:
+        """Whole pixels (2,), (2,) between which all of the board and its rim lies."""
+        x, y = (self.board.square_mm * np.array([-2.0, n + 1.0]) for n in (self.board.columns, self.board.rows))
+        rim = [[a, b, 0.0] for a in np.linspace(*x, 9) for b in np.linspace(*y, 9)]
+        px = self.camera.project(frames.apply(cyclopean_from_board, np.array(rim)))
+        low, high = np.floor(px.min(axis=0)).astype(int) - 2, np.ceil(px.max(axis=0)).astype(int) + 3
+        return np.clip(low, 0, np.array(self.image_size) - 1), np.clip(high, 1, self.image_size)
+
+    def _grey(self, px: Array, camera_from_board: Array) -> np.ndarray:
+        met = np.column_stack([self.camera.normalised(px), np.ones(len(px))])
+        met = met @ np.linalg.inv(camera_from_board[:3, [0, 1, 3]]).T
+        drawn = drawing(self.board)
+        at = np.floor((met[:, :2] / met[:, 2:] / self.board.square_mm + 2.0) * PX_A_SQUARE).astype(int)
+        inside = ((at >= 0) & (at < drawn.shape[::-1])).all(axis=1)
+        grey = np.full(len(px), AROUND, np.float32)
+        grey[inside] = np.where(drawn[at[inside, 1], at[inside, 0]] > 127, WHITE, BLACK)
+        return grey
+
+
+def tilted(board: Board, rng: np.random.Generator, distance_mm: float, aside_mm: float = 25.0) -> Array:
+    """cyclopean_from_board (4, 4) of the board held before the cameras, turned up to some 30 degrees."""
+    centre = np.append(board.points_mm()[:, :2].mean(axis=0), 0.0)
+    turn = frames.rotation_from_vector(rng.uniform(-0.5, 0.5, 3))
+    place = np.array([*rng.uniform(-aside_mm, aside_mm, 2), distance_mm])
+    return frames.rigid(turn, place - turn @ centre)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from daemon.calibration.board import BoardError, find_board, parse_board
-from tests.fakes.boards import BOARD, drawn_board
+from daemon import frames
+from daemon.calibration.board import Board, BoardError, parse_board
+from daemon.calibration.board_detection import find_board
+from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
+from tests.fakes.rigs import rig
 
 
 def test_corners_are_numbered_from_the_black_end_however_the_board_is_turned() -> None:
@@ -27,7 +32,7 @@ def test_a_blurred_and_a_half_hidden_board_each_get_their_reason() -> None:
 
 
 def test_a_mirrored_charuco_board_is_told_as_such() -> None:
-    board = parse_board("9x6", 10.0, "charuco")
+    board = parse_board("9x6", 10.0, ["charuco"])
     image = np.asarray(board.charuco().generateImage((600, 420), marginSize=20), np.uint8)
     assert len(find_board(image, board).corner_ids) == 54
     with pytest.raises(BoardError, match="mirrored"):
@@ -38,3 +43,91 @@ def test_a_mirrored_charuco_board_is_told_as_such() -> None:
 def test_a_malformed_board_size_says_what_was_expected(text: str) -> None:
     with pytest.raises(BoardError, match="expected COLUMNSxROWS"):
         parse_board(text, 10.0)
+
+
+RIG = rig(centres_px=((322.7, 241.0), (316.8, 237.4)))
+
+
+@pytest.mark.parametrize(
+    ("board", "distance_mm", "blur_px"),
+    [
+        (Board(9, 6, 16.0), 300.0, 0.5),
+        (Board(9, 7, 16.0), 450.0, 1.2),
+        (Board(9, 6, 16.0, "charuco"), 330.0, 0.6),
+        (Board(9, 6, 16.0, "charuco", 0.5), 300.0, 0.9),
+        (Board(8, 5, 16.0, "charuco", 0.6, legacy=True), 360.0, 0.7),
+        (Board(9, 6, 16.0, "charuco", 0.8, "DICT_5X5_100"), 360.0, 0.7),
+    ],
+    ids=str,
+)
+def test_corners_are_where_they_are_whatever_is_printed_beside_them(
+    board: Board, distance_mm: float, blur_px: float
+) -> None:
+    rng = np.random.default_rng(4)
+    painter = Painter(RIG.left, board, blur_px=blur_px)
+    pose = tilted(board, rng, distance_mm)
+    named = replace(board, marker_share=0.75)  # nobody says how large its markers are
+    seen = find_board(painter.picture(pose, rng), named)
+    true_px = RIG.left.project(frames.apply(pose, board.points_mm()))[seen.corner_ids]
+    off = seen.corners_px - true_px
+    assert len(seen.corner_ids) > 0.6 * board.columns * board.rows
+    assert np.sqrt((off**2).mean()) < 0.02
+    assert np.abs(off.mean(axis=0)).max() < 0.006
+    assert seen.blur_px == pytest.approx(blur_px, abs=0.15)
+
+
+def picture(board: Board, distance_mm: float = 360.0) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return Painter(RIG.left, board).picture(tilted(board, rng, distance_mm), rng)
+
+
+@pytest.mark.parametrize(
+    ("printed", "named", "offered"),
+    [
+        (Board(8, 5, 16.0, "charuco", legacy=True), Board(8, 5, 16.0, "charuco"), "8x5 16 charuco legacy"),
+        (
+            Board(9, 6, 16.0, "charuco", dictionary="DICT_5X5_50"),
+            Board(9, 6, 16.0, "charuco"),
+            "9x6 16 charuco DICT_5X5_50",
+        ),
+        (Board(7, 5, 16.0, "charuco"), Board(9, 6, 16.0, "charuco"), "7x5 16 charuco"),
+        (Board(9, 6, 16.0, "charuco"), Board(9, 6, 16.0), "9x6 16 charuco"),
+        (Board(7, 6, 16.0), Board(9, 6, 16.0), "7x6 inner corners"),
+    ],
+    ids=str,
+)
+def test_a_board_that_is_another_than_was_named_is_named(printed: Board, named: Board, offered: str) -> None:
+    with pytest.raises(BoardError) as error:
+        find_board(picture(printed), named)
+    assert offered in str(error.value)
+    assert "mirrored" not in str(error.value)
+
+
+def test_only_a_mirrored_picture_is_called_mirrored() -> None:
+    board = Board(9, 6, 16.0, "charuco")
+    image = picture(board)
+    with pytest.raises(BoardError, match="mirrored"):
+        find_board(np.ascontiguousarray(image[:, ::-1]), board)
+    with pytest.raises(BoardError, match="only 0 of its corners"):
+        find_board(np.full_like(image, 128), board)
+
+
+def test_a_corner_that_glare_covers_is_left_out_and_the_others_stay() -> None:
+    board = Board(9, 6, 16.0)
+    image = picture(board)
+    whole = find_board(image, board)
+    x, y = np.round(whole.corners_px[20]).astype(int)
+    cv2.circle(image, (x + 4, y + 3), 5, 255, -1)
+    seen = find_board(image, board)
+    assert len(seen.corner_ids) < len(whole.corner_ids)
+    both = np.isin(whole.corner_ids, seen.corner_ids)
+    np.testing.assert_allclose(seen.corners_px, whole.corners_px[both], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    "words", [["chess"], ["charuco", "legcy"], ["charuco", "DICT_4X4"], ["charuco", "4X4_50", "x"]]
+)
+def test_words_of_a_board_that_mean_nothing_are_told_with_what_was_expected(words: list[str]) -> None:
+    with pytest.raises(BoardError, match="expected `charuco`"):
+        parse_board("9x6", 10.0, words)
+    assert parse_board("9x6", 10.0, ["charuco", "5x5_100", "legacy"]).dictionary == "DICT_5X5_100"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.calibration.board import find_board
+from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration
 from daemon.calibration.session import SessionError, View, verify
 from daemon.calibration.stereo import Pair

@@ -1,0 +1,253 @@
+"""Where an image shows a calibration board, or why it does not. Pure: image in, corners out.
+
+A board that is not the one that was named is recognised by its markers, or by its squares, and the message names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.arrays import Array
+from daemon.calibration.board import Board, BoardError, SeenBoard
+from daemon.calibration.corners import WORST_MISFIT, FittedCorners, fit_corners, nearest_px
+
+Grey = NDArray[np.uint8]
+
+FEWEST_CORNERS = 8
+SMALLEST_SQUARE_PX = 8.0
+SHARP_ENOUGH_PX = 2.5
+"""Widest blur (sigma of the black-white edge) of which corners are still trusted."""
+SCALES = (1, 2)
+"""Markers of few pixels are read in an enlarged image."""
+SHARES = (0.5, 0.55, 0.6, 0.625, 0.65, 0.7, 0.75, 0.8, 0.85)
+"""Of a square, that a marker is wide."""
+FITS_WELL = 0.05
+"""Median misfit above which the markers may be of another size than usual."""
+FAMILIES = (
+    ("DICT_4X4_50", "DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"),
+    ("DICT_5X5_50", "DICT_5X5_100", "DICT_5X5_250", "DICT_5X5_1000"),
+    ("DICT_6X6_50", "DICT_6X6_100", "DICT_6X6_250", "DICT_6X6_1000"),
+    ("DICT_7X7_50", "DICT_7X7_100", "DICT_7X7_250", "DICT_7X7_1000"),
+    ("DICT_ARUCO_ORIGINAL",),
+    ("DICT_APRILTAG_36h11",),
+    ("DICT_APRILTAG_25h9",),
+    ("DICT_ARUCO_MIP_36h12",),
+)
+"""Dictionaries whose markers begin alike, the smallest first: a marker of the smallest is one of all."""
+FEWEST_MARKERS = 6
+LARGEST_TRIED = 24
+OFF_SQUARES = 0.2
+"""How far, in squares, a marker may lie from where a layout has it."""
+LEAST_AGREEING = 0.8
+"""Of the markers in view must fit a layout for it to be named."""
+
+
+def find_board(image: Grey, board: Board) -> SeenBoard:
+    """Find the board's corners to sub-pixel. Raises BoardError: not in view, in part, too small, blurred, mirrored, or
+    another board than was named."""
+    return _find_charuco(image, board) if board.kind == "charuco" else _find_chessboard(image, board)
+
+
+def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
+    size = (board.columns, board.rows)
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, raw = cv2.findChessboardCorners(image, size, flags=flags)
+    if not found:
+        other = _named_by_markers(image, board) or _named_by_squares(image, board)
+        missing = f"no {board.columns}x{board.rows} board in view: all its inner corners must show, and a white rim"
+        raise BoardError(other or missing)
+    corners = np.asarray(raw, float).reshape(-1, 2)
+    grid = corners.reshape(board.rows, board.columns, 2)
+    if _upside_down(image, grid, board):
+        corners = corners[::-1].copy()
+    grid = corners.reshape(board.rows, board.columns, 2)
+    first, next_ = grid[:2, :2].mean(axis=(0, 1)), grid[:2, 1:3].mean(axis=(0, 1))
+    white = _brightness(image, first) > _brightness(image, next_)
+    fitted = _fitted(image, corners, np.arange(len(corners)), board, white)
+    return _seen(image, np.arange(len(corners)), fitted, board)
+
+
+def _find_charuco(image: Grey, board: Board) -> SeenBoard:
+    ids, corners = _charuco_corners(image, board)
+    if len(ids) < FEWEST_CORNERS:
+        missing = f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed"
+        raise BoardError(_named_by_markers(image, board) or missing)
+    fitted = _fitted(image, corners, ids, board)
+    if np.median(fitted.misfit) > FITS_WELL:
+        fitted = _fitted(image, corners, ids, _of_its_markers_size(image, corners, ids, board))
+    return _seen(image, ids, fitted, board)
+
+
+def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Array]:
+    """Corner numbers (N,) and places (N, 2) to a pixel, from the image or, where that shows too few, it enlarged."""
+    detector = cv2.aruco.CharucoDetector(board.charuco())
+    best: tuple[NDArray[np.int64], Array] = np.zeros(0, np.int64), np.zeros((0, 2))
+    for scale in SCALES:
+        raw, ids, *_ = detector.detectBoard(_enlarged(image, scale))
+        if ids is not None and len(ids) > len(best[0]):
+            order = np.argsort(ids.ravel())
+            places = (np.asarray(raw, float).reshape(-1, 2)[order] + 0.5) / scale - 0.5
+            best = ids.ravel()[order].astype(np.int64), places
+        if len(best[0]) >= FEWEST_CORNERS:
+            break
+    return best
+
+
+def _enlarged(image: Grey, scale: int) -> Grey:
+    if scale == 1:
+        return image
+    return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _of_its_markers_size(image: Grey, corners: Array, ids: NDArray[np.int64], board: Board) -> Board:
+    """The board with markers as large as they are in the image: of the usual shares, what fits some corners best."""
+    some = np.unique(np.linspace(0, len(ids) - 1, FEWEST_CORNERS).astype(int))
+    boards = [replace(board, marker_share=share) for share in SHARES]
+    misfits = [np.median(_fitted(image, corners[some], ids[some], one).misfit) for one in boards]
+    return boards[int(np.argmin(misfits))]
+
+
+def _fitted(
+    image: Grey, corners: Array, ids: NDArray[np.int64], board: Board, white_first: bool = False
+) -> FittedCorners:
+    """Sub-pixel corners; white_first: black and white are the other way round. Raises BoardError."""
+    nearest = float(np.median(nearest_px(corners)))
+    if nearest < SMALLEST_SQUARE_PX:
+        raise BoardError(
+            f"too small: its squares are {nearest:.0f} px wide, {SMALLEST_SQUARE_PX:g} is the least; bring it nearer"
+        )
+
+    def drawing(squares: Array) -> NDArray[np.bool_]:
+        return board.drawing(squares) ^ white_first
+
+    return fit_corners(image, corners, board.points_mm()[ids, :2] / board.square_mm, drawing)
+
+
+def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Board) -> SeenBoard:
+    """Without the corners that do not look as the board is drawn. Raises BoardError."""
+    if fitted.blur_px > SHARP_ENOUGH_PX:
+        raise BoardError(
+            f"blurred: edges {fitted.blur_px:.1f} px wide, {SHARP_ENOUGH_PX:g} is the most; hold it still, or focus"
+        )
+    sound = fitted.misfit < WORST_MISFIT
+    if not sound.any() and (other := _named_by_markers(image, board)):
+        raise BoardError(other)
+    if (clear := int(sound.sum())) < FEWEST_CORNERS:
+        raise BoardError(f"only {clear} of its corners are clear, {FEWEST_CORNERS} are needed: glare, or covered?")
+    return SeenBoard(ids[sound], fitted.corners_px[sound], fitted.blur_px)
+
+
+def _named_by_markers(image: Grey, board: Board) -> str | None:
+    """Which ChArUco board the markers in view belong to, in words; None where they are too few to say."""
+    found = [one for mirrored in (False, True) for one in _boards_in_view(image, board, mirrored)]
+    if not found:
+        return None
+    seen, mirrored, named = max(found, key=lambda one: one[0])
+    if mirrored:
+        return "mirrored: its markers read backwards; unset the camera's flip, or the board was printed so"
+    if named == board:
+        return None
+    options = {"legacy": "--legacy", "charuco": "--charuco"}
+    shell = " ".join(options.get(word, f"--dictionary {word}") for word in named.charuco_words)
+    layout = " in the layout from before OpenCV 4.6" if named.legacy else ""
+    return (
+        f"another board: its {seen} markers are those of a ChArUco board of {named.columns}x{named.rows} corners, "
+        f"{named.dictionary}{layout}; give `{named}` (in a shell --board {named.columns}x{named.rows} {shell})"
+    )
+
+
+def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple[int, bool, Board]]:
+    """Boards that the markers in view fit, each with how many they are: the named one first, else the smallest."""
+    picture = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
+    for family in FAMILIES:
+        ids, middles = _markers_in(picture, family[-1])
+        if len(ids) < FEWEST_MARKERS:
+            continue
+        if (fit := _best_layout(ids, middles, board)) is None:
+            continue
+        columns, rows, legacy = fit
+        for name in _smallest(family, (columns + 1) * (rows + 1) // 2, board.dictionary):
+            named = replace(board, kind="charuco", columns=columns, rows=rows, dictionary=name, legacy=legacy)
+            yield len(ids), mirrored, named
+
+
+def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
+    """Columns, rows, legacy of the layout that most markers agree with, the named size first and then small ones."""
+    sizes = [(columns, rows) for columns in range(3, LARGEST_TRIED) for rows in range(3, LARGEST_TRIED)]
+    sizes = [(board.columns, board.rows), (board.rows, board.columns), *sizes]
+    best, most = None, LEAST_AGREEING * len(ids)
+    for columns, rows in sizes:
+        for legacy in (board.legacy, not board.legacy):
+            agreeing = _agreeing(ids, middles, columns, rows, legacy)
+            if agreeing > most:
+                best, most = (columns, rows, legacy), agreeing
+            if agreeing == len(ids):
+                return best
+    return best
+
+
+def _markers_in(image: Grey, dictionary: str) -> tuple[NDArray[np.int64], Array]:
+    """Numbers (N,) and middles (N, 2) px of the markers in view."""
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)))
+    corners, ids, _ = detector.detectMarkers(image)
+    if ids is None:
+        return np.zeros(0, np.int64), np.zeros((0, 2))
+    return ids.ravel().astype(np.int64), np.array([np.reshape(c, (4, 2)).mean(axis=0) for c in corners], float)
+
+
+def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
+    """Of dictionaries that begin alike: the named one, or the smallest with so many markers."""
+    if named in family:
+        return [named]
+    for name in family:
+        if len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList) >= count:
+            return [name]
+    return []
+
+
+def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
+    """How many markers lie where the board of this size and layout has them: numbered along its white squares."""
+    row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
+    white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
+    places = np.column_stack([column[white], row[white]]).astype(float)
+    if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):
+        return 0
+    squares_from_image, kept = cv2.findHomography(middles, places[ids], cv2.RANSAC, OFF_SQUARES)
+    if squares_from_image is None or np.linalg.det(squares_from_image) <= 0:
+        return 0
+    return int(kept.sum())
+
+
+def _named_by_squares(image: Grey, board: Board) -> str | None:
+    """Of which size the chessboard in view is, in words; None where there is none, or it is of the size named."""
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
+    if not found or meta is None or min(meta.shape[:2]) < 3:
+        return None
+    rows, columns = meta.shape[:2]
+    if sorted((rows, columns)) == sorted((board.rows, board.columns)):
+        return None
+    return (
+        f"no {board.columns}x{board.rows} board in view; {columns}x{rows} inner corners of one are: count them along "
+        "a row and a column, all must show, and a white rim"
+    )
+
+
+def _upside_down(image: Grey, grid: Array, board: Board) -> bool:
+    """Whether the corners are numbered from the other end than a board with a black first square has them.
+
+    Told by colour where the two ends differ (columns + rows odd); a symmetric board is numbered from the top left.
+    """
+    if (board.columns + board.rows) % 2 == 0:
+        return bool(grid[0, 0].sum() > grid[-1, -1].sum())
+    first, last = grid[:2, :2].mean(axis=(0, 1)), grid[-2:, -2:].mean(axis=(0, 1))
+    return _brightness(image, first) > _brightness(image, last)
+
+
+def _brightness(image: Grey, at_px: Array) -> float:
+    return float(cv2.getRectSubPix(image, (3, 3), (float(at_px[0]), float(at_px[1]))).mean())
