@@ -49,7 +49,7 @@ from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
 KEPT = ("list", "use")
-USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco [legacy] [DICTIONARY]]] | list | use N"
+USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco [legacy] [DICT]]] | list | use N"
 POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
