@@ -144,6 +144,7 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
     for eye in measured["eyes"]:
         took = ", ".join(f"{k} {v}" for k, v in eye["controls"].items()) or "as found"
         yield f"    {eye['line']}: {eye['frames']} frames, {eye['dropped']} dropped, {eye['damaged']} damaged; {took}"
+        yield from (f"        {old} is called {new} here: write that" for old, new in eye["renamed"].items())
 
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:

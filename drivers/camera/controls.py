@@ -6,7 +6,7 @@ Belongs here: V4L2 controls. Not here: streaming, formats, which values are good
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 
 from drivers.camera import v4l2
@@ -36,6 +36,23 @@ KNOWN = {
     "white_balance_k": Known(0x0098091A, 1.0, 0x0098090C, 0, 1),
     "focus": Known(0x009A090A, 1.0, 0x009A090C, 0, 1),
 }
+
+
+RENAMED = {
+    "exposure_auto": "auto_exposure",
+    "exposure_absolute": "exposure_time_absolute",
+    "exposure_auto_priority": "exposure_dynamic_framerate",
+    "white_balance_temperature_auto": "white_balance_automatic",
+    "focus_auto": "focus_automatic_continuous",
+    "hue_auto": "hue_automatic",
+}
+"""Controls of UVC cameras as Linux before 5.16 named them -> as it names them since."""
+
+
+def renamed(wishes: Mapping[str, Wish], offered: Container[str]) -> dict[str, str]:
+    """Wished names that are now, or were, another: wished name -> the name that this device offers."""
+    both = RENAMED | {new: old for old, new in RENAMED.items()}
+    return {name: both[name] for name in wishes if name not in offered and both.get(name) in offered}
 
 
 @dataclass(frozen=True)
@@ -105,7 +122,8 @@ def list_controls(node: v4l2.Node) -> list[Control]:
 def _wished(name: str, wish: Wish, offered: Mapping[str, Control], eye: str) -> tuple[Control, int]:
     """The control a wish means and the value to set. Raises CameraError where the device does not offer it."""
     known = KNOWN.get(name)
-    control = next((c for c in offered.values() if known and c.id == known.control), offered.get(name))
+    name_here = renamed({name: wish}, offered).get(name, name)
+    control = next((c for c in offered.values() if known and c.id == known.control), offered.get(name_here))
     if control is None:
         have = "; ".join(map(str, offered.values())) or "no controls at all"
         raise CameraError(f"{eye} camera: cannot set {name}: the device does not offer it. It offers: {have}")

@@ -54,6 +54,8 @@ class Eye:
         self.card = ""
         self.tally = Tally()
         self.settings_taken: dict[str, int] = {}
+        self.renamed: dict[str, str] = {}
+        """Controls that the settings name otherwise than this device: name there -> name here."""
         self.layout = Layout("GREY", 0, 0, 0)
         self.period_s = 0.0
         self.stamps_are_monotonic = False  # until a frame shows it
@@ -75,6 +77,7 @@ class Eye:
             self.layout = self._agree_on_format(settings)
             self.period_s = self._agree_on_rate(settings.fps)
             self.settings_taken = controls.apply(self.node, self.name, settings.controls)
+            self.renamed = controls.renamed(settings.controls, self.settings_taken)
             self._exposure_s = controls.exposure_s(self.node)
             for index in range(v4l2.request_buffers(self.node, BUFFERS)):
                 buffer = v4l2.query_buffer(self.node, index)

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.camera.jpeg import JpegError, check_whole
+
 Image = NDArray[np.uint8]
 
 
@@ -48,11 +50,10 @@ FORMATS = {
 
 
 def _mjpeg(data: bytes, layout: Layout) -> Image:
-    body = data.rstrip(b"\0")
-    if not body.startswith(b"\xff\xd8"):
-        raise DamagedFrameError(f"no JPEG: {len(data)} bytes that begin with {data[:2].hex() or 'nothing'}")
-    if not body.endswith(b"\xff\xd9"):
-        raise DamagedFrameError(f"JPEG cut off after {len(body)} bytes")
+    try:
+        body = data[: check_whole(data)]
+    except JpegError as error:
+        raise DamagedFrameError(f"JPEG: {error}") from None
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise DamagedFrameError(f"JPEG of {len(body)} bytes cannot be decoded")

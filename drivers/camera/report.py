@@ -29,7 +29,7 @@ def eye_rows(camera: StereoCamera) -> list[dict[str, Any]]:
     reports = camera.reports() if isinstance(camera, V4L2StereoCamera) else ()
     return [
         {
-            "line": report.line, "controls": report.controls, "frames": report.tally.frames,
+            "line": report.line, "controls": report.controls, "renamed": report.renamed, "frames": report.tally.frames,
             "dropped": report.tally.dropped, "damaged": report.tally.damaged,
         }
         for report in reports

@@ -27,10 +27,12 @@ SILENT_PERIODS = 10
 
 @dataclass(frozen=True)
 class EyeReport:
-    """One eye for people and metrics: its line, what it took of the wished controls, what it delivered."""
+    """One eye for people and metrics: its line, what it took of the wished controls, names of controls that are others
+    here, what it delivered."""
 
     line: str
     controls: dict[str, int]
+    renamed: dict[str, str]
     tally: Tally
 
 
@@ -157,7 +159,7 @@ class V4L2StereoCamera:
 
     def reports(self) -> tuple[EyeReport, ...]:
         """What each open eye is doing."""
-        return tuple(EyeReport(e.describe(), e.settings_taken, e.tally) for e in self._eyes)
+        return tuple(EyeReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._eyes)
 
     def describe(self) -> str:
         """One line for people."""

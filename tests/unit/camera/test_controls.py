@@ -100,3 +100,15 @@ def test_gain_stands_in_where_a_camera_has_no_exposure_and_nothing_where_it_has_
     assert controls.brighten(node, "left", 10.0, 0.066) == pytest.approx(255 / 50)
     device.controls.clear()
     assert controls.brighten(node, "left", 2.0, 0.066) is None
+
+
+def test_a_control_goes_by_the_name_it_had_before_linux_5_16_and_by_the_new_one_on_an_older_kernel() -> None:
+    node, wishes = webcam(), {"exposure_auto": 1, "focus_auto": 0}
+    took = controls.apply(node, "left", wishes)
+    assert took == {"auto_exposure": 1, "focus_automatic_continuous": 0}
+    assert controls.renamed(wishes, took) == {
+        "exposure_auto": "auto_exposure",
+        "focus_auto": "focus_automatic_continuous",
+    }
+    node.device.controls[EXPOSURE_AUTO] = PretendControl("Exposure, Auto", 0, 3, 3, menu={1: "Manual", 3: "Aperture"})
+    assert controls.apply(node, "left", {"auto_exposure": 1}) == {"exposure_auto": 1}

@@ -152,3 +152,17 @@ def test_a_place_that_the_file_has_not_is_told_all_the_same(keys: tuple[str | in
     told = str(read(tmp_path / "c.yaml").error(keys, "is missing"))
     assert told.startswith(f"{tmp_path}/c.yaml")
     assert told.endswith("is missing")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("4e-04", 4e-4), ("7.5e1", 75.0), ("1E2", 100.0), ("-2.e+0", -2.0), (".5e1", 5.0), ("6.5", 6.5), ("1e0", 1.0)],
+)
+def test_numbers_with_exponents_are_numbers_as_yaml_1_2_has_them(tmp_path: Path, text: str, value: float) -> None:
+    (tmp_path / "f.yaml").write_text(f"version: 1\nfree: {{a: {text}}}\n")
+    assert load(tmp_path / "f.yaml", Outer).free == {"a": value}
+
+
+def test_a_quoted_number_stays_text_and_a_word_like_one_too(tmp_path: Path) -> None:
+    (tmp_path / "f.yaml").write_text("a: '4e-04'\nb: e4\nc: 4e\nd: 1e5x\n")
+    assert read(tmp_path / "f.yaml").data == {"a": "4e-04", "b": "e4", "c": "4e", "d": "1e5x"}
