@@ -1,10 +1,10 @@
-"""Makes the constants of daemon/vision/evidence/missing.py again: how near twins are told by what is missing.
+"""Makes the constants of daemon/vision/evidence/missing.py again: what speaks against a part tells near twins.
 
-Without an option: TWIN and BY_MISSING are fitted to the shares kept in tests/data/missing_shares.csv and held beside
-the code's. With `--dump` that table is made anew: the share missing, at its final pose, of each part that is named
-while the check is switched off, over the shared scenes and the look-alike families' even seeds, where the part alone is
-taught and where its twin alone is; looks that show nothing by which the two differ are left out. What EXPECTED and
-INNER do is told on the way. With `--held-out` the odd seeds are looked at: names lost and strangers left. Choose
+Without an option: TWIN, BY_MISSING, BY_BOTH and BY_OFF are fitted to what is kept in tests/data/near_twins.csv and held
+beside the code's, and each kind of evidence is left out in turn. With `--dump` that table is made anew: what speaks
+against each part, at its final pose, that is named while the check is switched off, over the shared scenes and the
+look-alike families' even seeds, where the part alone is taught and where its twin alone is; looks that show nothing by
+which the two differ are left out. With `--held-out` the odd seeds are looked at: names lost and strangers left. Choose
 nothing by them.
 
 usage: python -m tests.bench.missing [--dump | --held-out] [PAIRS]
@@ -17,9 +17,9 @@ import argparse
 import csv
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,12 +29,11 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.vision.evidence import missing
+from daemon.vision.evidence.missing import Against
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
-from daemon.vision.refine.edge_samples import stretches_of
-from daemon.vision.refine.expected_edges import Placements
 from daemon.vision.values import Part, Scene
 from tests.bench.look_alikes import _judged, _model, shown
 from tests.bench.recognise import matched, test_folders, trained
@@ -44,35 +43,36 @@ from tests.fakes.families import FAMILIES
 from tests.fakes.photographed import Image, cell
 from tests.fakes.telling import TELLS_MM, telling_mm
 
-KEPT = Path(__file__).resolve().parents[1] / "data" / "missing_shares.csv"
+KEPT = Path(__file__).resolve().parents[1] / "data" / "near_twins.csv"
 PAIRS = 40
-PRIOR = 0.01
+PRIOR = 0.015
 """Of what is seen and fits, so much is a near twin that was never taught: seldom, or it would have been taught."""
-EXPECTED, INNER = (3.0, 6.0, 12.0, 24.0), (0.0, 0.25, 0.5, 1.0)
-LOST = 0.01
-"""The share of right names at whose loss settings are compared."""
+RIDGE = 0.05
+"""Inverse variance of what a weight may be beforehand: a kind of evidence that no right part has would weigh without
+end."""
+LOST = 0.02
+"""The share of right names at whose loss kinds of evidence are compared."""
+KINDS = ("missing", "missed by both", "off its faces")
 TOLD_S = 20.0
 
 
-class Share(NamedTuple):
+class Seen(NamedTuple):
     """Of one named part: the set and family it is of, its seed or scene, whether the name is right (else it is a near
-    twin's), and what share of its edges is missing."""
+    twin's), and what speaks against it."""
 
     set: str
     family: str
     seed: str
     right: bool
-    share: float
+    against: Against
 
 
 class Fit(NamedTuple):
-    """Log odds that a part is a near twin, where nothing is missing, and their slope by the missing share; the standard
-    error of each."""
+    """Log odds that a part is a near twin: where nothing speaks against it, and their slopes by each of the KINDS; the
+    standard errors of all."""
 
-    twin: float
-    by_missing: float
-    twin_error: float
-    by_missing_error: float
+    weights: Array
+    errors: Array
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -80,18 +80,17 @@ def main(arguments: list[str] | None = None) -> None:
     cv2.setNumThreads(1)
     tame_malloc()
     if told.held_out:
-        _what_it_does("held out", [share for share, _ in families(range(1, 2 * told.pairs, 2))])
+        _what_it_does("held out", list(families(range(1, 2 * told.pairs, 2))))
         return
     if told.dump:
         if not rendered.ALL.is_dir():
             print(f"no scenes at {rendered.ALL}: set FACETD_SHARED to the folder that holds scenes/")
             return
-        found = [*scenes(), *families(range(0, 2 * told.pairs, 2))]
-        write([share for share, _ in found])
-        _settings(found)
-    shares = read()
-    _what_it_does("fitted to", shares)
-    print(verdict(fitted(shares)))
+        write([*scenes(), *families(range(0, 2 * told.pairs, 2))])
+    seen = read()
+    _what_it_does("fitted to", seen)
+    _left_out(seen)
+    print(verdict(fitted(seen)))
 
 
 def _arguments(given: list[str]) -> argparse.Namespace:
@@ -116,8 +115,8 @@ def constants(**values: float) -> Iterator[None]:
             setattr(missing, name, value)
 
 
-def scenes() -> Iterator[tuple[Share, Array]]:
-    """Every rightly named part of the shared scenes, with its share by each of the settings."""
+def scenes() -> Iterator[Seen]:
+    """Every rightly named part of the shared scenes."""
     model = trained(rendered.rig(rendered.ALL, "B"))
     for folder in test_folders(rendered.ALL):
         told, pair = rendered.truth(folder), rendered.pair(folder)
@@ -127,7 +126,7 @@ def scenes() -> Iterator[tuple[Share, Array]]:
                 yield _measured(("scenes", told["tags"][0], folder.name, True), part, model, open_eyes(*pair, rig))
 
 
-def families(seeds: range) -> Iterator[tuple[Share, Array]]:
+def families(seeds: range) -> Iterator[Seen]:
     """As scenes(), of the look-alike families' pairs that can be told apart: rightly named parts and named twins."""
     rig, last = true_rig(cell()), time.monotonic()
     for family, seed in product(FAMILIES, seeds):
@@ -153,96 +152,98 @@ def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene
         return look(*pair, rig, model)
 
 
-def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: Eyes) -> tuple[Share, Array]:
-    """The share by the code's constants, and (K,) by each of the settings."""
+def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: Eyes) -> Seen:
     solid = model.metric[part.recognition.label].solid
-    poses = part.cyclopean_from_part[None]
-    both = stretches_of(Placements.of([solid]), eyes, poses, model.parameters.tolerance_mm)
-    each = []
-    for expected, inner in product(EXPECTED, INNER):
-        with constants(EXPECTED=expected, INNER=inner):
-            each.append(missing.missing_share(solid, both, eyes.views))
-    return Share(*who, round(missing.missing_share(solid, both, eyes.views), 5)), np.array(each)
+    return Seen(*who, missing.speaks_against(solid, part.cyclopean_from_part, eyes))
 
 
-def write(shares: list[Share]) -> None:
+def write(seen: list[Seen]) -> None:
     """The kept table made anew."""
     with KEPT.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(Share._fields)
-        rows.writerows((*one[:3], int(one.right), f"{one.share:.5f}") for one in shares)
+        rows.writerow([*Seen._fields[:4], "missing", "both_px", "off_px"])
+        for one in seen:
+            found = one.against
+            figures = f"{found.missing:.5f}", f"{found.both_px:.2f}", f"{found.off_px:.2f}"
+            rows.writerow([*one[:3], int(one.right), *figures])
 
 
-def read() -> list[Share]:
+def read() -> list[Seen]:
     """The kept table."""
     with KEPT.open(newline="") as file:
-        rows = csv.DictReader(file)
-        return [Share(r["set"], r["family"], r["seed"], r["right"] == "1", float(r["share"])) for r in rows]
+        return [
+            Seen(
+                r["set"], r["family"], r["seed"], r["right"] == "1",
+                Against(float(r["missing"]), float(r["both_px"]), float(r["off_px"])),
+            )
+            for r in csv.DictReader(file)
+        ]  # fmt: skip
 
 
-def fitted(shares: list[Share]) -> Fit:
-    """The logistic regression of near twins on the missing share: most likely by Newton's method, its intercept moved
+def fitted(seen: list[Seen], kinds: Sequence[int] = (0, 1, 2)) -> Fit:
+    """The logistic regression of near twins on some of the KINDS: most likely by Newton's method, its intercept moved
     from the twins' share of the table to that of what is seen."""
-    twin = np.array([not one.right for one in shares], float)
-    design = np.column_stack([np.ones(len(shares)), [one.share for one in shares]])
-    answer: Array = np.zeros(2)
-    step: Array = np.ones(2)
+    twin = np.array([not one.right for one in seen], float)
+    design = np.column_stack([np.ones(len(seen)), np.array([one.against.terms for one in seen])[:, list(kinds)]])
+    ridge = np.diag([0.0] + [RIDGE] * len(kinds))
+    answer: Array = np.zeros(design.shape[1])
+    step: Array = np.ones(design.shape[1])
     while np.abs(step).max() > 1e-9:
         chance = 1 / (1 + np.exp(-design @ answer))
-        information = design.T @ (design * (chance * (1 - chance))[:, None])
-        step = np.asarray(np.linalg.solve(information, design.T @ (twin - chance)), float)
+        information = design.T @ (design * (chance * (1 - chance))[:, None]) + ridge
+        step = np.asarray(np.linalg.solve(information, design.T @ (twin - chance) - ridge @ answer), float)
         answer = answer + step
-    errors = np.sqrt(np.diag(np.linalg.inv(information)))
     share = twin.mean()
-    moved = np.log(PRIOR / (1 - PRIOR)) - np.log(share / (1 - share))
-    return Fit(float(answer[0] + moved), float(answer[1]), float(errors[0]), float(errors[1]))
+    answer[0] += np.log(PRIOR / (1 - PRIOR)) - np.log(share / (1 - share))
+    return Fit(answer, np.sqrt(np.diag(np.linalg.inv(information))))
+
+
+def in_code() -> Array:
+    """The constants of the code, as Fit.weights has them."""
+    return np.array([missing.TWIN, missing.BY_MISSING, missing.BY_BOTH, missing.BY_OFF])
 
 
 def agrees(fit: Fit) -> bool:
-    """Whether the code's constants are the fitted ones, within its standard errors."""
-    off = abs(missing.TWIN - fit.twin), abs(missing.BY_MISSING - fit.by_missing)
-    return off[0] <= fit.twin_error and off[1] <= fit.by_missing_error
+    """Whether the code's constants are the fitted ones, within half a standard error."""
+    return bool((np.abs(in_code() - fit.weights) <= fit.errors / 2).all())
 
 
 def verdict(fit: Fit) -> str:
     """The fitted constants beside the code's."""
+    found = ", ".join(f"{w:.2f} +- {e:.2f}" for w, e in zip(fit.weights, fit.errors, strict=True))
+    code = ", ".join(f"{w:g}" for w in in_code())
     differs = "do not differ" if agrees(fit) else "DIFFER"
     return (
-        f"fitted TWIN {fit.twin:.2f} +- {fit.twin_error:.2f}, BY_MISSING {fit.by_missing:.1f} +- "
-        f"{fit.by_missing_error:.1f}; in code {missing.TWIN:g}, {missing.BY_MISSING:g}: they {differs} by more than "
-        "the fit's standard error"
+        f"fitted TWIN, BY_MISSING, BY_BOTH, BY_OFF {found}; in code {code}: they {differs} by more than half an error"
     )
 
 
-def _what_it_does(name: str, shares: list[Share]) -> None:
+def _what_it_does(name: str, seen: list[Seen]) -> None:
     """How many right names are lost, and how many strangers are left, by the constants in code."""
     print(f"{name:<12}{'right':>7}{'lost':>6}{'strangers':>11}{'left':>6}")
-    own = dict[str, list[Share]]()
-    for one in shares:
+    own = dict[str, list[Seen]]()
+    for one in seen:
         own.setdefault("scenes" if one.set == "scenes" else one.family, []).append(one)
-    for family, some in (*own.items(), ("all", shares)):
+    for family, some in (*own.items(), ("all", seen)):
         right, strangers = [one for one in some if one.right], [one for one in some if not one.right]
         left = sum(not _lost(one) for one in strangers)
         print(f"{family:<12}{len(right):>7}{sum(map(_lost, right)):>6}{len(strangers):>11}{left:>6}")
 
 
-def _lost(one: Share) -> bool:
-    """Whether a part of which so much is missing has no name."""
-    return missing.twin_probability(one.share) > missing.MOST_LIKELY_TWIN
+def _lost(one: Seen) -> bool:
+    """Whether a part against which so much speaks has no name."""
+    return one.against.twin > missing.MOST_LIKELY_TWIN
 
 
-def _settings(found: list[tuple[Share, Array]]) -> None:
-    """What EXPECTED and INNER do: how often a twin misses more than a right part, and how many twins keep their name
-    where so many right ones lose theirs."""
-    right = np.array([share.right for share, _ in found])
-    each = np.array([values for _, values in found])
-    print(f"{'EXPECTED':>8}{'INNER':>7}{'twin misses more':>18}{f'left at {LOST:.0%} lost':>19}")
-    for (expected, inner), values in zip(product(EXPECTED, INNER), each.T, strict=True):
-        own, twins = values[right], values[~right]
-        more = (twins[:, None] > own).mean() + 0.5 * (twins[:, None] == own).mean()
-        left = (twins <= np.quantile(own, 1 - LOST)).mean()
-        mark = "  as in code" if (expected, inner) == (missing.EXPECTED, missing.INNER) else ""
-        print(f"{expected:>8g}{inner:>7g}{more:>18.3f}{left:>19.1%}{mark}")
+def _left_out(seen: list[Seen]) -> None:
+    """How many strangers keep their name where so many right parts lose theirs, by some kinds of evidence only."""
+    right, terms = np.array([one.right for one in seen]), np.array([one.against.terms for one in seen])
+    print(f"{'by':<48}{f'strangers left at {LOST:.0%} lost':>28}")
+    for count in range(1, len(KINDS) + 1):
+        for kinds in combinations(range(len(KINDS)), count):
+            odds = terms[:, list(kinds)] @ fitted(seen, kinds).weights[1:]
+            left = (odds[~right] <= np.quantile(odds[right], 1 - LOST)).sum()
+            print(f"{', '.join(KINDS[k] for k in kinds):<48}{left:>18} of {(~right).sum()}")
 
 
 if __name__ == "__main__":

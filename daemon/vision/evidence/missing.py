@@ -1,112 +1,225 @@
-"""What a part at a pose should show and neither picture has: evidence against it, whichever way it got its name.
+"""What speaks against a named part, whichever way it got its name: edges it should show that neither picture has, and
+edges inside it that lie off its faces.
 
 A near twin that was never taught (a mirror image, another size, a corner cut off) has most edges where the part has
-them; some of the part's own are not there. An edge between equal greys shows in no picture, so each stretch counts as
-much as the levels on its two hands let one expect. In: a solid at its pose, its stretches in both pictures. Out: a
-share, and how likely such a twin shows no less.
+them; some of the part's own are not there. An edge between equal greys shows in no picture, so each place on an edge
+counts as much as the levels on its two hands let one expect. Where both cameras miss the same place it is no accident
+of one of them: such places count once more. In: named parts, both images. Out: their confidence, or no name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, OneEye, stretch_levels
+from daemon.vision.evidence.off_faces import off_faces_px
+from daemon.vision.geometry import Polyhedron, hidden
+from daemon.vision.image import Eyes, OneEye, levels_across, slopes_across
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, without_name
-from daemon.vision.refine import THIN_PX, Placements, Stretches, across, stretches_of
+from daemon.vision.refine import ROOM_PX, THIN_PX, Placements, across
 
+PLACES, REACH_PX = 24, 7
+"""On each edge, at which is looked, and how far to either hand."""
+SHORTEST_PX = 12.0
+LEAST_SIGMAS, ON_PLACE_PX, CLOSE_PX, BESIDE_PX = 4.0, 2.25, 1.6, (2.5, 5.5)
+"""What a slope must be to be an edge; within what of its place it may be one, where one camera counts, and where both
+do; and between which the level beside it is taken."""
 EXPECTED, INNER = 6.0, 0.25
 """In sigmas of the noise, the difference of levels at which an edge surely shows; how much an edge between two facets
-that are seen counts, which may be alike. tests/bench/missing.py shows what others do."""
-FEWEST = 3
-"""Stretches by which a facet's level is known; with fewer, all of its borders say it."""
-TWIN, BY_MISSING = -6.2, 75.0
-"""Log odds that what fits is a near twin, where nothing is missing, and how they grow with the missing share: a
-logistic regression on 282 parts named rightly in rendered looks and 73 near twins of look-alike families, taken for as
-seldom as one in a hundred of what is seen. tests/bench/missing.py makes it again: -6.4 and 82, with standard errors of
-.3 and 10; within these, what takes no name from a part of the rendered scenes. tests/bench/look_alikes.py shows what it
-does."""
+that are seen counts, which may be alike."""
+CLEARLY, SPREADS, FAINT, STEP = 8.0, 2.0, 0.2, 0.6
+"""Where both cameras count: the difference of levels, in sigmas and in spreads of the levels along the facets' borders
+(print makes them differ); the share of it that a slope must be to be the edge; and the share of it that the step there
+must fall short of."""
+FEWEST = 8
+"""Places by which a facet's level is known; with fewer, all of its borders say it."""
+_OFFSETS_PX = np.arange(-REACH_PX, REACH_PX + 1.0)
+_BETWEEN_PX = (_OFFSETS_PX[1:] + _OFFSETS_PX[:-1]) / 2
+_BESIDE = np.stack(
+    [np.flatnonzero((side * _OFFSETS_PX >= BESIDE_PX[0]) & (side * _OFFSETS_PX <= BESIDE_PX[1])) for side in (-1, 1)]
+)
+_TENTHS = 2.56
+"""Standard deviations between the tenth and the ninetieth of hundred."""
+MISSING_PX, OFF_PX = 2.0, 5.0
+"""Lengths from where on evidence grows as their logarithm: what is beside a missing place is missing too."""
+TWIN, BY_MISSING, BY_BOTH, BY_OFF = -6.6, 0.62, 0.82, 1.9
+"""Log odds that what fits is a near twin, where nothing speaks against the part, and how they grow with the per cent
+missing, with the length both cameras miss, and with the length off its faces: a logistic regression on 282 parts
+named rightly in rendered looks and 73 near twins of look-alike families, taken for as seldom as three in 200 of what
+is seen. tests/bench/missing.py makes it again; tests/bench/look_alikes.py shows what it does."""
+_WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF
 MOST_LIKELY_TWIN = 0.05
 """Likelier, and the part has no name."""
 
 
+@dataclass(frozen=True)
+class Against:
+    """What speaks against a part: missing, the share of its edges that is not there though the levels beside it differ;
+    both_px, of these what both cameras miss, px over both; off_px, edges inside it that lie off its faces."""
+
+    missing: float
+    both_px: float
+    off_px: float
+
+    @property
+    def terms(self) -> tuple[float, float, float]:
+        """What the log odds of a near twin grow with."""
+        return 100 * self.missing, float(np.log1p(self.both_px / MISSING_PX)), float(np.log1p(self.off_px / OFF_PX))
+
+    @property
+    def twin(self) -> float:
+        """How likely what fits is a near twin that was never taught."""
+        return float(1 / (1 + np.exp(-TWIN - np.dot(_WEIGHTS, self.terms))))
+
+    def __str__(self) -> str:
+        missing, both, off = np.multiply(_WEIGHTS, self.terms)
+        if off > missing + both:
+            return f"edges of {self.off_px:.0f} px inside it lie before or behind its faces"
+        return f"{self.missing:.0%} of what that should show is in neither picture"
+
+
 def with_all_they_show(found: Sequence[Recognised], model: Model, eyes: Eyes) -> tuple[Recognised, ...]:
-    """The named ones with a confidence that counts what is missing of them; without their names where that is too
+    """The named ones with a confidence that counts what speaks against them; without their names where that is too
     much."""
-    named = [one for one in found if one.named]
-    if not named:
-        return tuple(found)
-    solids = [model.metric[one.label].solid for one in named]
-    laid, poses = Placements.of(solids), np.stack([one.part.cyclopean_from_part for one in named])
-    both = stretches_of(laid, eyes, poses, model.parameters.tolerance_mm)
-    checked = dict[int, Recognised]()
-    for k, (one, solid) in enumerate(zip(named, solids, strict=True)):
-        share = missing_share(solid, [seen.only(k, laid) for seen in both], eyes.views)
-        verdict = one.part.recognition
-        twin = twin_probability(share)
-        confidence = verdict.confidence * (1 - twin)
-        if twin > MOST_LIKELY_TWIN:
-            why = f"may be {one.label}, but {share:.0%} of what that should show is in neither picture"
-            checked[id(one)] = without_name(one, why, confidence, model)
-        else:
-            part = replace(one.part, recognition=replace(verdict, confidence=confidence))
-            checked[id(one)] = replace(one, part=part)
-    return tuple(checked.get(id(one), one) for one in found)
+    return tuple(_checked(one, model, eyes) if one.named else one for one in found)
 
 
-def twin_probability(share: float) -> float:
-    """How likely a part that fits, of whose edges this share is missing, is a near twin that was never taught."""
-    return float(1 / (1 + np.exp(-(TWIN + BY_MISSING * share))))
+def _checked(one: Recognised, model: Model, eyes: Eyes) -> Recognised:
+    verdict = one.part.recognition
+    against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
+    confidence = verdict.confidence * (1 - against.twin)
+    if against.twin > MOST_LIKELY_TWIN:
+        return without_name(one, f"may be {one.label}, but {against}", confidence, model)
+    return replace(one, part=replace(one.part, recognition=replace(verdict, confidence=confidence)))
 
 
-def missing_share(solid: Polyhedron, seen: Sequence[Stretches], views: Sequence[OneEye]) -> float:
+def speaks_against(solid: Polyhedron, pose: Array, eyes: Eyes) -> Against:
+    """What speaks against a part's being at cyclopean_from_part (4, 4)."""
+    both = edge_places(solid, pose, eyes)
+    return Against(missing_share(both), missing_in_both_px(both), off_faces_px(solid, pose, eyes))
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePlaces:
+    """What one camera shows at places along the edges of a part: length_px (E,) a place; weight (E,) of each edge;
+    and of each place (E, S): visible, whether the camera should see it; there, whether an edge is near, as a worn one
+    is; close, whether one as strong as expected is; expected, by how many sigmas the levels on its hands should differ:
+    those of the facets, as their borders that show have them, or what lies beyond them there; step, the share of that
+    by which they do; spread, of the levels along the borders of those facets, in sigmas.
+    """
+
+    length_px: Array
+    weight: Array
+    visible: Flags
+    there: Flags
+    close: Flags
+    expected: Array
+    step: Array
+    spread: Array
+
+
+def edge_places(solid: Polyhedron, pose: Array, eyes: Eyes) -> tuple[EdgePlaces, EdgePlaces]:
+    """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
+    left, right = (_samples(solid, pose, *one) for one in zip(eyes.views, eyes.geometry.eyes_mm, strict=True))
+    return left, right
+
+
+def missing_share(both: Sequence[EdgePlaces]) -> float:
     """Of the edges that a part should show in both pictures, the share that is not there though the levels beside it
     differ."""
     lacking = every = 0.0
-    laid = Placements.of([solid])
-    for stretches, view in zip(seen, views, strict=True):
-        edges = stretches.edges
-        if not len(edges.start):
-            continue
-        weight = np.where(edges.outline, 1.0, INNER) * edges.lengths_px / stretches.visible.shape[1]
-        each = weight[:, None] * stretches.visible
-        expected = np.minimum(_expected(laid, stretches, view) / EXPECTED, 1.0)
-        lacking += float((each * ~stretches.there * expected).sum())
+    for seen in both:
+        each = (seen.weight * seen.length_px)[:, None] * seen.visible
+        lacking += float((each * ~seen.there * np.minimum(seen.expected / EXPECTED, 1.0)).sum())
         every += float(each.sum())
     return lacking / max(every, 1e-9)
 
 
-def _expected(laid: Placements, stretches: Stretches, view: OneEye) -> Array:
-    """(E, S) of one part laid, by how many sigmas the levels on the two hands of each stretch should differ: that of
-    the facet, as its
-    borders that show have it, against what lies beyond it there, or against the other facet's."""
-    edges = stretches.edges
-    levels = stretch_levels(view.smooth, edges.start, edges.end)
-    facing = laid.thickness(edges.corners_px) >= THIN_PX[1]
-    hand = _hands(laid.shapes[0], stretches, facing)
-    usual = np.full(len(facing), np.nan)
-    for facet in np.flatnonzero(facing).tolist():
-        own, side = np.nonzero(hand == facet)
+def missing_in_both_px(both: Sequence[EdgePlaces]) -> float:
+    """Length of edge, px over both pictures, that neither camera has and that one at least should see clearly."""
+    missing, found = [], []
+    for seen in both:
+        shows = seen.close | (seen.step >= STEP)
+        clear = (seen.expected >= CLEARLY) & (seen.expected >= SPREADS * seen.spread)
+        missing.append(seen.visible & clear & ~shows)
+        found.append(seen.visible & shows)
+    lost = ~found[0] & ~found[1]
+    return float(sum((seen.length_px[:, None] * (each & lost)).sum() for seen, each in zip(both, missing, strict=True)))
+
+
+def _samples(solid: Polyhedron, pose: Array, view: OneEye, eye_mm: Array) -> EdgePlaces:
+    ends = solid.lines[0]
+    corners = view.eye.camera.project(frames.apply(pose, solid.corners_mm))
+    thick = Placements.of([solid]).thickness(corners)
+    hands = np.where((thick >= THIN_PX[1])[_hands(solid)], _hands(solid), -1)
+    shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    places = solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares
+    px = view.eye.camera.project(frames.apply(pose, places.reshape(-1, 3)))
+    start, end = corners[ends[:, 0]], corners[ends[:, 1]]
+    long = np.linalg.norm(end - start, axis=1)
+    inside = ((px > ROOM_PX) & (px < np.array(view.grey.shape[::-1]) - 1 - ROOM_PX)).all(1)
+    visible = inside.reshape(-1, PLACES) & ((hands >= 0).any(1) & (long >= SHORTEST_PX))[:, None]
+    if not solid.convex:
+        eye = frames.apply(frames.inverse(pose), eye_mm[None])[0]
+        visible &= ~hidden(solid, places.reshape(-1, 3), eye).reshape(-1, PLACES)
+    levels = np.zeros((len(px), len(_OFFSETS_PX)), np.float32)
+    seen = visible.reshape(-1)
+    levels[seen] = levels_across(view.smooth, px[seen], across(start, end).repeat(PLACES, 0)[seen], _OFFSETS_PX)
+    slopes = np.abs(slopes_across(levels)).reshape(len(ends), PLACES, -1)
+    beside = levels.reshape(len(ends), PLACES, -1)[..., _BESIDE].mean(3)
+    there = _peak_within(slopes, LEAST_SIGMAS, ON_PLACE_PX)
+    usual, spread = _usual(hands, beside, visible, there, len(solid.facets))
+    facet = (hands >= 0)[:, None]
+    before, after = np.moveaxis(np.where(facet, usual[hands][:, None], beside), 2, 0)
+    expected = np.abs(after - before)
+    least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
+    close = _peak_within(slopes, least, CLOSE_PX)
+    step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
+    sharp = ~((thick > THIN_PX[0]) & (thick < THIN_PX[1]))
+    outline = ((hands >= 0).sum(1) == 1) & np.where(_hands(solid) < 0, True, sharp[_hands(solid)]).all(1)
+    spreads = np.where(hands >= 0, spread[hands], 0.0)
+    return EdgePlaces(
+        long / PLACES, np.where(outline, 1.0, INNER), visible, there, close,
+        expected, step, np.hypot(spreads[:, 0], spreads[:, 1])[:, None],
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=1024)
+def _hands(solid: Polyhedron) -> Index:
+    """(E, 2) the facet before each of the lines, as across() goes, if it is seen from outside, and the one after it; -1
+    where there is none."""
+    return np.array(
+        [
+            [solid.edges.get((b, a), (-1, 0))[0], solid.edges.get((a, b), (-1, 0))[0]]
+            for a, b in solid.lines[0].tolist()
+        ],
+        np.intp,
+    ).reshape(-1, 2)
+
+
+def _peak_within(slopes: Array, least: Array | float, near_px: float) -> Flags:
+    """(E, S) whether slopes (E, S, C) have a peak of so much at least near the middle."""
+    middle = slopes[..., 1:-1]
+    peak = (middle >= least) & (middle >= slopes[..., :-2]) & (middle > slopes[..., 2:])
+    return np.asarray((peak & (np.abs(_BETWEEN_PX[1:-1]) <= near_px)).any(2))
+
+
+def _usual(hands: Index, beside: Array, visible: Flags, there: Flags, count: int) -> tuple[Array, Array]:
+    """(F,) the level of each facet along its borders that show, and (F,) its spread; hands (E, 2) the facets beside
+    each edge, with levels (E, S, 2)."""
+    usual, spread = np.zeros(count), np.zeros(count)
+    for facet in np.unique(hands[hands >= 0]).tolist():
+        edge, hand = np.nonzero(hands == facet)
+        level, seen = beside[edge, :, hand], visible[edge]
+        firm = seen & there[edge]
+        own = level[firm if firm.sum() >= FEWEST else seen]
         if len(own):
-            level, firm = levels[own, :, side], (stretches.there & stretches.visible)[own]
-            usual[facet] = np.median(level[firm] if firm.sum() >= FEWEST else level)
-    found = [np.where(hand[:, k, None] >= 0, usual[hand[:, k], None], levels[:, :, k]) for k in (0, 1)]
-    return np.asarray(np.abs(found[1] - found[0]))
-
-
-def _hands(solid: Polyhedron, stretches: Stretches, facing: Flags) -> Index:
-    """(E, 2) the facing facet before each edge, as across() goes, and the one after it; -1 where there is none."""
-    edges = stretches.edges
-    normal, middle = across(edges.start, edges.end), (edges.start + edges.end) / 2
-    hand = np.full((len(normal), 2), -1, np.intp)
-    for facet in np.flatnonzero(facing).tolist():
-        own = edges.of_ring(solid.facets[facet])[0]
-        own = own[own >= 0]
-        centre = edges.corners_px[solid.rings[facet]].mean(0)
-        hand[own, (((centre - middle[own]) * normal[own]).sum(1) > 0).astype(np.intp)] = facet
-    return hand
+            low, usual[facet], high = np.sort(own)[(np.array([0.1, 0.5, 0.9]) * len(own)).astype(np.intp)]
+            spread[facet] = (high - low) / _TENTHS
+    return usual, spread

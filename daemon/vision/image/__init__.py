@@ -9,8 +9,9 @@ from daemon.vision.image.edge_lines import (
     edge_sigmas,
     find_sides,
     fit_sides,
+    levels_across,
     probe_sides,
-    stretch_levels,
+    slopes_across,
     stretch_slopes,
 )
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
@@ -52,6 +53,7 @@ __all__ = [
     "fit_sides",
     "fits",
     "joined",
+    "levels_across",
     "open_eyes",
     "outlined",
     "outlines_near",
@@ -60,6 +62,6 @@ __all__ = [
     "ranks",
     "runs",
     "segment_corners",
-    "stretch_levels",
+    "slopes_across",
     "stretch_slopes",
 ]

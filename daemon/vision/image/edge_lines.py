@@ -21,6 +21,7 @@ from daemon.vision.image.calipers import (
     IN_BLOCK,
     Calipers,
     Images,
+    bilinear,
     lay_calipers,
     lens_bow,
     profiles,
@@ -43,15 +44,18 @@ _WHOLE = 0.75
 """Share of its stretches that show an edge, where a line lies along one; where fewer do, it may only cross it."""
 _TILTS = np.linspace(-1, 1, 7)
 """At which a line is tried, shares of the steepest."""
-_BAND_PX = np.arange(3.0, 7.0)
-"""How far to either hand the level beside an edge is taken."""
 _BESIDE_PX = 8.5
 """How far to either hand shading and grain are compared."""
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
+_ROWS_PX = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
+"""Where along an edge its level at one place is taken."""
 _ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
 """How far apart rows of a smoothed image are whose noise is as good as independent."""
 _SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
 """Standard deviation of the difference of two points a pixel apart in white unit noise after a Gaussian."""
+
+_SLOPE_OF_ROWS = np.sqrt(2.5) / _SLOPE_NOISE
+"""Sigmas of a slope of 1 in the mean of _ROWS_PX, which are as good as half as many that are independent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,15 +179,22 @@ def stretch_slopes(smooth: Fine, start: Array, end: Array, reach_px: int) -> Ima
     return slopes * (np.sqrt(rows) / _SLOPE_NOISE).astype(np.float32)[:, None, None]
 
 
-def stretch_levels(smooth: Fine, start: Array, end: Array) -> Array:
-    """Mean levels beside stretches of straight sides (S, 2), (S, 2) px: (S, BLOCKS, 2), inwards, then outwards as the
-    normal to start - end goes. smooth: as for stretch_slopes."""
-    if not len(start):
-        return np.zeros((0, BLOCKS, 2))
-    offsets = np.concatenate([-_BAND_PX[::-1], _BAND_PX])
-    values = stretch_profiles([(smooth, len(start))], end, start, _TRIM_PX, offsets, np.zeros(len(start)))[:, ::-1]
-    half = len(_BAND_PX)
-    return np.stack([values[..., :half].mean(2), values[..., half:].mean(2)], 2).astype(float)
+def levels_across(smooth: Fine, at: Array, normal: Array, offsets: Array) -> Image32:
+    """Levels (N, C) at offsets (C,) px along unit normals (N, 2) of edges through places (N, 2) px, each the mean of
+    _ROWS_PX along its edge. smooth: as for stretch_slopes."""
+    if not len(at):
+        return np.zeros((0, len(offsets)), np.float32)
+    x, y = (
+        np.asarray(at[:, k] + _ROWS_PX[:, None] * way + offsets[:, None, None] * normal[:, k], np.float32)
+        for k, way in enumerate((-normal[:, 1], normal[:, 0]))
+    )
+    values = bilinear(smooth, x.reshape(-1, len(at)), y.reshape(-1, len(at)))
+    return np.ascontiguousarray(values.reshape(len(offsets), len(_ROWS_PX), -1).mean(1).T)
+
+
+def slopes_across(levels: Image32) -> Image32:
+    """Slopes (N, C - 1), sigmas, between the levels (N, C) of levels_across at offsets a pixel apart."""
+    return np.diff(levels, axis=1) * np.float32(_SLOPE_OF_ROWS)
 
 
 def edge_sigmas(images: Images, start: Array, end: Array) -> Array:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import cache
 
 import numpy as np
@@ -12,17 +11,23 @@ import pytest
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import missing
-from daemon.vision.evidence.missing import missing_share, twin_probability, with_all_they_show
+from daemon.vision.evidence.missing import (
+    Against,
+    EdgePlaces,
+    edge_places,
+    missing_in_both_px,
+    missing_share,
+    speaks_against,
+    with_all_they_show,
+)
 from daemon.vision.geometry import exact
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_solid
 from daemon.vision.recognition import recognised
-from daemon.vision.refine.edge_samples import Stretches, stretches_of
-from daemon.vision.refine.expected_edges import Placements
 from daemon.vision.values import Part
 from tests.bench.look_alikes import shown
-from tests.bench.missing import PRIOR, Share, agrees, fitted, read, verdict
+from tests.bench.missing import PRIOR, Seen, agrees, fitted, read, verdict
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import painted
 from tests.fakes.drawn import obj, solid
@@ -39,7 +44,8 @@ INTO_THE_L = pose(np.array([-0.8, 0.35, 0.5]), 0.3, 330.0)
 """A leg of the L stands before some of the edges in its hollow."""
 MIRRORED = 14
 """A seed of which the mirror image alone is taught."""
-TOLERANCE_MM = 0.25
+STRANGERS = [("mirror", 30, "cut_block_a"), ("cut", 6, "corner_cut_a"), ("dihedral", 46, "cap_or_pit_b")]
+"""Looks at parts whose twin alone is taught, which their facets or edges name: a family, its seed, and the twin."""
 
 
 @cache
@@ -63,13 +69,8 @@ def model() -> Model:
     )
 
 
-def stretches(body: Body, where: Array, eyes: Eyes) -> tuple[Stretches, Stretches]:
-    left, right = stretches_of(Placements.of([exact(body.corners_mm, body.facets)]), eyes, where[None], TOLERANCE_MM)
-    return left, right
-
-
-def share_of(body: Body, seen: Sequence[Stretches], eyes: Eyes) -> float:
-    return missing_share(exact(body.corners_mm, body.facets), seen, eyes.views)
+def samples(body: Body, where: Array, eyes: Eyes) -> tuple[EdgePlaces, EdgePlaces]:
+    return edge_places(exact(body.corners_mm, body.facets), where, eyes)
 
 
 def checked(eyes: Eyes) -> Part:
@@ -81,7 +82,9 @@ def checked(eyes: Eyes) -> Part:
 
 
 def test_a_part_of_which_nothing_is_missing_keeps_its_name_and_nearly_all_of_its_confidence() -> None:
-    assert share_of(BLOCK, stretches(BLOCK, WHERE, eyes_on("block")), eyes_on("block")) < 0.01
+    seen = samples(BLOCK, WHERE, eyes_on("block"))
+    assert missing_share(seen) < 0.01
+    assert missing_in_both_px(seen) == 0.0
     part = checked(eyes_on("block"))
     assert part.recognition.label == "block"
     before = recognised(view_of(BLOCK, WHERE), model()).part.recognition.confidence
@@ -89,8 +92,10 @@ def test_a_part_of_which_nothing_is_missing_keeps_its_name_and_nearly_all_of_its
 
 
 def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_is_said_why() -> None:
-    share = share_of(BLOCK, stretches(BLOCK, WHERE, eyes_on("cut")), eyes_on("cut"))
+    seen = samples(BLOCK, WHERE, eyes_on("cut"))
+    share = missing_share(seen)
     assert share > 0.08
+    assert missing_in_both_px(seen) > 50.0
     verdict = checked(eyes_on("cut")).recognition
     assert verdict.label == "unknown"
     assert verdict.reason == f"may be block, but {share:.0%} of what that should show is in neither picture"
@@ -116,51 +121,79 @@ def test_a_mirror_image_is_left_unnamed_for_what_is_missing_and_for_nothing_else
 
 
 def test_edges_that_the_part_itself_hides_count_not_at_all() -> None:
-    eyes = eyes_on("l_block")
-    seen = stretches(L_BLOCK, INTO_THE_L, eyes)
-    assert sum((~one.visible).sum() for one in seen) > 10, "the pose hides nothing: choose another"
-    share = share_of(L_BLOCK, seen, eyes)
-    assert share < 0.01
+    seen = samples(L_BLOCK, INTO_THE_L, eyes_on("l_block"))
+    assert missing_share(seen) < 0.01
+    ends = exact(L_BLOCK.corners_mm, L_BLOCK.facets).lines[0]
+    faces_camera = [one.visible.any(1) for one in seen]
+    hidden = [(~one.visible & shown[:, None]).sum() for one, shown in zip(seen, faces_camera, strict=True)]
+    assert len(ends) == 18
+    assert sum(hidden) > 20, "the pose hides nothing: choose another"
     for there in (True, False):
         other = [replace(one, there=np.where(one.visible, one.there, there)) for one in seen]
-        assert share_of(L_BLOCK, other, eyes) == pytest.approx(share, abs=1e-12)
-    unhidden = [replace(one, visible=np.ones_like(one.visible)) for one in seen]
-    assert share_of(L_BLOCK, unhidden, eyes) > share + 0.02
+        assert missing_share(other) == pytest.approx(missing_share(seen), abs=1e-12)
 
 
 def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(painted, "GREYS", (140.0,))
     eyes = open_eyes(*painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
-    seen = stretches(BLOCK, WHERE, eyes)
-    inner = np.concatenate([one.there[one.edges.sharp & ~one.edges.outline] for one in seen])
+    seen = samples(BLOCK, WHERE, eyes)
+    inner = np.concatenate([one.there[(one.weight < 1) & one.visible.any(1)] for one in seen])
     assert inner.mean() < 0.2, "the edges between the facets show"
-    assert share_of(BLOCK, seen, eyes) < 0.01
+    assert missing_share(seen) < 0.01
+    assert missing_in_both_px(seen) == 0.0
     monkeypatch.setattr(missing, "EXPECTED", 1e-6)
-    assert share_of(BLOCK, seen, eyes) > 0.05
+    assert missing_share(seen) > 0.05
+
+
+def test_what_one_camera_has_and_the_other_misses_is_not_missed_by_both() -> None:
+    left, right = samples(BLOCK, WHERE, eyes_on("cut"))
+    shown = replace(left, close=np.ones_like(left.close))
+    assert missing_in_both_px((left, right)) > 50.0
+    assert missing_in_both_px((shown, right)) == 0.0
+    unseen = replace(left, visible=np.zeros_like(left.visible))
+    assert 0.0 < missing_in_both_px((unseen, right)) < missing_in_both_px((left, right))
 
 
 def test_nothing_of_a_part_outside_both_pictures_is_missing() -> None:
     away = WHERE.copy()
     away[0, 3] += 900.0
-    assert share_of(BLOCK, stretches(BLOCK, away, eyes_on("block")), eyes_on("block")) == 0.0
+    against = speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), away, eyes_on("block"))
+    assert against == Against(0.0, 0.0, 0.0)
 
 
-def test_the_more_is_missing_the_likelier_is_a_twin() -> None:
-    chances = [twin_probability(share) for share in (0.0, 0.02, 0.05, 0.1, 0.3)]
-    assert chances == sorted(chances)
-    assert chances[0] < PRIOR
-    assert chances[-1] > 0.99
+def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
+    for largest in (Against(0.3, 0.0, 0.0), Against(0.0, 300.0, 0.0), Against(0.0, 0.0, 300.0)):
+        chances = [Against(*(share * x for x in astuple(largest))).twin for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
+        assert chances == sorted(chances)
+        assert chances[0] < PRIOR
+        assert chances[-1] > missing.MOST_LIKELY_TWIN
+
+
+def test_it_is_said_what_speaks_most_against_a_part() -> None:
+    assert str(Against(0.1, 30.0, 0.0)) == "10% of what that should show is in neither picture"
+    assert str(Against(0.01, 0.0, 80.0)) == "edges of 80 px inside it lie before or behind its faces"
+
+
+@pytest.mark.parametrize(("family", "seed", "name"), STRANGERS)
+def test_near_twins_that_were_never_taught_have_no_name(family: str, seed: int, name: str) -> None:
+    pair, lies, photo = shown(family, seed)
+    other = taught((pair.parts[1 - lies],))
+    assert other.labels == (name,)
+    assert not any(part.named for part in look(photo.left, photo.right, true_rig(cell()), other).parts)
+    own = look(photo.left, photo.right, true_rig(cell()), taught((pair.parts[lies],)))
+    assert [part.recognition.label for part in own.parts if part.named] == [pair.parts[lies].label]
 
 
 def test_the_fit_finds_what_a_table_was_drawn_by() -> None:
     rng = np.random.default_rng(1)
-    shares = rng.uniform(0, 0.15, 20_000)
-    twin = rng.random(len(shares)) < 1 / (1 + np.exp(3.0 - 50.0 * shares))
-    fit = fitted([Share("", "", "", not t, float(s)) for t, s in zip(twin, shares, strict=True)])
+    drawn = rng.uniform(0, 1, (20_000, 3)) * [0.1, 60.0, 60.0]
+    against = [Against(*map(float, one)) for one in drawn]
+    odds = np.array([one.terms for one in against]) @ [0.5, 0.8, 1.5] - 8.0
+    twin = rng.random(len(odds)) < 1 / (1 + np.exp(-odds))
+    fit = fitted([Seen("", "", "", not t, one) for t, one in zip(twin, against, strict=True)])
     moved = np.log(PRIOR / (1 - PRIOR)) - np.log(twin.mean() / (1 - twin.mean()))
-    assert fit.twin == pytest.approx(-3.0 + moved, abs=4 * fit.twin_error)
-    assert fit.by_missing == pytest.approx(50.0, abs=4 * fit.by_missing_error)
-    assert fit.by_missing_error < 1.5
+    assert (np.abs(fit.weights - [-8.0 + moved, 0.5, 0.8, 1.5]) < 4 * fit.errors).all()
+    assert fit.errors.max() < 0.3
 
 
 def test_the_constants_are_those_that_the_kept_table_gives() -> None:
