@@ -16,7 +16,7 @@ all: setup help
 help:
 	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
-	@echo "make test-long    10,000 random steps against the judge, whole first days, a hall of cells: minutes"
+	@echo "make test-long    10,000 random steps against the motion monitor, whole first days, a hall of cells: minutes"
 	@echo "make docs         the references in docs/, made from the code"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"

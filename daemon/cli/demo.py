@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         found = _judged(Path(folder) / VERDICT)
     picked = _table(rows, time.monotonic() - began)
     say(f"report: {write_page(written, written / 'report.html')}")
-    say("\n".join(found) or "the cell's judge saw the arm do nothing that it must never do")
+    say("\n".join(found) or "the cell's motion monitor saw the arm do nothing that it must never do")
     return 0 if picked == len(PARTS) and not found else 1
 
 
@@ -101,7 +101,7 @@ def _begin(state: Path, run: str) -> None:
 
 
 def _judged(verdict: Path) -> list[str]:
-    """What the simulated cell's judge found, a line each."""
+    """What the simulated cell's motion monitor found, a line each."""
     lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
     return [f"JUDGE {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
 

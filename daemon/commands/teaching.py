@@ -236,7 +236,7 @@ async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[s
     model, _ = await asyncio.to_thread(context.trainer.learnt)
     if label not in model.metric:
         return "", {}
-    judged = await asyncio.to_thread(context.trainer.judge, model, label)
+    judged = await asyncio.to_thread(context.trainer.motion_monitor, model, label)
     return describe_sufficiency(judged), {"sufficiency": sufficiency_json(judged)}
 
 

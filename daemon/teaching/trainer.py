@@ -22,7 +22,7 @@ from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
-from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
+from daemon.teaching.sufficiency import Sufficiency, imagined_group, motion_monitor
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import Table, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
@@ -307,15 +307,15 @@ class Trainer:
         known = {label: self.parts[label].code for label in model.labels if label in self.parts}
         return known if len(known) == len(model.labels) else None
 
-    def judge(self, model: Model, label: str) -> Sufficiency:
+    def motion_monitor(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
-        return judge(model, label, self.rig)
+        return motion_monitor(model, label, self.rig)
 
     def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
         """Every part that a version knows, judged once. Raises ModelError."""
         if version not in self._judged:
             model = self.model_store.load(version)
-            self._judged = {version: tuple(self.judge(model, label) for label in model.labels)}
+            self._judged = {version: tuple(self.motion_monitor(model, label) for label in model.labels)}
         return self._judged[version]
 
     def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:

@@ -1,3 +1,3 @@
-"""A cell that is not there: arm, VAL II controller, hand, light and cameras, parts; what truly happened in it (witness)
-and what must never happen (judge). What it is like stands in etc/simcell.yaml. Nothing here knows of the daemon.
+"""Simulated cell: arm, VAL II controller, gripper, light, cameras and parts; a witness of what happened, a monitor of
+of what must never happen. etc/simcell.yaml says what it is like. Nothing here knows of the daemon.
 """

@@ -131,7 +131,7 @@ class Motion:
         return scatter
 
 
-class Arm:
+class SimulatedArm:
     """A PUMA that moves. Lengths mm, angles rad, times on whatever clock its owner uses.
 
     geometry: what the controller believes of base and tool; changing it (TOOL, BASE) moves nothing in the true world.

@@ -13,7 +13,7 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import box, hull
-from drivers.simcell.render import Thing
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import rigid
 from drivers.simcell.textures import Pattern
 
@@ -41,14 +41,16 @@ class BoardPrint:
         return self.square_mm * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(float)
 
 
-def board_thing(board: BoardPrint, world_from_board: Array) -> Thing:
+def board_thing(board: BoardPrint, world_from_board: Array) -> RenderedSolid:
     """The board as a plate with a white margin of one square. Raises cv2.error for a size ChArUco does not have."""
     margin = board.square_mm
     width, height = board.columns * board.square_mm, board.rows * board.square_mm
     plate = hull(box((-margin, -margin, 0.0), (width + margin, height + margin, PLATE_MM)))
     face = int(np.argmin(plate.normals[:, 2]))
     cells, cell_mm = _cells(board)
-    return Thing(plate, world_from_board, WHITE, (Pattern(face, cells, cell_mm, rigid(np.eye(3), np.zeros(3))),))
+    return RenderedSolid(
+        plate, world_from_board, WHITE, (Pattern(face, cells, cell_mm, rigid(np.eye(3), np.zeros(3))),)
+    )
 
 
 def _cells(board: BoardPrint) -> tuple[Array32, float]:

@@ -20,7 +20,7 @@ from drivers.arrays import Array
 from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, turned
-from drivers.simcell.render import Retina, Thing, radiance
+from drivers.simcell.render import RenderedSolid, Retina, radiance
 from drivers.simcell.rigid import angle_of, apply
 from drivers.simcell.truth import Truth
 
@@ -35,7 +35,7 @@ SHORTEST, LONGEST = 1 / 64, 64.0
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SimulatedScene:
     """What there is to see at a moment: where the cameras are, the things, and a mark that changes when those move.
 
     hand: what hangs from the arm beside the cameras; it is seen, but casts no shadow. covered: a plain cloth lies over
@@ -43,9 +43,9 @@ class Scene:
     """
 
     world_from_cyclopean: Array
-    things: tuple[Thing, ...]
+    things: tuple[RenderedSolid, ...]
     state: object
-    hand: tuple[Thing, ...] = ()
+    hand: tuple[RenderedSolid, ...] = ()
     covered: bool = False
 
 
@@ -58,7 +58,7 @@ class SimulatedPair:
     def __init__(
         self,
         truth: Truth,
-        scene_at: Callable[[float], Scene],
+        scene_at: Callable[[float], SimulatedScene],
         rng: np.random.Generator,
         time_scale: float = 1.0,
         clock: Callable[[], float] = time.monotonic,
@@ -188,7 +188,7 @@ class SimulatedPair:
             return np.asarray(np.mean(seen, axis=0), np.float32)
         return self._see(eye, scenes[0])
 
-    def _see(self, eye: str, scene: Scene) -> Array32:
+    def _see(self, eye: str, scene: SimulatedScene) -> Array32:
         """The light that reaches an eye; worked out anew only where something moved since that eye saw last."""
         mark = _mark(scene)
         seen = self._seen.get(eye)
@@ -214,13 +214,13 @@ class SimulatedPair:
         return np.asarray(np.clip(np.round(noisy), 0, 255), np.uint8)
 
 
-def _moves(scenes: Sequence[Scene]) -> bool:
+def _moves(scenes: Sequence[SimulatedScene]) -> bool:
     first, last = (scene.world_from_cyclopean for scene in scenes)
     shift = float(np.linalg.norm(first[:3, 3] - last[:3, 3]))
     return shift > STILL_MM or angle_of(first[:3, :3].T @ last[:3, :3]) > STILL_RAD
 
 
-def _mark(scene: Scene) -> object:
+def _mark(scene: SimulatedScene) -> object:
     """Equal for two scenes that look the same to the last bit."""
     hand = [part.tobytes() for thing in scene.hand for part in (thing.world_from_solid, thing.solid.vertices)]
     return scene.world_from_cyclopean.tobytes(), scene.state, hand

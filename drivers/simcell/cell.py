@@ -13,22 +13,22 @@ from zlib import crc32
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, board_thing
-from drivers.simcell.camera import Scene, SimulatedPair
+from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.history import Drop
-from drivers.simcell.judge import Body, Judge, Violation
-from drivers.simcell.render import Thing
+from drivers.simcell.history import DropRecord
+from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose, drawn_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
 from drivers.simcell.truth import load_truth, rigid_matrix
-from drivers.simcell.verdict import Verdict
+from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
-from drivers.simcell.world import PlacedPart, Where, World
+from drivers.simcell.world import PartPlace, PlacedPart, World
 
 LOOKED_BACK_S = np.linspace(3.0, 0.0, 40)
 """Cell seconds before closing in which the hand's way is looked through for strikes."""
@@ -58,7 +58,7 @@ class SimulatedCell:
         verdict: Path | None = None,
     ) -> None:
         """loop: whose time the whole cell lives in, without a pty or a thread (None: real time); verdict: the file to
-        which the judge writes what it finds, for another process (verdict.py).
+        which the motion monitor writes what it finds, for another process (verdict.py).
 
         Patterns and prints are there where parts lie; what is held before the cameras to be taught is a bare one, over
         a plain cloth.
@@ -70,7 +70,7 @@ class SimulatedCell:
         self._seed, self._printed = seed, parts == "printed"
         self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
-        self.arm = Arm(
+        self.arm = SimulatedArm(
             settings.geometry(),
             np.radians(settings.start_deg),
             joint_offsets_rad=np.radians(settings.joint_offset_deg),
@@ -79,16 +79,16 @@ class SimulatedCell:
         )
         self.world = World(self._settings)
         self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
-        self._board: tuple[Thing, ...] = ()
+        self._board: tuple[RenderedSolid, ...] = ()
         self.controller = Controller(
             self.arm, manners or settings.controller_manners(), self._hand, faults, cold or settings.cold
         )
         self._machine = self.controller.machine
         safety = self._settings.safety
-        body = Body(
+        body = ArmSpheres(
             [*safety.body, *finger_rods(self._settings.gripper)], self.arm.true_geometry, self.arm.joint_offsets_rad
         )
-        self.judge = Judge(self._machine.history, body, safety, self._settings.table)
+        self.motion_monitor = MotionMonitor(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:
             self.server = PtyServer(self.controller, settings.baud, time_scale)
@@ -100,7 +100,9 @@ class SimulatedCell:
         self.camera = SimulatedPair(self._settings, self._scene_at, noise, time_scale, self._clock, sleep, pattern)
         self._verdict = None
         if verdict is not None:
-            self._verdict = Verdict(verdict, self.judge, self._machine.history, self.server.now_s, self._real_s)
+            self._verdict = VerdictFile(
+                verdict, self.motion_monitor, self._machine.history, self.server.now_s, self._real_s
+            )
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
 
     def stop(self) -> None:
@@ -128,7 +130,7 @@ class SimulatedCell:
     def violations(self) -> tuple[Violation, ...]:
         """What the arm did, up to now, that it must never do."""
         with self.server.controller() as controller:
-            return self.judge.violations(controller.now_s)
+            return self.motion_monitor.violations(controller.now_s)
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
         """Clear the table and strew parts over it at random, each on a stable face."""
@@ -164,7 +166,7 @@ class SimulatedCell:
             pose = drawn_pose(self.world.shape(label), view, at, eyes, self._settings.lighting)
         else:
             pose = characteristic_pose(label, view, at, eyes, self._settings.lighting)
-        return self.world.put(label, pose, Where.STAND)
+        return self.world.put(label, pose, PartPlace.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
         """Clear the cell and put up a board (9x6 inner corners): as given, or face up amid the table.
@@ -184,7 +186,7 @@ class SimulatedCell:
 
     def _prints_on(self, part: PlacedPart) -> tuple[Pattern, ...]:
         """A part's own, the same wherever it goes; parts of several pieces are bare."""
-        if not self._printed or part.where is Where.STAND or len(part.shape.pieces) > 1:
+        if not self._printed or part.where is PartPlace.STAND or len(part.shape.pieces) > 1:
             return ()
         if part.name not in self._prints:
             rng = np.random.default_rng([self._seed, 2, crc32(part.name.encode())])
@@ -202,20 +204,22 @@ class SimulatedCell:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in LOOKED_BACK_S])
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
-            self._machine.history.add(Drop(now_s, self._machine.by, label, fell_mm, where is Where.BIN))
+            self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, where is PartPlace.BIN))
 
-    def _scene_at(self, real_s: float) -> Scene:
+    def _scene_at(self, real_s: float) -> SimulatedScene:
         tool = self.world_from_tool(real_s)
-        parts = [part for part in self.world.parts if part.where in (Where.TABLE, Where.STAND, Where.HAND)]
+        parts = [part for part in self.world.parts if part.where in (PartPlace.TABLE, PartPlace.STAND, PartPlace.HAND)]
         things = [
-            Thing(piece, part.world_from_part(tool), self._settings.lighting.facet_albedo, self._prints_on(part))
+            RenderedSolid(
+                piece, part.world_from_part(tool), self._settings.lighting.facet_albedo, self._prints_on(part)
+            )
             for part in parts
             for piece in part.shape.pieces
         ]
         carried = tool.tobytes() if self.world.held else b""
         hand = tuple(
-            Thing(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
+            RenderedSolid(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        taught = any(part.where is Where.STAND for part in parts)
+        taught = any(part.where is PartPlace.STAND for part in parts)
         state = self.world.changes, carried
-        return Scene(tool @ self._tool_from_cyclopean, (*things, *self._board), state, hand, taught)
+        return SimulatedScene(tool @ self._tool_from_cyclopean, (*things, *self._board), state, hand, taught)

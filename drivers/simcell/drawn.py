@@ -11,7 +11,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.simcell.parts import Polyhedron, Shape, hull, shape, volume_and_centre
+from drivers.simcell.parts import ConvexSolid, PartShape, hull, shape, volume_and_centre
 
 NEAR_MM = 1e-3
 """Corners of a drawing lie this near to where they are meant: STL counts in single precision."""
@@ -25,7 +25,7 @@ class DrawnError(Exception):
     """A drawing that the simulated cell cannot make a part of: why."""
 
 
-def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> Shape:
+def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> PartShape:
     """The shape with these (K, 3) corners and flat facets, anticlockwise from outside. Raises DrawnError.
 
     Every facet that other corners lie beyond cuts the hull; what is inside the solid is kept, and joined again where
@@ -66,7 +66,7 @@ def _cuts(corners: Array, facets: Sequence[Ring]) -> list[tuple[Array, float]]:
     return found
 
 
-def _halves(piece: Polyhedron, normal: Array, offset: float) -> list[Polyhedron]:
+def _halves(piece: ConvexSolid, normal: Array, offset: float) -> list[ConvexSolid]:
     """What of a convex piece lies on either side of a plane."""
     above = piece.vertices @ normal - offset
     if above.max() < NEAR_MM or above.min() > -NEAR_MM:
@@ -93,7 +93,7 @@ def _inside(point: Array, corners: Array, facets: Sequence[Ring]) -> bool:
     return bool(abs(total) > 2 * np.pi)
 
 
-def _joined(pieces: list[Polyhedron]) -> list[Polyhedron]:
+def _joined(pieces: list[ConvexSolid]) -> list[ConvexSolid]:
     """The same room in fewer convex pieces, two by two as long as it goes."""
     sized = [(piece, volume_and_centre(piece)[0]) for piece in pieces]
     while True:
@@ -108,7 +108,7 @@ def _joined(pieces: list[Polyhedron]) -> list[Polyhedron]:
             return [piece for piece, _ in sized]
 
 
-def _hull(points: Array) -> Polyhedron:
+def _hull(points: Array) -> ConvexSolid:
     """The convex hull of (N, 3) points, of which only its corners are kept, each once."""
     _, first = np.unique(np.round(points / NEAR_MM).astype(np.int64), axis=0, return_index=True)
     whole = hull(points[np.sort(first)], NEAR_MM)

@@ -13,9 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.simcell.parts import Polyhedron, Shape, box, hull
+from drivers.simcell.parts import ConvexSolid, PartShape, box, hull
 from drivers.simcell.rigid import apply, rigid, turn
-from drivers.simcell.truth import Gripper, Rod
+from drivers.simcell.truth import GripperTruth, Rod
 
 TOUCH_MM = 0.3
 """Soft pads: what is this near to the farthest point touches the pad too."""
@@ -49,7 +49,7 @@ class _Bite:
     normals: tuple[Array, ...]
 
 
-def finger_rods(gripper: Gripper) -> list[Rod]:
+def finger_rods(gripper: GripperTruth) -> list[Rod]:
     """Both fingers, open, as round bars that they fill: along each, and across its tip."""
     half, beside = gripper.finger_width_mm / 2, (gripper.opening_mm + gripper.finger_thickness_mm) / 2
     tip, back = gripper.tip_mm, gripper.tip_mm - gripper.finger_length_mm
@@ -60,19 +60,19 @@ def finger_rods(gripper: Gripper) -> list[Rod]:
     return rods
 
 
-def fingers(gripper: Gripper, gap_mm: float) -> tuple[Polyhedron, Polyhedron]:
+def fingers(gripper: GripperTruth, gap_mm: float) -> tuple[ConvexSolid, ConvexSolid]:
     """Both fingers as boxes in the tool frame, gap_mm between their pads."""
     near, far = gap_mm / 2, gap_mm / 2 + gripper.finger_thickness_mm
     return _strip(gripper, near, far), _strip(gripper, -far, -near)
 
 
-def reaches(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+def reaches(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> bool:
     """Whether any of the part is between the open fingers."""
     half = gripper.opening_mm / 2 + gripper.finger_thickness_mm
     return len(_within(shape, tool_from_part, _strip(gripper, -half, half)).corners) > 0
 
 
-def close_on(shape: Shape, tool_from_part: Array, up: Array, gripper: Gripper) -> Grip:
+def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: GripperTruth) -> Grip:
     """Close the open jaws on a part. up (3,): world up in the tool frame; a part on a table turns about it."""
 
     def lost(why: str, struck: bool = False, shift_mm: float = 0.0) -> Grip:
@@ -101,32 +101,32 @@ def close_on(shape: Shape, tool_from_part: Array, up: Array, gripper: Gripper) -
 
 
 @lru_cache(maxsize=16)
-def _strip(gripper: Gripper, low_y: float, high_y: float) -> Polyhedron:
+def _strip(gripper: GripperTruth, low_y: float, high_y: float) -> ConvexSolid:
     """The room between (or behind) the fingers, or that one of them takes up."""
     half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
     return hull(box((-half, low_y, back), (half, high_y, gripper.tip_mm)))
 
 
 @lru_cache(maxsize=4)
-def _palm(gripper: Gripper) -> Polyhedron:
+def _palm(gripper: GripperTruth) -> ConvexSolid:
     half, outer = PALM_MM / 2, gripper.opening_mm / 2 + gripper.finger_thickness_mm
     back = gripper.tip_mm - gripper.finger_length_mm
     return hull(box((-half, -outer, back - PALM_MM), (half, outer, back)))
 
 
-def strikes(shape: Shape, tool_from_part: Array, gripper: Gripper) -> bool:
+def strikes(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> bool:
     """Whether an open finger or the palm is where the part is."""
     rooms = (*fingers(gripper, gripper.opening_mm), _palm(gripper))
     return any(len(_within(shape, tool_from_part, room).corners) for room in rooms)
 
 
-def _within(shape: Shape, tool_from_part: Array, room: Polyhedron) -> _Bite:
+def _within(shape: PartShape, tool_from_part: Array, room: ConvexSolid) -> _Bite:
     """The corners of what of the shape lies in a convex room, in tool coordinates, with the part's normals there."""
     bites = [_clip(piece, tool_from_part, room) for piece in shape.pieces]
     return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
 
 
-def _clip(solid: Polyhedron, tool_from_part: Array, room: Polyhedron) -> _Bite:
+def _clip(solid: ConvexSolid, tool_from_part: Array, room: ConvexSolid) -> _Bite:
     """Every corner of solid and room together: where three of their planes meet and none is passed."""
     part_normals = solid.normals @ tool_from_part[:3, :3].T
     normals = np.vstack([part_normals, room.normals])
@@ -140,7 +140,7 @@ def _clip(solid: Polyhedron, tool_from_part: Array, room: Polyhedron) -> _Bite:
     return _Bite(points.reshape(-1, 3), tuple(part_normals[row] for row in on))
 
 
-def _turn_to_jaws(shape: Shape, tool_from_part: Array, bite: _Bite, up: Array) -> float | None:
+def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: _Bite, up: Array) -> float | None:
     """The smallest turn about up, rad, that lays a side of the part along the jaws; None where no side is there."""
     touched = np.vstack([np.zeros((0, 3)), *bite.normals])
     level = touched - np.outer(touched @ up, up)
@@ -154,7 +154,7 @@ def _turn_to_jaws(shape: Shape, tool_from_part: Array, bite: _Bite, up: Array) -
     return float(angle[np.argmin(np.abs(angle))])
 
 
-def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: Shape, gripper: Gripper) -> str:
+def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: PartShape, gripper: GripperTruth) -> str:
     """Empty where the turned part is held firmly; else what lets it go."""
     y = bite.corners[:, 1]
     width = float(y.max() - y.min())

@@ -1,4 +1,4 @@
-"""What the machine did, and when: written down by the machine as it does it, read by the judge and by witnesses.
+"""History of the machine: what it did and when. The machine writes it; the motion monitor and the witness read it.
 
 Values only, in the controller's seconds. Nobody who talks to the controller can change them.
 """
@@ -16,7 +16,7 @@ from drivers.simcell.arm import Motion
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class MotionRecord:
     """One motion of the arm, as it was begun or, after a halt, as it was cut short.
 
     by: the typed line it came of, and given_s: when the controller had the whole of it (of a question: the answer).
@@ -40,7 +40,7 @@ CONTROL_C = "control-C"
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRecord:
     """The controller was told to stop. by: the line, or CONTROL_C."""
 
     began_s: float
@@ -48,7 +48,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class HandAct:
+class GripperRecord:
     """The jaws were driven. by, given_s: see Leg."""
 
     began_s: float
@@ -58,7 +58,7 @@ class HandAct:
 
 
 @dataclass(frozen=True)
-class Drop:
+class DropRecord:
     """A part was let go. fell_mm: how far its lowest corner hung above the table; over_bin: whether it fell in."""
 
     began_s: float
@@ -68,7 +68,7 @@ class Drop:
     over_bin: bool
 
 
-Event = Leg | Stop | HandAct | Drop
+HistoryRecord = MotionRecord | StopRecord | GripperRecord | DropRecord
 
 KEPT = 4000
 """Events; a straight motion takes some 7 kB, and a cell may run for weeks."""
@@ -78,20 +78,20 @@ class History:
     """The newest events, oldest first; every event has a number, from 0 on, that stays its own. From any thread."""
 
     def __init__(self) -> None:
-        self._events: deque[Event] = deque(maxlen=KEPT)
+        self._events: deque[HistoryRecord] = deque(maxlen=KEPT)
         self._count = 0
         self._lock = Lock()
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[HistoryRecord]:
         return iter(self.since(0)[1])
 
-    def add(self, event: Event) -> None:
+    def add(self, event: HistoryRecord) -> None:
         """It happened now."""
         with self._lock:
             self._events.append(event)
             self._count += 1
 
-    def since(self, number: int) -> tuple[int, tuple[Event, ...]]:
+    def since(self, number: int) -> tuple[int, tuple[HistoryRecord, ...]]:
         """What is kept of the events from a number on, and the number of the first of these."""
         with self._lock:
             first = max(number, self._count - len(self._events))
@@ -102,6 +102,6 @@ class History:
         with self._lock:
             for back in range(1, len(self._events) + 1):
                 event = self._events[-back]
-                if isinstance(event, Leg):
+                if isinstance(event, MotionRecord):
                     self._events[-back] = replace(event, motion=event.motion.cut(now_s, braking))
                     return

@@ -15,7 +15,7 @@ from drivers.simcell.optics import Array32
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
 from drivers.simcell.textures import table_factors
-from drivers.simcell.truth import Lamp, Lighting, Table
+from drivers.simcell.truth import Lamp, Lighting, TableTruth
 
 HIGHLIGHT_POWER = 12.0
 FLOOR_LEVEL = 8.0
@@ -59,7 +59,7 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
 class CellLight:
     """The light on the table, as a map of grey levels, and on what stands there. The bare map is worked out once."""
 
-    def __init__(self, table: Table, lighting: Lighting, pattern: np.random.Generator | None = None) -> None:
+    def __init__(self, table: TableTruth, lighting: Lighting, pattern: np.random.Generator | None = None) -> None:
         """pattern: what the table's is drawn from; None: it is of one albedo."""
         self.lighting, self._table = lighting, table
         low = np.array(table.centre_mm) - table.half_size_mm

@@ -15,7 +15,7 @@ Array32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class LensCamera:
     """matrix (3, 3) px; distortion (5,) k1 k2 p1 p2 k3 as OpenCV has them; cyclopean_from_camera (4, 4) mm."""
 
     matrix: Array
@@ -64,9 +64,9 @@ def undistort(seen: Array, coefficients: ArrayLike) -> Array:
     return straight
 
 
-def turned(eye: Eye, rotation_vector_deg: ArrayLike) -> Eye:
+def turned(eye: LensCamera, rotation_vector_deg: ArrayLike) -> LensCamera:
     """The eye knocked: turned about its own optical centre by the (3,) rotation vector, in degrees, camera axes."""
     rotation, _ = cv2.Rodrigues(np.radians(np.asarray(rotation_vector_deg, float)))
     knocked = eye.cyclopean_from_camera.copy()
     knocked[:3, :3] = knocked[:3, :3] @ rotation
-    return Eye(eye.matrix, eye.distortion, knocked)
+    return LensCamera(eye.matrix, eye.distortion, knocked)

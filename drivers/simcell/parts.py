@@ -23,7 +23,7 @@ AT_ONCE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Polyhedron:
+class ConvexSolid:
     """A convex polyhedron: vertices (V, 3) mm; faces as vertex indices, anticlockwise from outside.
 
     normals (F, 3) unit, outward; offsets (F,) mm with normals @ x <= offsets inside.
@@ -36,7 +36,7 @@ class Polyhedron:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class PartShape:
     """A part's shape: label, the convex pieces it is made of, their common hull, its centre of mass (3,) mm.
 
     rests: the hull's faces it can stand on, each as the (4, 4) rests_from_part that puts that face on z = 0 with the
@@ -44,13 +44,13 @@ class Shape:
     """
 
     label: str
-    pieces: tuple[Polyhedron, ...]
-    hull: Polyhedron
+    pieces: tuple[ConvexSolid, ...]
+    hull: ConvexSolid
     centre_of_mass: Array
     rests: tuple[Array, ...]
 
 
-def hull(points: Array, flat_mm: float = FLAT_MM) -> Polyhedron:
+def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
     """The convex hull of some (N, 3) points, up to a hundred; triangles in a plane, to within flat_mm, are a face."""
     found: dict[tuple[int, ...], Array] = {}
     triples = np.array(list(combinations(range(len(points)), 3)))
@@ -65,7 +65,7 @@ def hull(points: Array, flat_mm: float = FLAT_MM) -> Polyhedron:
     faces = tuple(_loop(points, members, normal) for members, normal in found.items())
     normals = np.array(list(found.values()))
     offsets = np.array([normals[i] @ points[f[0]] for i, f in enumerate(faces)])
-    return Polyhedron(points, faces, normals, offsets)
+    return ConvexSolid(points, faces, normals, offsets)
 
 
 def _take_faces(
@@ -99,7 +99,7 @@ def _loop(points: Array, members: tuple[int, ...], normal: Array) -> tuple[int, 
     return tuple(int(members[i]) for i in ring)
 
 
-def volume_and_centre(solid: Polyhedron) -> tuple[float, Array]:
+def volume_and_centre(solid: ConvexSolid) -> tuple[float, Array]:
     """Volume in mm^3 and centre of mass (3,) mm, by tetrahedra from the origin."""
     volume, moment = 0.0, np.zeros(3)
     for face in solid.faces:
@@ -111,7 +111,7 @@ def volume_and_centre(solid: Polyhedron) -> tuple[float, Array]:
     return volume, moment / volume
 
 
-def stable_rests(solid: Polyhedron, centre_of_mass: Array) -> tuple[Array, ...]:
+def stable_rests(solid: ConvexSolid, centre_of_mass: Array) -> tuple[Array, ...]:
     """The (4, 4) rests_from_part of each face over whose inside, MARGIN_MM from its sides, the centre of mass lies."""
     rests = []
     for face, normal in zip(solid.faces, solid.normals, strict=True):
@@ -125,14 +125,14 @@ def stable_rests(solid: Polyhedron, centre_of_mass: Array) -> tuple[Array, ...]:
     return tuple(rests)
 
 
-def shape(label: str, *clouds: Array, flat_mm: float = FLAT_MM) -> Shape:
+def shape(label: str, *clouds: Array, flat_mm: float = FLAT_MM) -> PartShape:
     """The shape whose convex pieces are the hulls of the given (N, 3) point clouds; they may touch, not overlap."""
     centroid = np.unique(np.vstack(clouds), axis=0).mean(axis=0)
     pieces = tuple(hull(cloud - centroid, flat_mm) for cloud in clouds)
     masses = [volume_and_centre(piece) for piece in pieces]
     centre = np.sum([v * c for v, c in masses], axis=0) / sum(v for v, _ in masses)
     whole = pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0), flat_mm)
-    return Shape(label, pieces, whole, centre, stable_rests(whole, centre))
+    return PartShape(label, pieces, whole, centre, stable_rests(whole, centre))
 
 
 def prism(sides: int, side_mm: float, length_mm: float) -> Array:
@@ -148,22 +148,22 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Ar
     return np.where(pick == 1, np.asarray(high), np.asarray(low)).astype(float)
 
 
-def _pyramid() -> Shape:
+def _pyramid() -> PartShape:
     base = prism(4, 50.0, 1.0)[:4] @ turn([0, 0, 1], np.pi / 4).T
     return shape("pyramid", np.vstack([base, [[0.0, 0.0, 50.0]]]))
 
 
-def _tetrahedron() -> Shape:
+def _tetrahedron() -> PartShape:
     side = 60.0
     base = prism(3, side, 1.0)[:3]
     return shape("tetrahedron", np.vstack([base, [[0.0, 0.0, side * np.sqrt(2.0 / 3.0)]]]))
 
 
-def _l_block() -> Shape:
+def _l_block() -> PartShape:
     return shape("l_block", box((0, 0, 0), (60, 25, 40)), box((0, 25, 0), (25, 50, 40)))
 
 
-_MAKERS: dict[str, Callable[[], Shape]] = {
+_MAKERS: dict[str, Callable[[], PartShape]] = {
     "cube": lambda: shape("cube", box((0, 0, 0), (50, 50, 50))),
     "pyramid": _pyramid,
     "triangular_prism": lambda: shape("triangular_prism", prism(3, 50.0, 70.0)),
@@ -177,7 +177,7 @@ STRANGERS = ("hexagonal_prism", "l_block", "tetrahedron")
 
 
 @cache
-def part_shape(label: str) -> Shape:
+def part_shape(label: str) -> PartShape:
     """The shape of that name. Raises KeyError with the names there are."""
     if label not in _MAKERS:
         raise KeyError(f"no part named {label!r}; there are {', '.join(_MAKERS)}")

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.light import CellLight
-from drivers.simcell.optics import Array32, Eye
-from drivers.simcell.parts import Polyhedron
+from drivers.simcell.optics import Array32, LensCamera
+from drivers.simcell.parts import ConvexSolid
 from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.textures import Pattern
 
@@ -27,10 +27,10 @@ BULGE_PX = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class RenderedSolid:
     """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces."""
 
-    solid: Polyhedron
+    solid: ConvexSolid
     world_from_solid: Array
     albedo: float
     patterns: tuple[Pattern, ...] = ()
@@ -44,7 +44,7 @@ class _Face:
     the face's plane; window: the rows and columns of pixels it can touch.
     """
 
-    thing: Thing
+    thing: RenderedSolid
     body: int
     index: int
     edges: Array32
@@ -90,7 +90,7 @@ class _Face:
 class Retina:
     """The rays of one eye's image grid, worked out once: corners between pixels, and samples inside a pixel."""
 
-    def __init__(self, eye: Eye, width: int, height: int) -> None:
+    def __init__(self, eye: LensCamera, width: int, height: int) -> None:
         self.eye = eye
         self.corners = eye.directions(width, height)
         c = self.corners
@@ -124,7 +124,7 @@ def _spread() -> tuple[Array, Array]:
     return (index + 0.5) / SAMPLES, (index * STRIDE % SAMPLES + 0.5) / SAMPLES
 
 
-def radiance(retina: Retina, world_from_cyclopean: Array, things: Sequence[Thing], light: CellLight) -> Array32:
+def radiance(retina: Retina, world_from_cyclopean: Array, things: Sequence[RenderedSolid], light: CellLight) -> Array32:
     """The sharp image (H, W) in grey levels, before blur, vignette, gain and noise.
 
     The first of the things are those whose shadows light has cast; others come after them.
@@ -152,7 +152,7 @@ def _inside(window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArra
     )
 
 
-def _facing(thing: Thing, body: int, retina: Retina, world_from_camera: Array) -> list[_Face]:
+def _facing(thing: RenderedSolid, body: int, retina: Retina, world_from_camera: Array) -> list[_Face]:
     """The faces of a thing that are turned to the eye and may be in its image."""
     camera_from_solid = inverse(world_from_camera) @ thing.world_from_solid
     corners = apply(camera_from_solid, thing.solid.vertices)

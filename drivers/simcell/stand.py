@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.light import facet_levels
-from drivers.simcell.parts import Polyhedron, Shape, part_shape
+from drivers.simcell.parts import ConvexSolid, PartShape, part_shape
 from drivers.simcell.rigid import apply, rigid, turn, turn_between
 from drivers.simcell.truth import Lighting
 
@@ -77,7 +77,7 @@ def characteristic_pose(
 
 
 def drawn_pose(
-    shape: Shape, view: int, world_from_cyclopean: Array, eyes_cyclopean_mm: Sequence[Array], lighting: Lighting
+    shape: PartShape, view: int, world_from_cyclopean: Array, eyes_cyclopean_mm: Sequence[Array], lighting: Lighting
 ) -> Array:
     """The same for a part that was drawn, from one of eight sides, counted round; as near as may be where no turn shows
     all its facets clearly."""
@@ -97,7 +97,7 @@ def _leans(right: Array, down: Array) -> list[Array]:
     return [turn(side, tilt) for tilt in TILTS_RAD for side in (sides if tilt else sides[:1])]
 
 
-def _direction(shape: Shape, wanted: tuple[int, ...]) -> Array:
+def _direction(shape: PartShape, wanted: tuple[int, ...]) -> Array:
     """A direction (3,) in the part's frame from which the facets of a wanted view are all turned to the eye alike."""
     sides = [len(face) for face in shape.hull.faces]
     for facets in combinations(range(len(sides)), len(wanted)):
@@ -118,7 +118,7 @@ def _evenly_between(normals: Array) -> Array:
 
 
 def _clearness(
-    shape: Shape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...] | None, lighting: Lighting
+    shape: PartShape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...] | None, lighting: Lighting
 ) -> float:
     """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge, no edge along the
     line between the eyes; 0: another view than the one wanted (None: any)."""
@@ -164,7 +164,7 @@ def _facing(middles: Array, normals: Array, eye: Array) -> Array:
 
 
 def _least_step(
-    solid: Polyhedron, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
+    solid: ConvexSolid, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
 ) -> float:
     """The least difference in grey level across an edge between facets in sight, or between one and the table."""
 

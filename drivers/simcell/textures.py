@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.optics import Array32
-from drivers.simcell.parts import Polyhedron
+from drivers.simcell.parts import ConvexSolid
 from drivers.simcell.rigid import rigid
 
 TableKind = Literal["plain", "patterned"]
@@ -86,14 +86,14 @@ def _turned(rng: np.random.Generator, size: int, texel_mm: float) -> tuple[Array
     return x * cos + y * sin, y * cos - x * sin
 
 
-def printed_faces(solid: Polyhedron, albedo: float, rng: np.random.Generator) -> tuple[Pattern, ...]:
+def printed_faces(solid: ConvexSolid, albedo: float, rng: np.random.Generator) -> tuple[Pattern, ...]:
     """Print for most faces of a solid of one albedo."""
     return tuple(
         _print_on(solid, face, albedo, rng) for face in range(len(solid.faces)) if rng.random() < PRINTED_SHARE
     )
 
 
-def _print_on(solid: Polyhedron, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
+def _print_on(solid: ConvexSolid, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
     """One face covered with print, whose rows run along its first side."""
     ring: Array = solid.vertices[list(solid.faces[face])]
     x = (ring[1] - ring[0]) / np.linalg.norm(ring[1] - ring[0])

@@ -17,7 +17,7 @@ from msgspec import Meta
 from drivers.arrays import Array
 from drivers.puma560 import NEST_RAD, PUMA560, ArmGeometry
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.optics import Eye
+from drivers.simcell.optics import LensCamera
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -47,7 +47,7 @@ def rigid_matrix(rows: Matrix4, name: str = "transform") -> Array:
     return matrix
 
 
-class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CameraTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One camera: as in calibration.yaml."""
 
     camera_matrix: Matrix3
@@ -57,9 +57,11 @@ class EyeTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         rigid_matrix(self.cyclopean_from_camera, "cyclopean_from_camera")
 
-    def eye(self) -> Eye:
+    def eye(self) -> LensCamera:
         """The camera as geometry."""
-        return Eye(np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera))
+        return LensCamera(
+            np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera)
+        )
 
 
 class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -137,7 +139,7 @@ class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     table_albedo: Fraction
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TableTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The table's top: z in world mm, the area parts are strewn over (centre, radius), its half size."""
 
     height_mm: float
@@ -146,14 +148,14 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     half_size_mm: Positive
 
 
-class Bin(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BinTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where parts are dropped: an upright rectangle over the table, centre and full size, world mm."""
 
     centre_mm: Vector2
     size_mm: Vector2
 
 
-class Gripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class GripperTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The parallel gripper: jaws close along tool y, both alike; fingers lie along tool z.
 
     opening_mm between the open jaws; finger_width_mm along tool x; tip_mm from the TCP to the tips; finger_length_mm
@@ -196,7 +198,7 @@ class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What nobody may make the arm do, whatever was typed (judge.py).
+    """What nobody may make the arm do, whatever was typed (motion_monitor.py).
 
     body: what must stay above the table, inside the room and out of the keep_out boxes. fastest_percent, fastest_mm_s:
     monitor speed, and what the tool centre point then makes; longest_step_mm: of one motion, as commanded;
@@ -218,15 +220,15 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
-    left: EyeTruth
-    right: EyeTruth
+    left: CameraTruth
+    right: CameraTruth
     tool_from_cyclopean: Matrix4
     arm: ArmTruth
     sensor: Sensor
     lighting: Lighting
-    table: Table
-    bin: Bin
-    gripper: Gripper
+    table: TableTruth
+    bin: BinTruth
+    gripper: GripperTruth
     safety: Safety = Safety()
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.arrays import Array
 from drivers.simcell.controller import Machine
-from drivers.simcell.history import Leg
+from drivers.simcell.history import MotionRecord
 from drivers.simcell.rigid import angle_of, apply, rigid
 from drivers.simcell.truth import Truth
 from drivers.simcell.world import Closing, World
@@ -28,9 +28,9 @@ class Witness:
         self._world, self._world_from_tool = world, world_from_tool
 
     @property
-    def motions(self) -> tuple[Leg, ...]:
+    def motions(self) -> tuple[MotionRecord, ...]:
         """Every motion of the arm, oldest first: what was typed, speed, TOOL and hand at its start, the way itself."""
-        return tuple(event for event in self.machine.history if isinstance(event, Leg))
+        return tuple(event for event in self.machine.history if isinstance(event, MotionRecord))
 
     @property
     def grasps(self) -> tuple[Closing, ...]:

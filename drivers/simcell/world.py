@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.arrays import Array
 from drivers.simcell.gripper import Grip, close_on, reaches, strikes
-from drivers.simcell.parts import Shape, part_shape
+from drivers.simcell.parts import PartShape, part_shape
 from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Truth
 
@@ -22,7 +22,7 @@ FLOOR_BELOW_TABLE_MM = 700.0
 HAND_REACH_MM = 130.0
 
 
-class Where(Enum):
+class PartPlace(Enum):
     """What carries a part."""
 
     TABLE = "table"
@@ -38,13 +38,13 @@ class PlacedPart:
 
     name: str
     label: str
-    shape: Shape
-    where: Where
+    shape: PartShape
+    where: PartPlace
     pose: Array
 
     def world_from_part(self, world_from_tool: Array) -> Array:
         """(4, 4) mm."""
-        return world_from_tool @ self.pose if self.where is Where.HAND else self.pose
+        return world_from_tool @ self.pose if self.where is PartPlace.HAND else self.pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class World:
         self._truth = truth
         self._lock = RLock()
         self._parts: dict[str, PlacedPart] = {}
-        self._drawn: dict[str, Shape] = {}
+        self._drawn: dict[str, PartShape] = {}
         self._count = 0
         self.changes = 0
         self.gap_mm = truth.gripper.opening_mm
@@ -83,7 +83,7 @@ class World:
     @property
     def held(self) -> PlacedPart | None:
         """The part in the hand, if any."""
-        return next((part for part in self.parts if part.where is Where.HAND), None)
+        return next((part for part in self.parts if part.where is PartPlace.HAND), None)
 
     def clear(self) -> None:
         """Take every part away."""
@@ -91,7 +91,7 @@ class World:
             self._parts.clear()
             self.changes += 1
 
-    def draw(self, shapes: Sequence[Shape]) -> None:
+    def draw(self, shapes: Sequence[PartShape]) -> None:
         """Have parts of these shapes as well, by their labels, before those there are; what lies there stays."""
         with self._lock:
             self._drawn = {shape.label: shape for shape in shapes}
@@ -100,12 +100,12 @@ class World:
         """Whether a part's shape was drawn."""
         return label in self._drawn
 
-    def shape(self, label: str) -> Shape:
+    def shape(self, label: str) -> PartShape:
         """The shape of that name. Raises KeyError."""
         with self._lock:
             return self._drawn.get(label) or part_shape(label)
 
-    def put(self, label: str, world_from_part: Array, where: Where = Where.TABLE) -> PlacedPart:
+    def put(self, label: str, world_from_part: Array, where: PartPlace = PartPlace.TABLE) -> PlacedPart:
         """Put a new part somewhere. Raises KeyError for a label there is no shape for."""
         with self._lock:
             self._count += 1
@@ -168,7 +168,7 @@ class World:
             self.closings.append(closing)
             self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
-    def open_hand(self, world_from_tool: Array) -> tuple[str, float, Where] | None:
+    def open_hand(self, world_from_tool: Array) -> tuple[str, float, PartPlace] | None:
         """Open the jaws: what they held falls. Gives its label, how high above the table it hung, what caught it."""
         with self._lock:
             self.gap_mm = self._truth.gripper.opening_mm
@@ -176,7 +176,7 @@ class World:
 
     def _standing(self) -> list[PlacedPart]:
         """What the hand may meet: not what it holds, nor what is gone."""
-        return [part for part in self.parts if part.where in (Where.TABLE, Where.STAND)]
+        return [part for part in self.parts if part.where in (PartPlace.TABLE, PartPlace.STAND)]
 
     def _set(self, part: PlacedPart) -> None:
         self._parts[part.name] = part
@@ -189,27 +189,27 @@ class World:
             return Grip(False, "more than one part between the jaws", tool_from_part, tool_from_part)
         grip = close_on(part.shape, tool_from_part, tool_from_world[:3, 2], self._truth.gripper)
         if grip.held:
-            self._set(replace(part, where=Where.HAND, pose=grip.tool_from_part))
-        elif grip.shift_mm and part.where is Where.TABLE:
+            self._set(replace(part, where=PartPlace.HAND, pose=grip.tool_from_part))
+        elif grip.shift_mm and part.where is PartPlace.TABLE:
             push = world_from_tool[:3, 1] * grip.shift_mm
             self.nudge(part.name, push[0], push[1])
         return grip
 
-    def _drop(self, part: PlacedPart, world_from_tool: Array) -> tuple[str, float, Where]:
+    def _drop(self, part: PlacedPart, world_from_tool: Array) -> tuple[str, float, PartPlace]:
         pose = world_from_tool @ part.pose
         x, y, _ = apply(pose, part.shape.centre_of_mass)
         table, bin_ = self._truth.table, self._truth.bin
         if np.all(np.abs(np.array([x, y]) - bin_.centre_mm) <= np.array(bin_.size_mm) / 2):
-            where = Where.BIN
+            where = PartPlace.BIN
         elif np.all(np.abs(np.array([x, y]) - table.centre_mm) <= table.half_size_mm):
-            where = Where.TABLE
+            where = PartPlace.TABLE
         else:
-            where = Where.FLOOR
+            where = PartPlace.FLOOR
         landed = settle(part.shape, pose, table.height_mm)
-        if where is Where.FLOOR:
+        if where is PartPlace.FLOOR:
             landed[2, 3] -= FLOOR_BELOW_TABLE_MM
         self._set(replace(part, where=where, pose=landed))
-        if where is Where.TABLE:
+        if where is PartPlace.TABLE:
             self._push_clear(part.name)
         return part.label, float(apply(pose, part.shape.hull.vertices)[:, 2].min()) - table.height_mm, where
 
@@ -218,7 +218,7 @@ class World:
         for _ in range(100):
             part = self._parts[name]
             here = part.pose[:2, 3]
-            others = [p for p in self._parts.values() if p.name != name and p.where is Where.TABLE]
+            others = [p for p in self._parts.values() if p.name != name and p.where is PartPlace.TABLE]
             near = [
                 p for p in others if np.linalg.norm(p.pose[:2, 3] - here) < _reach_mm(p.shape) + _reach_mm(part.shape)
             ]
@@ -260,7 +260,7 @@ class World:
         return spots
 
 
-def settle(shape: Shape, world_from_part: Array, height_mm: float) -> Array:
+def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
     """Where a part comes to rest that is let go: on the stable face that looks down most, its middle where it was."""
     turned_down = [rest[:3, :3].T @ np.array([0.0, 0.0, -1.0]) for rest in shape.rests]
     steepness = [-(world_from_part[:3, :3] @ down)[2] for down in turned_down]
@@ -271,6 +271,6 @@ def settle(shape: Shape, world_from_part: Array, height_mm: float) -> Array:
     return rigid(turn([0, 0, 1], heading), [x, y, height_mm]) @ rest
 
 
-def _reach_mm(shape: Shape) -> float:
+def _reach_mm(shape: PartShape) -> float:
     """Radius of the upright cylinder about the centre of mass that holds the part whichever way it lies."""
     return float(np.linalg.norm(shape.hull.vertices - shape.centre_of_mass, axis=1).max())

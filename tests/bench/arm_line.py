@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from drivers.puma560 import READY_RAD
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, PtyServer
 from drivers.val2.link import Dialect, Link, Start
 from drivers.val2.location import Location
@@ -111,7 +111,7 @@ def server_rests_s(server: PtyServer) -> float:
 
 def main() -> int:
     """Measure and print."""
-    with PtyServer(Controller(Arm(joints_rad=np.array(READY_RAD)))) as server:
+    with PtyServer(Controller(SimulatedArm(joints_rad=np.array(READY_RAD)))) as server:
         asyncio.run(measure(server))
     return 0
 

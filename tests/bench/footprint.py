@@ -53,7 +53,7 @@ def measure(name: str, config: str, arguments: tuple[str, ...], time_scale: floa
         daemon.end()
         if "--sim" in arguments:
             print(
-                "\n".join(daemon.judged()) or "the cell's judge saw the arm do nothing that it must never do",
+                "\n".join(daemon.judged()) or "the cell's motion monitor saw the arm do nothing that it must never do",
                 flush=True,
             )
     finally:

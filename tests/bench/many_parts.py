@@ -26,13 +26,13 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model
-from daemon.vision.values import Scene as Seen
+from daemon.vision.values import SimulatedScene as Seen
 from drivers.camera.pair import StereoPair
-from drivers.simcell.camera import Scene, SimulatedPair
-from drivers.simcell.render import Thing
+from drivers.simcell.camera import SimulatedPair, SimulatedScene
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import inverse, rigid, turn
 from drivers.simcell.truth import Truth, load_truth
-from tests.bench.recognise import Tally, judge, test_folders, trained
+from tests.bench.recognise import Tally, motion_monitor, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.drawn import obj, solid
@@ -108,7 +108,7 @@ def photographed(parts: list[DrawnPart], truth: Truth) -> Iterator[tuple[DrawnPa
     """Each part alone on the table, on any of its rests, three facets whole before the eyes; and where it
     is, cyclopean_from_part (4, 4) mm."""
     rng = np.random.default_rng(SEED)
-    stage: list[Scene] = []
+    stage: list[SimulatedScene] = []
     cameras = SimulatedPair(truth, lambda _: stage[-1], np.random.default_rng(SEED))
     cameras.open()
     for number, part in enumerate(parts):
@@ -121,8 +121,8 @@ def photographed(parts: list[DrawnPart], truth: Truth) -> Iterator[tuple[DrawnPa
             eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
             if len(visible_facets(drawn, -lies[:3, :3].T @ eyes[:3, 2], FACING)) >= FACETS:
                 break
-        things = tuple(Thing(piece, lies, truth.lighting.facet_albedo) for piece in part.shape.pieces)
-        stage[:] = [Scene(eyes, things, number)]
+        things = tuple(RenderedSolid(piece, lies, truth.lighting.facet_albedo) for piece in part.shape.pieces)
+        stage[:] = [SimulatedScene(eyes, things, number)]
         yield part, cameras.grab(0.0, 2.0), inverse(eyes) @ lies
 
 
@@ -177,7 +177,7 @@ def _rendered(parts: tuple[DrawnPart, ...]) -> None:
             for folder in folders:
                 if folder.name.startswith(f"{kind}-"):
                     scene = look(*rendered.pair(folder), rig, model, clock=time.process_time)
-                    judge(scene, rendered.truth(folder), few.labels, tally)
+                    motion_monitor(scene, rendered.truth(folder), few.labels, tally)
                     tally.looks_ms.append(1000 * sum(scene.seconds.values()))
             c, times = tally.counts, [np.percentile(tally.looks_ms, p) for p in (50, 95, 100)]
             counts = f"{c['right']:>7}{c['silent']:>7}{c['mistaken']:>7}{c['invented'] + c['ghost']:>9}"
@@ -202,7 +202,7 @@ def _strangers_drawn() -> None:
             if label not in models:
                 models[label] = learn_solid(few, solid(f"{label}.obj", _drawing(body)), label)
             tally = tallies.setdefault(kind, Tally())
-            judge(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
+            motion_monitor(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
     print(f"\n{'strangers, drawn':<18}{'right':>7}{'silent':>7}{'wrong':>7}{'corners mm 50 %':>17}{'95 %':>7}")
     for kind, tally in tallies.items():
         c, off = tally.counts, np.percentile(tally.fitted_mm or [np.nan], [50, 95])

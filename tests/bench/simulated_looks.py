@@ -17,9 +17,9 @@ from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import FacetView
 from drivers.camera.pair import StereoPair
-from drivers.simcell.camera import Scene, SimulatedPair
+from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.parts import TAUGHT
-from drivers.simcell.render import Thing
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import apply, inverse
 from drivers.simcell.truth import Truth, load_truth
 from drivers.simcell.world import World
@@ -92,9 +92,11 @@ class Stage:
         self.cameras = SimulatedPair(truth, self._sight, np.random.default_rng(SEED))
         self.cameras.open()
 
-    def _sight(self, _: float) -> Scene:
-        things = [Thing(piece, part.pose, self._albedo) for part in self.world.parts for piece in part.shape.pieces]
-        return Scene(self.pose, tuple(things), self.world.changes)
+    def _sight(self, _: float) -> SimulatedScene:
+        things = [
+            RenderedSolid(piece, part.pose, self._albedo) for part in self.world.parts for piece in part.shape.pieces
+        ]
+        return SimulatedScene(self.pose, tuple(things), self.world.changes)
 
     def look(self) -> tuple[StereoPair, float]:
         began = time.perf_counter()

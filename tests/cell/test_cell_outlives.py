@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from tests.fakes.outlive import ACTS, Beside, Ways, harm
 
 pytestmark = pytest.mark.slow
@@ -51,5 +51,5 @@ def test_an_auto_of_two_killed_with_the_first_part_in_the_gripper_brings_two(dae
     daemon.do("enable")
     assert daemon.do("auto resume")["status"] == 0
     daemon.do("auto wait")
-    assert sum(part.where is Where.BIN for part in daemon.cell.world.parts) == 2
+    assert sum(part.where is PartPlace.BIN for part in daemon.cell.world.parts) == 2
     assert daemon.do("status")["data"]["left"] is None

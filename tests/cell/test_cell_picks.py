@@ -149,7 +149,7 @@ def test_looks_that_deny_a_part_that_is_held_let_it_fall_nowhere_but_into_the_bi
             await here.cycle.pick()
             return here.log.said("decision"), here.lies("cube")
 
-    decisions, lies = run(story())  # the rig's judge must have seen nothing dropped
+    decisions, lies = run(story())  # the rig's motion monitor must have seen nothing dropped
     assert "missed" in [each["text"] for each in decisions]
     assert lies == "bin"
 

@@ -301,7 +301,7 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
 
 @dataclass(frozen=True)
 class Day:
-    """How one ended: what was on the screen, what the simulated cell's judge found, the part in the bin or not."""
+    """How one ended: what was on the screen, what the cell's motion monitor found, whether the part is in the bin."""
 
     seen: str
     judged: tuple[str, ...]

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
-from drivers.simcell.parts import Polyhedron, Shape, shape
-from drivers.simcell.render import Thing
+from drivers.simcell.parts import ConvexSolid, PartShape, shape
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import CELL_MM, Pattern
 from drivers.simcell.world import World
@@ -62,7 +62,7 @@ class Body:
 
     label: str
     stranger: bool
-    shape: Shape
+    shape: PartShape
     cyclopean_from_part: Array
     in_view: float
     tells: bool
@@ -83,7 +83,7 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     """The scene of that kind and seed, of known parts and strangers; look-alikes are made from known ones."""
     (least, most), patterned, ink, alikes = KINDS[kind]
     rng = np.random.default_rng([*kind.encode(), seed])
-    shapes, strange, models = list[Shape](), list[bool](), list[Shape | None]()
+    shapes, strange, models = list[PartShape](), list[bool](), list[PartShape | None]()
     for k in range(int(rng.integers(least, most + 1))):
         strange.append(bool(rng.random() < STRANGE))
         one = known[int(rng.integers(len(known)))]
@@ -99,7 +99,7 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), middle, rng, ELEVATION_DEG)
     albedo = truth.lighting.facet_albedo
     things = [
-        Thing(piece, part.pose, albedo, tuple(marks))
+        RenderedSolid(piece, part.pose, albedo, tuple(marks))
         for part in world.parts
         for piece, marks in zip(part.shape.pieces, _prints(part.shape, albedo, ink, rng), strict=True)
     ]
@@ -120,7 +120,7 @@ def staged(kind: str, seed: int, known: Sequence[DrawnPart], strangers: Sequence
     return Staged(kind, seed, left, right, bodies)
 
 
-def look_alike(part: DrawnPart, rng: np.random.Generator) -> Shape:
+def look_alike(part: DrawnPart, rng: np.random.Generator) -> PartShape:
     """A part that was never taught and is much like one: one of its sizes is another, or one of its corners is cut."""
     draw, _ = FAMILIES[part.family]
     if part.family in CUT and rng.random() < 0.5:
@@ -134,12 +134,12 @@ def look_alike(part: DrawnPart, rng: np.random.Generator) -> Shape:
     return shape(f"{part.label}_resized", *draw(*sizes).clouds)
 
 
-def _named(one: Shape, number: int) -> Shape:
+def _named(one: PartShape, number: int) -> PartShape:
     """A stranger under a name of its own in the scene."""
-    return Shape(f"stranger_{number}_{one.label}", one.pieces, one.hull, one.centre_of_mass, one.rests)
+    return PartShape(f"stranger_{number}_{one.label}", one.pieces, one.hull, one.centre_of_mass, one.rests)
 
 
-def _prints(part: Shape, albedo: float, ink: Print, rng: np.random.Generator) -> list[tuple[Pattern, ...]]:
+def _prints(part: PartShape, albedo: float, ink: Print, rng: np.random.Generator) -> list[tuple[Pattern, ...]]:
     if ink == "printed":
         return print_for(part, albedo, rng)
     if ink == "edges":
@@ -147,7 +147,7 @@ def _prints(part: Shape, albedo: float, ink: Print, rng: np.random.Generator) ->
     return [() for _ in part.pieces]
 
 
-def _framed(piece: Polyhedron, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
+def _framed(piece: ConvexSolid, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
     """A line along the sides of a face, a little inside them: straight, and of the face's own shape."""
     ring: Array = piece.vertices[list(piece.faces[face])]
     x = (ring[1] - ring[0]) / np.linalg.norm(ring[1] - ring[0])
@@ -173,7 +173,7 @@ def _from_sides(flat: Array, point: Array) -> Array:
     return crossed
 
 
-def _in_view(which: int, shapes: list[Shape], poses: list[Array], rng: np.random.Generator) -> float:
+def _in_view(which: int, shapes: list[PartShape], poses: list[Array], rng: np.random.Generator) -> float:
     """What share of points of one part's surface that face both eyes is seen by both; the others, or a picture's rim,
     hide the rest."""
     sight = [cell().left.eye(), cell().right.eye()]
@@ -195,7 +195,7 @@ def _in_view(which: int, shapes: list[Shape], poses: list[Array], rng: np.random
     return float(free.sum() / max(own.sum(), 1))
 
 
-def _on_surface(part: Shape, rng: np.random.Generator) -> tuple[Array, Array]:
+def _on_surface(part: PartShape, rng: np.random.Generator) -> tuple[Array, Array]:
     """Points (N, 3) on the faces of the pieces, and the normal of each."""
     points, normals = [], []
     for piece in part.pieces:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array
-from drivers.simcell.parts import Polyhedron as Hull
-from drivers.simcell.parts import Shape
+from drivers.simcell.parts import ConvexSolid as Hull
+from drivers.simcell.parts import PartShape
 from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.world import World
 
@@ -27,7 +27,7 @@ def heap(world: World, labels: list[str], table_mm: Array, rng: np.random.Genera
         world.put(label, _pushed(shape, spun, way, standing))
 
 
-def _pushed(shape: Shape, pose: Array, way: Array, standing: list[tuple[Shape, Array]]) -> Array:
+def _pushed(shape: PartShape, pose: Array, way: Array, standing: list[tuple[PartShape, Array]]) -> Array:
     """Where it is that is pushed in from far away until it touches."""
     near, far = 0.0, 400.0
     if not standing:
@@ -42,7 +42,7 @@ def _pushed(shape: Shape, pose: Array, way: Array, standing: list[tuple[Shape, A
     return rigid(np.eye(3), far * way) @ pose
 
 
-def overlap(one: Shape, its_pose: Array, other: Shape, other_pose: Array) -> bool:
+def overlap(one: PartShape, its_pose: Array, other: PartShape, other_pose: Array) -> bool:
     """Whether two parts lie in one another: no plane along a face or two edges has a piece of each on either hand."""
     return any(_meet(a, its_pose, b, other_pose) for a in one.pieces for b in other.pieces)
 

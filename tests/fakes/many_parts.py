@@ -15,7 +15,7 @@ import numpy as np
 
 from daemon.store.library import load_facets
 from daemon.vision.model.model import Model, empty_model, learn_solids
-from drivers.simcell.parts import Shape, shape
+from drivers.simcell.parts import PartShape, shape
 from tests.fakes.drawn import obj, prism, solid
 
 Rings = list[tuple[int, ...]]
@@ -45,7 +45,7 @@ class DrawnPart:
     family: str
     sizes: tuple[int, ...]
     drawing: bytes
-    shape: Shape
+    shape: PartShape
 
 
 def _upright(outline: Outline, height: float, *pieces: Outline) -> Drawing:

@@ -75,18 +75,18 @@ class Beside(Sentry):
     def start(self, arguments: Any = (), timeout_s: float = 60.0) -> None:
         """Start it as systemd would: again, where a device could not be had. Until it is ready nobody can stop the arm,
         which may be at work still."""
-        judge, server = self.cell.judge, self.cell.server
+        motion_monitor, server = self.cell.motion_monitor, self.cell.server
         self._enabled = False
-        judge.line(server.now_s(), hears=False)
-        judge.may_move(server.now_s(), False)
+        motion_monitor.line(server.now_s(), hears=False)
+        motion_monitor.may_move(server.now_s(), False)
         super().start((), timeout_s)
-        judge.line(server.now_s(), hears=True)
+        motion_monitor.line(server.now_s(), hears=True)
 
     def do(self, text: str) -> dict[str, Any]:
-        """Say one command; what it allows is known to the cell's judge from here."""
+        """Say one command; what it allows is known to the cell's motion monitor from here."""
         self._enabled |= text == "enable"
         if self._enabled and text not in ("stop", "disable"):
-            self.cell.judge.may_move(self.cell.server.now_s(), True)
+            self.cell.motion_monitor.may_move(self.cell.server.now_s(), True)
         return super().do(text)
 
     def judged(self) -> list[str]:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from drivers.simcell.camera import Scene, SimulatedPair
-from drivers.simcell.parts import Polyhedron, Shape
-from drivers.simcell.render import Thing
+from drivers.simcell.camera import SimulatedPair, SimulatedScene
+from drivers.simcell.parts import ConvexSolid, PartShape
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import inverse, rigid, turn
 from drivers.simcell.textures import Pattern, printed_faces
 from drivers.simcell.truth import Truth, load_truth
@@ -61,7 +61,7 @@ def cell() -> Truth:
     return load_truth(ETC / "simcell.yaml")
 
 
-def photograph(shape: Shape, rng: np.random.Generator) -> Photograph:
+def photograph(shape: PartShape, rng: np.random.Generator) -> Photograph:
     """The part alone on the table, on any of its rests and in any turn, from anywhere within DISTANCE_MM and
     ELEVATION_DEG; half the tables patterned, half the parts printed."""
     truth = cell()
@@ -73,12 +73,12 @@ def photograph(shape: Shape, rng: np.random.Generator) -> Photograph:
     eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
     albedo = truth.lighting.facet_albedo
     prints = print_for(shape, albedo, rng) if printed else [()] * len(shape.pieces)
-    things = tuple(Thing(piece, lies, albedo, ink) for piece, ink in zip(shape.pieces, prints, strict=True))
+    things = tuple(RenderedSolid(piece, lies, albedo, ink) for piece, ink in zip(shape.pieces, prints, strict=True))
     left, right = taken(table, eyes, things, int(rng.integers(2**32)))
     return Photograph(left, right, inverse(eyes) @ lies, table, printed)
 
 
-def print_for(shape: Shape, albedo: float, rng: np.random.Generator) -> list[tuple[Pattern, ...]]:
+def print_for(shape: PartShape, albedo: float, rng: np.random.Generator) -> list[tuple[Pattern, ...]]:
     """Print for each piece's faces; a facet that several pieces make up is bare, as print does not go on from one to
     the next."""
     found = []
@@ -89,13 +89,15 @@ def print_for(shape: Shape, albedo: float, rng: np.random.Generator) -> list[tup
     return found
 
 
-def _goes_on(piece: Polyhedron, face: int, other: Polyhedron) -> bool:
+def _goes_on(piece: ConvexSolid, face: int, other: ConvexSolid) -> bool:
     """Whether the other piece has a face in the same plane on the same side."""
     along = other.normals @ piece.normals[face] > 1 - SAME_PLANE
     return bool((along & (np.abs(other.offsets - piece.offsets[face]) < SAME_PLANE * 1000)).any())
 
 
-def taken(table: int | None, world_from_cyclopean: Array, things: tuple[Thing, ...], seed: int) -> tuple[Image, Image]:
+def taken(
+    table: int | None, world_from_cyclopean: Array, things: tuple[RenderedSolid, ...], seed: int
+) -> tuple[Image, Image]:
     """Left and right picture (H, W) of things before a table; the sensor's noise is drawn from the seed."""
     kept = os.environ.get("FACETD_RENDERED")
     path = Path(kept) / f"{_mark(table, world_from_cyclopean, things, seed)}.npz" if kept else None
@@ -104,7 +106,7 @@ def taken(table: int | None, world_from_cyclopean: Array, things: tuple[Thing, .
             return file["left"], file["right"]
     cameras, stage, noise = _studio(table)
     noise.bit_generator.state = np.random.default_rng(seed).bit_generator.state
-    stage[:] = [Scene(world_from_cyclopean, things, object())]
+    stage[:] = [SimulatedScene(world_from_cyclopean, things, object())]
     pair = cameras.grab(0.0, 2.0)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -115,9 +117,9 @@ def taken(table: int | None, world_from_cyclopean: Array, things: tuple[Thing, .
 
 
 @cache
-def _studio(table: int | None) -> tuple[SimulatedPair, list[Scene], np.random.Generator]:
+def _studio(table: int | None) -> tuple[SimulatedPair, list[SimulatedScene], np.random.Generator]:
     """Cameras over a table, what they see next, and what their noise is drawn from. Their clock stands still."""
-    stage: list[Scene] = []
+    stage: list[SimulatedScene] = []
     noise = np.random.default_rng()
     pattern = None if table is None else np.random.default_rng(table)
     cameras = SimulatedPair(
@@ -127,7 +129,7 @@ def _studio(table: int | None) -> tuple[SimulatedPair, list[Scene], np.random.Ge
     return cameras, stage, noise
 
 
-def _mark(table: int | None, world_from_cyclopean: Array, things: tuple[Thing, ...], seed: int) -> str:
+def _mark(table: int | None, world_from_cyclopean: Array, things: tuple[RenderedSolid, ...], seed: int) -> str:
     """What tells one picture from all others."""
     told = sha256(f"{table} {seed}".encode() + world_from_cyclopean.tobytes())
     for thing in things:

@@ -8,13 +8,13 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.store import places
 from drivers.simcell.light import CellLight
-from drivers.simcell.optics import Array32, Eye
-from drivers.simcell.render import Retina, Thing, radiance
+from drivers.simcell.optics import Array32, LensCamera
+from drivers.simcell.render import RenderedSolid, Retina, radiance
 from drivers.simcell.rigid import apply, inverse, rigid, turn
-from drivers.simcell.truth import Lamp, Lighting, Table, load_truth
+from drivers.simcell.truth import Lamp, Lighting, TableTruth, load_truth
 
 TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
-TABLE = Table(height_mm=-300.0, centre_mm=[520.0, 0.0], scatter_radius_mm=115.0, half_size_mm=450.0)
+TABLE = TableTruth(height_mm=-300.0, centre_mm=[520.0, 0.0], scatter_radius_mm=115.0, half_size_mm=450.0)
 STARK = Lighting(
     ambient=40.0,
     lamps=[Lamp(position_mm=[100.0, -700.0, 500.0], radius_mm=20.0, level=220.0)],
@@ -34,14 +34,14 @@ def looking(eye_mm: list[float], at_mm: list[float], roll_rad: float = 0.0) -> A
     return rigid(np.column_stack([x, np.cross(z, x), z]) @ turn([0, 0, 1], roll_rad), eye_mm)
 
 
-def projected(eye: Eye, world_from_cyclopean: Array, points: Array) -> Array:
+def projected(eye: LensCamera, world_from_cyclopean: Array, points: Array) -> Array:
     """(N, 3) world -> (N, 2) px by OpenCV's projection."""
     camera_from_world = inverse(world_from_cyclopean @ eye.cyclopean_from_camera)
     seen, _ = cv2.projectPoints(apply(camera_from_world, points), np.zeros(3), np.zeros(3), eye.matrix, eye.distortion)
     return np.asarray(seen[:, 0, :], float)
 
 
-def picture(things: list[Thing], pose: Array, eye: Eye, lighting: Lighting = STARK) -> Array32:
+def picture(things: list[RenderedSolid], pose: Array, eye: LensCamera, lighting: Lighting = STARK) -> Array32:
     light = CellLight(TABLE, lighting)
     light.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in things])
     return radiance(Retina(eye, 640, 480), pose, things, light)

@@ -102,8 +102,8 @@ class Running:
         return done
 
     def judged(self) -> list[str]:
-        """What the arm did, in words, that it must never do, by the simulated cell's judge: the daemon has no part in
-        it. That it sets out only when it may is held against what was said here."""
+        """Forbidden motions of the arm, in words, as the simulated cell's motion monitor found them: the daemon has no
+        part in it. That it sets out only when it may is held against what was said here."""
         found = []
         for line in map(json.loads, (self.folder / "verdict.jsonl").read_text(encoding="utf-8").splitlines()):
             if "rule" in line:

@@ -96,7 +96,7 @@ async def rig(
     truth: Path | None = None,
     log: ListLog | None = None,
 ) -> AsyncIterator[Rig]:
-    """Build, open, enable; close at the end, where the judge must have found nothing.
+    """Build, open, enable; close at the end, where the motion monitor must have found nothing.
 
     believed: the daemon's calibration (None: its file); log: one that keeps more than its records.
     """
@@ -114,7 +114,7 @@ async def rig(
         cell, usual = pick_cell(config, believed, hardware, log)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = PickCycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
-        tell_the_judge(hardware.hand.cell, cycle, log)
+        tell_the_motion_monitor(hardware.hand.cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         try:
@@ -127,21 +127,21 @@ async def rig(
         await hardware.close()
 
 
-def tell_the_judge(cell: SimulatedCell, cycle: PickCycle, log: ListLog) -> None:
+def tell_the_motion_monitor(cell: SimulatedCell, cycle: PickCycle, log: ListLog) -> None:
     """When the arm may move, and how fast, as it is said: by whoever enables and resumes, and by the log."""
 
     def leave(act: Callable[..., None]) -> Callable[..., None]:
         def given(*asked: object) -> None:
-            cell.judge.may_move(cell.server.now_s(), True)
+            cell.motion_monitor.may_move(cell.server.now_s(), True)
             act(*asked)
 
         return given
 
     def heard(kind: str, fields: dict[str, Any]) -> None:
         if kind == "fault":
-            cell.judge.may_move(cell.server.now_s(), False)
+            cell.motion_monitor.may_move(cell.server.now_s(), False)
         if kind == "move":
-            cell.judge.no_faster_than(cell.server.now_s(), fields["speed_pct"])
+            cell.motion_monitor.no_faster_than(cell.server.now_s(), fields["speed_pct"])
 
     supervisor = cycle.supervisor
     supervisor.enable, supervisor.resume = leave(supervisor.enable), leave(supervisor.resume)  # type: ignore[method-assign]

@@ -30,7 +30,7 @@ from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.link import Link
-from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_judge
+from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_motion_monitor
 
 
 @dataclass(eq=False)
@@ -47,7 +47,7 @@ class Hours(Rig):
 
 @contextlib.asynccontextmanager
 async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | None = None) -> AsyncIterator[Hours]:
-    """Build, open, enable, on the running SimulatedLoop; close at the end, where the judge must have found nothing."""
+    """Build, open, enable, on the running SimulatedLoop; close at the end. The motion monitor must find nothing."""
     loop = asyncio.get_running_loop()
     assert isinstance(loop, SimulatedLoop)
     config = load_config(CONFIG, simulated=True)
@@ -67,7 +67,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         sight = Recogniser(start, calibration.rig, config.values.vision)
         cycle = PickCycle(*pick_cell(config, calibration, hardware, log), sight)
-        tell_the_judge(cell, cycle, log)
+        tell_the_motion_monitor(cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         trainer: Any = None

@@ -14,11 +14,11 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.cell.introduce import Person, introduce
-from daemon.cell.introduced_arm import Arm as ArmSeen
+from daemon.cell.introduced_arm import SimulatedArm as ArmSeen
 from daemon.cell.introduced_arm import arm_file, arm_of
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners, MemoryLine
 from drivers.simcell.controller.manners import drawn
 from drivers.simcell.controller.memory_line import MemoryPort
@@ -116,7 +116,7 @@ async def meet(
     """The first contact, by a person who says Y to power-up questions and yes to moves. full: whether the disk that the
     transcript is on is. Raises as introduce."""
     loop = asyncio.get_running_loop()
-    arm = Arm(strange.geometry, np.radians(strange.joints_deg))
+    arm = SimulatedArm(strange.geometry, np.radians(strange.joints_deg))
     controller = Controller(arm, strange.manners, cold=strange.cold)
     controller.machine.calibrated = True
     if dead:

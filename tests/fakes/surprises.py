@@ -1,4 +1,4 @@
-"""Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a judge.
+"""Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a motion monitor.
 
 A hypothesis state machine over tests/fakes/whole_daemon.py. What a story does is kept as calls of the rules below: of
 one that fails, calls are left out as long as it still fails alike (a few dozen stories; hypothesis, which knows only
@@ -425,7 +425,7 @@ class Surprises(RuleBasedStateMachine):
 
     @invariant()
     def nothing_surprises(self) -> None:
-        """The judge's word, after every step."""
+        """The motion monitor's word, after every step."""
         type(self).steps += 1
         if self.story is not None:
             found = self.story.violations()

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from drivers.simcell.optics import Eye
-from drivers.simcell.parts import Polyhedron, Shape
+from drivers.simcell.optics import LensCamera
+from drivers.simcell.parts import ConvexSolid, PartShape
 from drivers.simcell.rigid import apply, inverse, rigid
 from tests.fakes.photographed import cell
 
@@ -32,7 +32,7 @@ SKIN_MM = 0.3
 """How far before a point of the surface sight must be free."""
 
 
-def telling_mm(shape: Shape, other: Shape, cyclopean_from_part: Array) -> float:
+def telling_mm(shape: PartShape, other: PartShape, cyclopean_from_part: Array) -> float:
     """mm of edge, of both eyes, by which the part differs from the other as it is most like it."""
     eyes = [cell().left.eye(), cell().right.eye()]
     coarse, fine = (
@@ -59,7 +59,7 @@ def _alone(points: Array, others: Array) -> int:
     return int((away.min(1) > APART_PX**2).sum())
 
 
-def _seen(shape: Shape, on_edges: Array, pose: Array, eye: Eye) -> Array:
+def _seen(shape: PartShape, on_edges: Array, pose: Array, eye: LensCamera) -> Array:
     """(N, 2) px of those points (K, 3) of the part's edges that the eye sees."""
     points = apply(pose, on_edges)
     centre = eye.cyclopean_from_camera[:3, 3]
@@ -71,7 +71,7 @@ def _seen(shape: Shape, on_edges: Array, pose: Array, eye: Eye) -> Array:
     return eye.project(points[free])
 
 
-def _edge_points(shape: Shape, step_mm: float) -> Array:
+def _edge_points(shape: PartShape, step_mm: float) -> Array:
     """(N, 3) along the edges of the pieces, without the seams between pieces."""
     found = []
     for piece in shape.pieces:
@@ -85,7 +85,7 @@ def _edge_points(shape: Shape, step_mm: float) -> Array:
     return np.vstack(found)
 
 
-def _smooth(piece: Polyhedron, edge: tuple[int, int], points: Array, others: list[Polyhedron]) -> Flags:
+def _smooth(piece: ConvexSolid, edge: tuple[int, int], points: Array, others: list[ConvexSolid]) -> Flags:
     """Which points of a piece's edge lie where the surface goes on flat, as another piece goes on there."""
     smooth = np.zeros(len(points), bool)
     normals = [n for f, n in zip(piece.faces, piece.normals, strict=True) if edge[0] in f and edge[1] in f]
@@ -99,7 +99,7 @@ def _smooth(piece: Polyhedron, edge: tuple[int, int], points: Array, others: lis
     return smooth
 
 
-def hides(piece: Polyhedron, pose: Array, start: Array, centre: Array) -> Flags:
+def hides(piece: ConvexSolid, pose: Array, start: Array, centre: Array) -> Flags:
     """(N,) whether the convex piece lies between points (N, 3) and the eye at centre (3,)."""
     back = inverse(pose)
     a, b = apply(back, start), apply(back, centre)
@@ -113,7 +113,7 @@ def hides(piece: Polyhedron, pose: Array, start: Array, centre: Array) -> Flags:
     return ~outside & (np.minimum(leave, 1.0) - np.maximum(enter, 0.0) > 1e-3)
 
 
-def _laid(shape: Shape, other: Shape, pose: Array) -> list[Array]:
+def _laid(shape: PartShape, other: PartShape, pose: Array) -> list[Array]:
     """cyclopean_from_other (4, 4) of each way to lay the other over the part at a pose, no two alike, those first that
     leave the fewest corners of either without one of the other."""
     found: dict[bytes, Array] = {}

@@ -5,7 +5,7 @@ memory, because a pty has a clock of its own. The cell outlives the daemon, as a
 
 Who knows what is allowed: what lets the arm move is known from the operators' words alone (Words), as they were typed
 here; what forbids it, from their words, too, and from what the daemon said at its frontends: its word counts only
-against it. The rest of the truth is the machine's own history (drivers/simcell/judge.py).
+against it. The rest of the truth is the machine's own history (drivers/simcell/motion_monitor.py).
 """
 
 from __future__ import annotations
@@ -55,18 +55,18 @@ from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import PENDANT, Manners, Mishap
-from drivers.simcell.judge import Violation
+from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import VIEWS as STANDS
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 PIXELS = 0.5
 """The simulated images are so much smaller than the cell's, each way, and so much sooner seen."""
 SLOWEST, FASTEST = 25.0, 40.0
-"""Percent: what the configuration allows, by turns; the judge allows no more."""
+"""Percent: what the configuration allows, by turns; the motion monitor allows no more."""
 POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
 """A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
 arm."""
@@ -99,7 +99,7 @@ Key = tuple[object, object]
 
 
 class Words:
-    """What operators said, and so what is allowed at most, told to the judge as it is said."""
+    """What operators said, and so what is allowed at most, told to the motion monitor as it is said."""
 
     def __init__(self, story: Story) -> None:
         self._story = story
@@ -132,13 +132,13 @@ class Words:
     def said(self, text: str, key: Key, may: str) -> None:
         """A line was typed at a frontend that may do so much; key: of the answer to come."""
         word = first_word(text)
-        judge, now_s = self._story.cell.judge, self._story.stamp_s()
+        motion_monitor, now_s = self._story.cell.motion_monitor, self._story.stamp_s()
         if is_word(word, "stop"):
             self.stop(f"`{text}`")
         alone = len(text.split()) == 1
         aborts = alone and is_word(word, "abort")
         if aborts:
-            judge.stop_received(now_s, f"`{text}`")
+            motion_monitor.stop_received(now_s, f"`{text}`")
         if aborts or is_word(word, "stop"):
             self._stopping.add(key)
             self._tell(False)
@@ -155,12 +155,12 @@ class Words:
             self._resuming.add(key)
         if is_word(word, "hand") or is_word(word, "robot"):
             self._by_hand[key] = None
-            judge.may_drop(now_s)
+            motion_monitor.may_drop(now_s)
         elif any(is_word(word, known) for known in MOVES):
             self._by_hand = {line: status for line, status in self._by_hand.items() if status is None}
-            judge.may_drop(now_s, bool(self._by_hand))
+            motion_monitor.may_drop(now_s, bool(self._by_hand))
         if is_word(word, "robot"):
-            judge.by_hand(now_s, text.partition("onitor")[2].strip())
+            motion_monitor.by_hand(now_s, text.partition("onitor")[2].strip())
         self._tell(any(is_word(word, known) for known in MOVES))
 
     def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
@@ -168,16 +168,16 @@ class Words:
         self._typed[key] = text, self._resumed
         self._let_go(text, now_s)
         if is_word(first_word(text), "confirm") or text.lower().startswith("y"):
-            self._story.cell.judge.yes(now_s)
+            self._story.cell.motion_monitor.yes(now_s)
 
     def _let_go(self, text: str, now_s: float) -> None:
-        word, judge = first_word(text), self._story.cell.judge
+        word, motion_monitor = first_word(text), self._story.cell.motion_monitor
         if is_word(word, "resume"):
             self._resumed += 1
-            judge.held(now_s, False)
+            motion_monitor.held(now_s, False)
         if is_word(word, "step") and "on" not in text.split():
             self._resumed += 1
-            judge.each_asked(now_s, False)
+            motion_monitor.each_asked(now_s, False)
         if is_word(word, "dry") and "on" not in text.split():
             self._resumed += 1
             self._dry = False
@@ -185,14 +185,14 @@ class Words:
     def _holds(self, key: Key) -> None:
         """A line is done that may hold what moves."""
         text, resumed = self._typed.get(key, ("", 0))
-        word, judge, now_s = first_word(text), self._story.cell.judge, self._story.stamp_s()
+        word, motion_monitor, now_s = first_word(text), self._story.cell.motion_monitor, self._story.stamp_s()
         self._let_go(text, now_s)
         if resumed != self._resumed:  # which was done first nobody knows
             return
         if is_word(word, "pause"):
-            judge.held(now_s, True)
+            motion_monitor.held(now_s, True)
         if is_word(word, "step") and "on" in text.split():
-            judge.each_asked(now_s, True)
+            motion_monitor.each_asked(now_s, True)
         if is_word(word, "dry") and "on" in text.split():
             self._dry = True
 
@@ -208,7 +208,7 @@ class Words:
             self._by_hand[key] = status
             if status == 0:
                 del self._by_hand[key]
-                self._story.cell.judge.may_drop(self._story.stamp_s(), bool(self._by_hand))
+                self._story.cell.motion_monitor.may_drop(self._story.stamp_s(), bool(self._by_hand))
         if key in self._resuming:
             self._resuming.discard(key)
             if status == 0:
@@ -219,18 +219,18 @@ class Words:
 
     def agreed(self, question: str) -> None:
         """A yes to a question."""
-        self._story.cell.judge.yes(self._story.stamp_s())
+        self._story.cell.motion_monitor.yes(self._story.stamp_s())
         if "Let the arm move" in question:
             self.enabled = True
         self._tell(True)
 
     def pressed(self, keys: str) -> None:
         """What a person types to the controller is theirs, and so is a line of which something was rubbed out."""
-        judge, now_s, line = self._story.cell.judge, self._story.stamp_s(), keys.strip()
+        motion_monitor, now_s, line = self._story.cell.motion_monitor, self._story.stamp_s(), keys.strip()
         for end in range(1, len(line) + 1):
-            judge.by_hand(now_s, line[:end])
-        judge.yes(now_s)
-        judge.may_drop(now_s)
+            motion_monitor.by_hand(now_s, line[:end])
+        motion_monitor.yes(now_s)
+        motion_monitor.may_drop(now_s)
         self._tell(True)
 
     def stop(self, why: str) -> None:
@@ -254,7 +254,7 @@ class Words:
 
     def _received(self, why: str) -> None:
         self._by_hand = dict.fromkeys(self._by_hand, 1)
-        self._story.cell.judge.stop_received(self._story.stamp_s(), why)
+        self._story.cell.motion_monitor.stop_received(self._story.stamp_s(), why)
         self._tell(False)
 
     def _stop_over(self, key: Key) -> None:
@@ -273,13 +273,13 @@ class Words:
         self._resuming.clear()
         self._stopping.clear()
         self._typed.clear()
-        self._story.cell.judge.held(self._story.stamp_s(), False)
-        self._story.cell.judge.each_asked(self._story.stamp_s(), False)
+        self._story.cell.motion_monitor.held(self._story.stamp_s(), False)
+        self._story.cell.motion_monitor.each_asked(self._story.stamp_s(), False)
         self._tell(False)
 
     def _tell(self, wanted: bool) -> None:
         tries = self.allowed and (bool(self._enabling) or self._sent_off)
-        self._story.cell.judge.stop_tried(self._story.stamp_s(), bool(self._stopping) or tries)
+        self._story.cell.motion_monitor.stop_tried(self._story.stamp_s(), bool(self._stopping) or tries)
         self._story.may_move(self.allowed, wanted)
 
 
@@ -599,7 +599,7 @@ class Story:
         _write_files(self.folder, self.terminal)
         manners = Manners(prompt_after_move="end" if prompt_at_end else "start", arm_power_after_s=2.0)
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
-        self.cell.judge.no_faster_than(0.0, FASTEST)
+        self.cell.motion_monitor.no_faster_than(0.0, FASTEST)
         self.words, self._stamp_s = Words(self), 0.0
         self._deaf, self._clear_s = False, 0.0
         self._live: asyncio.Task[int] | None = None
@@ -683,7 +683,7 @@ class Story:
     def may_move(self, allowed: bool, wanted: bool) -> None:
         """What the operators' words come to; wanted: somebody asked for motion now."""
         if allowed != self._allowed or (allowed and wanted):
-            self.cell.judge.may_move(self.stamp_s(), allowed)
+            self.cell.motion_monitor.may_move(self.stamp_s(), allowed)
         self._allowed = allowed
 
     _allowed = False
@@ -691,13 +691,13 @@ class Story:
     def told(self, text: str, at_rest: tuple[str, ...] = ()) -> None:
         """Somebody was told something; at_rest: with which words it would say that the arm is at rest."""
         if text.startswith(at_rest):
-            self.cell.judge.said_to_rest(self.now_s, text)
+            self.cell.motion_monitor.said_to_rest(self.now_s, text)
         self.texts = [*self.texts[-20:], text]
 
     def harm(self, act: Callable[[], object] = lambda: None) -> None:
         """Something happens to the line or the controller: for a while a stop may not get through."""
         if not self._deaf:
-            self.cell.judge.line(self.now_s, hears=False)
+            self.cell.motion_monitor.line(self.now_s, hears=False)
         self._deaf, self._clear_s = True, self.now_s
         act()
 
@@ -710,12 +710,12 @@ class Story:
         """Another terminal on the arm's line types a line; what it makes of what stood there half typed is its own."""
         with self.cell.server.controller() as controller:
             for begun in ("", controller.half_typed):
-                self.cell.judge.others(self.now_s, f"{begun}{text}".strip())
+                self.cell.motion_monitor.others(self.now_s, f"{begun}{text}".strip())
             self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s))
 
     def by_pendant(self, joint: int, degrees: float) -> None:
         """A person at the teach pendant turns a joint from 0 to 5."""
-        self.cell.judge.others(self.now_s, PENDANT)
+        self.cell.motion_monitor.others(self.now_s, PENDANT)
         with self.cell.server.controller() as controller:
             joints = controller.machine.joints()
             joints[joint] += np.radians(degrees)
@@ -737,7 +737,7 @@ class Story:
                 world.open_hand(self.cell.world_from_tool())
                 world.gap_mm = 0.0
             return
-        lying = [part for part in world.parts if part.where is Where.TABLE]
+        lying = [part for part in world.parts if part.where is PartPlace.TABLE]
         if lying and what == "is pushed":
             world.nudge(lying[0].name, 12.0, -7.0, 0.3)
         elif lying:
@@ -779,7 +779,7 @@ class Story:
             return 0
         assert self._live is not None
         os.kill(os.getpid(), signal.SIGTERM)
-        self.cell.judge.stop_received(self.stamp_s(), "SIGTERM")
+        self.cell.motion_monitor.stop_received(self.stamp_s(), "SIGTERM")
         self.words.over()
         began_s = self.now_s
         while self.alive and self.now_s < began_s + 3 * END_S:
@@ -826,7 +826,7 @@ class Story:
             self.harm()
         elif self._deaf and self.now_s > self._clear_s + HARMED_S:
             self._deaf = False
-            self.cell.judge.line(self.now_s, hears=True)
+            self.cell.motion_monitor.line(self.now_s, hears=True)
 
     def _build(self, config: Config, on_wire: Any, record: Any) -> Hardware:
         """daemon/cell/build.py's simulated hardware, but for the line and the clock."""

@@ -118,8 +118,8 @@ class Surroundings:
     def do_pull(self) -> dict[str, Any]:
         """Pull the arm's adapter out: nothing that is typed gets through any more."""
         with self.cell.server.controller() as controller:
-            self.cell.judge.line(controller.now_s, False)
-            self.cell.judge.may_move(controller.now_s, False)
+            self.cell.motion_monitor.line(controller.now_s, False)
+            self.cell.motion_monitor.may_move(controller.now_s, False)
         self.line.plugs[line.ARM].pull()
         return {}
 
@@ -134,10 +134,10 @@ class Surroundings:
         return {}
 
     def do_allow(self, may: bool) -> dict[str, Any]:
-        """Tell the judge that the arm may move from now on, or may not, and that a stop would be heard."""
+        """Tell the motion monitor that the arm may move from now on, or may not, and that a stop would be heard."""
         with self.cell.server.controller() as controller:
-            self.cell.judge.line(controller.now_s, True)
-            self.cell.judge.may_move(controller.now_s, may)
+            self.cell.motion_monitor.line(controller.now_s, True)
+            self.cell.motion_monitor.may_move(controller.now_s, may)
         return {}
 
     def do_judged(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller.core import Controller
 from drivers.simcell.controller.manners import Manners, drawn
 from drivers.simcell.controller.server import PtyServer
@@ -48,7 +48,7 @@ def _of_cell(options: argparse.Namespace) -> tuple[Controller, int]:
     """The one of a simulated cell's file, calibrated at its panel, told of no TOOL; its line's speed. Raises
     TruthError."""
     settings = load_truth(options.truth).arm
-    arm = Arm(settings.geometry(), np.radians(settings.start_deg))
+    arm = SimulatedArm(settings.geometry(), np.radians(settings.start_deg))
     arm.tool = np.eye(4)
     made = Controller(arm, settings.controller_manners(), cold=settings.cold or options.cold)
     made.machine.calibrated = True
@@ -63,7 +63,7 @@ def _alone(options: argparse.Namespace) -> Controller:
     )
     if options.manners is not None:
         manners = replace(drawn(np.random.default_rng(options.manners)), arm_power_after_s=PERSON_AT_THE_PANEL_S)
-    return Controller(Arm(), manners, cold=options.cold)
+    return Controller(SimulatedArm(), manners, cold=options.cold)
 
 
 def _parser() -> argparse.ArgumentParser:

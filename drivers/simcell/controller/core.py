@@ -18,14 +18,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import monitor
 from drivers.simcell.controller.commands import Ask, Command, Wait, come_to_rest
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.controller.terminal import Key, Line, Terminal
+from drivers.simcell.controller.terminal import ControllerTerminal, Line, LineKey
 from drivers.simcell.history import CONTROL_C
 
 TYPE_AHEAD_LINES = 16
@@ -42,7 +42,7 @@ class Controller:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: SimulatedArm,
         manners: Manners | None = None,
         on_hand: Callable[[bool], None] | None = None,
         faults: Faults | None = None,
@@ -55,7 +55,7 @@ class Controller:
         """What was typed, the newest line last, carried out or refused; for witnesses."""
         how = self.machine.manners
         self._newline = how.newline.encode("ascii")
-        self._terminal = Terminal(how.line_editing, how.line_ends, self._newline)
+        self._terminal = ControllerTerminal(how.line_editing, how.line_ends, self._newline)
         self._typed_s = float("-inf")
         self._second_prompts = 0
         self._ahead: deque[tuple[str, float]] = deque(maxlen=TYPE_AHEAD_LINES)
@@ -95,9 +95,9 @@ class Controller:
                 self._take_second_end()
             elif isinstance(completed, Line):
                 self._take_line(completed.text)
-            elif completed is Key.CANCEL:
+            elif completed is LineKey.CANCEL:
                 self._again()
-            elif completed is Key.INTERRUPT:
+            elif completed is LineKey.INTERRUPT:
                 self.abort()
 
     def output(self, now_s: float) -> bytes:

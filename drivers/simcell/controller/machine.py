@@ -13,11 +13,11 @@ import numpy as np
 
 from drivers.arrays import Array
 from drivers.puma560 import Configuration, UnreachableError
-from drivers.simcell.arm import EMERGENCY_BRAKING, Arm, Motion, SingularWristError, standing
+from drivers.simcell.arm import EMERGENCY_BRAKING, Motion, SimulatedArm, SingularWristError, standing
 from drivers.simcell.controller.expressions import Memory, MonitorError, location
 from drivers.simcell.controller.faults import Faults, Mishap
 from drivers.simcell.controller.manners import Manners
-from drivers.simcell.history import HandAct, History, Leg, Stop
+from drivers.simcell.history import GripperRecord, History, MotionRecord, StopRecord
 
 FULL_PERCENT = 100.0
 PENDANT = "the teach pendant"
@@ -29,7 +29,7 @@ class Machine:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: SimulatedArm,
         manners: Manners | None = None,
         on_hand: Callable[[bool], None] | None = None,
         faults: Faults | None = None,
@@ -146,7 +146,9 @@ class Machine:
             with suppress(UnreachableError):
                 self.arm.move_joints(joints_rad, PENDANT_PERCENT / FULL_PERCENT, self.now_s)
                 motion = self.arm.motion
-                self.history.add(Leg(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed))
+                self.history.add(
+                    MotionRecord(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed)
+                )
 
     def calibrate(self) -> float:
         """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
@@ -161,13 +163,13 @@ class Machine:
 
     def stop(self, by: str) -> None:
         """Somebody wants the arm at rest now, and said so by this."""
-        self.history.add(Stop(self.now_s, by))
+        self.history.add(StopRecord(self.now_s, by))
         self.halt()
 
     def hand(self, closed: bool) -> None:
         """Close or open the hand."""
         self.hand_closed = closed
-        self.history.add(HandAct(self.now_s, self.by, self.given_s, closed))
+        self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed))
         self._on_hand(closed)
 
     def _set_out(self, percent: float) -> None:
@@ -178,7 +180,7 @@ class Machine:
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
     def _note(self, motion: Motion, percent: float) -> None:
-        self.history.add(Leg(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed))
+        self.history.add(MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed))
 
     # What may befall it
 

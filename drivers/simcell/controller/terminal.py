@@ -22,14 +22,14 @@ class Line:
     second: bool = False
 
 
-class Key(Enum):
+class LineKey(Enum):
     """CANCEL: the line was taken back. INTERRUPT: control-C, whatever is running shall stop."""
 
     CANCEL = auto()
     INTERRUPT = auto()
 
 
-class Terminal:
+class ControllerTerminal:
     """Line editing of the time: rubout, control-U, control-C."""
 
     def __init__(
@@ -47,7 +47,7 @@ class Terminal:
         """The line so far."""
         return self._typed.decode("ascii", "replace")
 
-    def take(self, byte: int) -> tuple[bytes, Line | Key | None]:
+    def take(self, byte: int) -> tuple[bytes, Line | LineKey | None]:
         """One byte typed: what to echo, and what it completes."""
         before, self._before = self._before, byte
         if byte in self._ends:
@@ -64,10 +64,10 @@ class Terminal:
             return self._add(byte), None
         if byte == CANCEL_LINE:
             self.clear()
-            return b"^U" + self._newline, Key.CANCEL
+            return b"^U" + self._newline, LineKey.CANCEL
         if byte == INTERRUPT:
             self.clear()
-            return b"^C" + self._newline, Key.INTERRUPT
+            return b"^C" + self._newline, LineKey.INTERRUPT
         if byte in RUBOUTS:
             return self._rub_out(), None
         if not 0x20 <= byte <= 0x7E:

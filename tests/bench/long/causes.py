@@ -233,7 +233,7 @@ def main() -> int:
             folder.parent.mkdir(parents=True, exist_ok=True)
             try:
                 asyncio.run(planted(model, plant, args.seed + k, folder))
-            except Exception as error:  # such as the judge's word on an arm that is not where its joints say
+            except Exception as error:  # such as the motion monitor's word on an arm that is not where its joints say
                 print(f"    {name}: {type(error).__name__} {str(error)[:100]}", flush=True)
             (cycle, *others) = read_digest(folder).cycles
             found = causes(cycle, others)

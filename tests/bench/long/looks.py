@@ -30,7 +30,7 @@ from daemon.store.library import load_facets
 from daemon.vision.geometry import exact, visible_from
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
-from drivers.simcell.parts import TAUGHT, Shape, part_shape, shape
+from drivers.simcell.parts import TAUGHT, PartShape, part_shape, shape
 from drivers.simcell.truth import load_truth
 from tests.fakes.drawn import obj, prism, solid
 from tests.fakes.heaps import heap
@@ -49,7 +49,7 @@ COSINES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.01)
 TABLE = load_truth(ETC / "simcell.yaml").table
 
 
-def twins() -> tuple[Model, list[Shape]]:
+def twins() -> tuple[Model, list[PartShape]]:
     """Nine parts of three sizes that differ in a side or two, taught from their drawings."""
     model, shapes = empty_model(load_facets()), []
     for a, b, height in SIZES:
@@ -122,7 +122,7 @@ async def compared(here: Hours, first: SurveyView, more: int) -> tuple[bool, dic
     return ambiguous, {way: right_and_wrong(here, found) for way, found in answers}, len(best.looks)
 
 
-async def twin(seed: int, model: Model, shapes: list[Shape]) -> tuple[bool, dict[str, tuple[int, int]], int] | None:
+async def twin(seed: int, model: Model, shapes: list[PartShape]) -> tuple[bool, dict[str, tuple[int, int]], int] | None:
     """One of the twins, anyhow on the table, looked at from anywhere; None where the arm does not get there."""
     rng = np.random.default_rng(seed)
     async with cell_in_time(seed, model) as here:

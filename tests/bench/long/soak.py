@@ -69,7 +69,10 @@ def main() -> None:
         daemon.do("enable")
         _soak(daemon, args.cycles, args.every)
         print(f"ended with {daemon.end()}", flush=True)
-        print("\n".join(daemon.judged()) or "the cell's judge saw the arm do nothing that it must never do", flush=True)
+        print(
+            "\n".join(daemon.judged()) or "the cell's motion monitor saw the arm do nothing that it must never do",
+            flush=True,
+        )
     finally:
         daemon.kill()
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The whole daemon among random operators and mishaps, before a judge, for a million steps: does the arm ever surprise?
+"""The whole daemon among random operators and mishaps for a million steps: does the motion monitor find anything?
 
 usage: python -m tests.bench.long.surprises [STEPS [SEED [WORKERS]]]
 

@@ -20,7 +20,7 @@ import numpy as np
 from daemon.arm.guard import refuse
 from daemon.arm.sweep import SLACK_MM, way_clear
 from drivers.puma560 import UnreachableError
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from tests.fakes.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel, truth_of
 
 CHUNK = 100
@@ -43,7 +43,7 @@ Judged = tuple[bool, str, str, float, float, float]
 
 def lasts_s(travel: Travel) -> float:
     """How long the simulated arm takes for it at full speed; nan where it cannot."""
-    arm, target = Arm(ARM, travel.start.joints_rad), travel.command.world_from_tool
+    arm, target = SimulatedArm(ARM, travel.start.joints_rad), travel.command.world_from_tool
     joints = ROBOT.reachable(target, travel.start.joints_rad)
     try:
         if travel.command.straight:

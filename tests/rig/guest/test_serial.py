@@ -1,7 +1,7 @@
 """In the guest: a morning of the serial line as it is in halls, its adapter a real device of the kernel's.
 
 The cell goes on behind a USB adapter, named by udev, on a line with two stop bits: noise as a motor starts, the adapter
-pulled out in mid-move and back under another name, a converter that echoes. The cell's judge is asked after each.
+pulled out in mid-move and back under another name, a converter that echoes. The motion monitor is asked after each.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SLACK_S = 6.0
 
 @pytest.fixture(scope="module")
 def before(person: Person) -> dict[str, Any]:
-    """What was so before this morning, of which the judge was told nothing."""
+    """What was so before this morning, of which the motion monitor was told nothing."""
     return person.do("judged") | {"sent": sent_moves()}
 
 

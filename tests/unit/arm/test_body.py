@@ -24,7 +24,7 @@ from daemon.arm.body import (
 )
 from daemon.arm.guard import BODY_MM
 from drivers import puma560
-from drivers.simcell import judge
+from drivers.simcell import motion_monitor
 from drivers.simcell.gripper import finger_rods
 from drivers.simcell.truth import load_truth
 from tests.fakes.swept import ARM as PUMA
@@ -192,11 +192,11 @@ def outside_mm(points, links):
     return (np.linalg.norm(points[:, None] - nearest, axis=-1) - [capsule.radius_mm for capsule in ARM]).min(axis=1)
 
 
-def test_what_the_judge_of_the_simulated_cell_watches_of_the_arm_is_within_its_capsules():
+def test_what_the_motion_monitor_of_the_simulated_cell_watches_of_the_arm_is_within_its_capsules():
     """Palm, camera bar, fingers, wrist, forearm, upper arm, told apart from ours; the tips of the fingers stand as
     points here."""
     rods = [*TRUTH.safety.body, *(rod for rod in finger_rods(TRUTH.gripper) if rod.radius_mm != 2.0)]
-    watched = judge.Body(rods, PUMA, np.zeros(6))
+    watched = motion_monitor.ArmSpheres(rods, PUMA, np.zeros(6))
     for joints in np.random.default_rng(0).uniform(*PUMA.limits_rad.T, (10, 6)):
         motion = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
         balls, _ = watched.at(motion, np.zeros(1))

@@ -16,7 +16,7 @@ import pytest
 from daemon.arm import Beliefs, StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, PtyServer, instructions
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
@@ -37,7 +37,7 @@ def line() -> Iterator[ArmLine]:
     hand: list[bool] = []
     faults = Faults()
     manners = Manners(calibration_s=20.0)
-    server = PtyServer(Controller(Arm(joints_rad=BENT), manners, hand.append, faults), time_scale=10.0)
+    server = PtyServer(Controller(SimulatedArm(joints_rad=BENT), manners, hand.append, faults), time_scale=10.0)
     yield ArmLine(server, faults, hand)
     server.stop()
 
@@ -262,7 +262,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
 
     async def story() -> None:
         loop = asyncio.get_running_loop()
-        controller = Controller(Arm(joints_rad=BENT))
+        controller = Controller(SimulatedArm(joints_rad=BENT))
         line = MemoryLine(controller, loop)
         goes_on: list[asyncio.TimerHandle] = []
 
@@ -297,7 +297,7 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
     """It may be a program's, with the arm on its way: control-C was told that nothing moves."""
 
     async def story() -> None:
-        controller = Controller(Arm(joints_rad=BENT))
+        controller = Controller(SimulatedArm(joints_rad=BENT))
         line = MemoryLine(controller, asyncio.get_running_loop())
         link = Link(line.port, clock=line.now_s, open_port=line.open)
         await link.open()
@@ -319,7 +319,7 @@ def test_a_question_found_on_opening_is_one_of_power_up_by_its_words_alone() -> 
     """A program that somebody left asking: the arm was said to be at rest, and `robot power-up` sent it on its way."""
 
     async def story(asks: tuple[str, ...]) -> tuple[bool, bool, list[str]]:
-        controller = Controller(Arm(joints_rad=BENT), Manners(power_up=asks), cold=True)
+        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(power_up=asks), cold=True)
         line = MemoryLine(controller, asyncio.get_running_loop())
         arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
         with contextlib.suppress(LinkError):
@@ -336,7 +336,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def story() -> None:
-        controller = Controller(Arm(joints_rad=BENT))
+        controller = Controller(SimulatedArm(joints_rad=BENT))
         line = MemoryLine(controller, asyncio.get_running_loop())
 
         def asking(machine: Machine, _: str) -> Iterator[Ask]:
@@ -359,7 +359,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
 
 def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
     async def story() -> list[str]:
-        controller = Controller(Arm(joints_rad=BENT), Manners(lost_within_s=0.005))
+        controller = Controller(SimulatedArm(joints_rad=BENT), Manners(lost_within_s=0.005))
         line = MemoryLine(controller, asyncio.get_running_loop())
         slowly = Dialect(character_pause_s=0.01)
         arm = arm_of(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())

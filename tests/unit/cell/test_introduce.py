@@ -23,7 +23,7 @@ from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import standing
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import VAL_II_ASKS
-from drivers.simcell.history import Leg
+from drivers.simcell.history import MotionRecord
 from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, UnclearError
 from drivers.val2.dialect import Dialect
 from drivers.val2.first_moves import ROUNDS, STEP_DEG
@@ -51,7 +51,7 @@ def typed(contact: Contact) -> list[str]:
 
 
 def moved(contact: Contact) -> bool:
-    return any(isinstance(event, Leg) for event in contact.controller.machine.history.since(0)[1])
+    return any(isinstance(event, MotionRecord) for event in contact.controller.machine.history.since(0)[1])
 
 
 @pytest.mark.slow
@@ -88,7 +88,7 @@ def test_the_words_in_which_a_controller_asks_at_power_up_are_learnt_where_they_
 
 def test_each_move_is_one_joint_by_two_degrees_and_is_announced_and_the_stop_is_proven_before_the_others() -> None:
     contact = in_simulated_time(lambda: meet(draw(0)))
-    legs = [event for event in contact.controller.machine.history.since(0)[1] if isinstance(event, Leg)]
+    legs = [event for event in contact.controller.machine.history.since(0)[1] if isinstance(event, MotionRecord)]
     assert len(legs) == len([line for line in contact.told if line.startswith("joint")])
     for leg in legs:
         turned = leg.motion.joints_at(leg.motion.ends_s) - leg.motion.joints_at(leg.motion.started_s)
@@ -146,7 +146,7 @@ def test_a_stop_at_any_moment_of_it_is_sent_at_once_and_no_motion_begins_after_i
 
     at_rest, events = in_simulated_time(story)
     assert at_rest
-    assert all(not isinstance(event, Leg) or event.began_s <= stop_s + 0.1 for event in events)
+    assert all(not isinstance(event, MotionRecord) or event.began_s <= stop_s + 0.1 for event in events)
     sent = "".join(record.get("bytes", "") for record in strangers[-1].transcript if record["way"] == "out")
     assert re.search(r"ABORT", sent[-60:])
 

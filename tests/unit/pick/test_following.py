@@ -20,7 +20,7 @@ from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from tests.fakes.solids import CUBE, measured, pose
 
 ETC = places.HOUSE / "etc"
@@ -42,7 +42,7 @@ def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
         cell.world_from_tool = lambda real_s=None: rigid(turn([1, 0, 0], np.pi), [470.0, 0.0, 0.0])  # type: ignore[method-assign]
         if holds_cube:
             cell.world.scatter(["pyramid"], np.random.default_rng(0))
-            cell.world.put("cube", IN_THE_HAND, Where.HAND)
+            cell.world.put("cube", IN_THE_HAND, PartPlace.HAND)
         cell.world.gap_mm = 50.0 if holds_cube else 0.0
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)

@@ -17,7 +17,7 @@ from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.faults import LineFault
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from drivers.val2.conversation import Conversation
 from drivers.val2.wire import LineEvent, Prompt
 from tests.fakes.first_day import arm_yaml
@@ -199,7 +199,7 @@ def test_a_hand_that_holds_a_part_and_is_said_to_hold_none_opens_over_the_bin() 
         story.wait(2.0)
     assert story.texts.count("The gripper is taken as empty; the next pick opens it over the bin all the same.") == 1
     story.wait(25.0)
-    assert sum(part.where is Where.BIN for part in story.cell.world.parts) == 2
+    assert sum(part.where is PartPlace.BIN for part in story.cell.world.parts) == 2
     assert story.close() == ()
 
 
@@ -365,7 +365,7 @@ def test_a_line_that_is_lost_while_a_person_has_the_controllers_terminal_is_told
     story: Story, key: str
 ) -> None:
     """The daemon stood aside: nothing was said of it at any frontend, and the next key hung up whoever pressed it."""
-    story.cell.judge.by_hand(story.stamp_s(), "DO READY")
+    story.cell.motion_monitor.by_hand(story.stamp_s(), "DO READY")
     story.sockets[0].say("robot monitor")
     story.wait(0.5)
     for keys in ("SPEED 4\r", "DO READY\r", "y"):

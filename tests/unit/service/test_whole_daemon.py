@@ -1,4 +1,4 @@
-"""The whole daemon through several frontends at once, random operators and mishaps, against the judge of the cell."""
+"""The whole daemon through several frontends at once, with random operators and mishaps, under the motion monitor."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from drivers.puma560 import READY_RAD, ArmGeometry, Configuration, UnreachableEr
 from drivers.simcell.arm import (
     JOINT_SPEED_RAD_S,
     LINE_SPEED_MM_S,
-    Arm,
+    SimulatedArm,
     SingularWristError,
     Trapezoid,
 )
@@ -51,13 +51,13 @@ def test_a_motion_cut_short_stops_between_here_and_its_end(profile: Trapezoid, s
     assert cut.way(cut_s / 2) == profile.way(cut_s / 2)
 
 
-def sampled(arm: Arm, count: int = 200) -> tuple[Array, Array]:
+def sampled(arm: SimulatedArm, count: int = 200) -> tuple[Array, Array]:
     times = np.linspace(0.0, arm.rests_s, count)
     return times, np.array([arm.joints_at(t) for t in times])
 
 
 def test_joints_start_and_end_together_and_the_slowest_sets_the_pace() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     arm.move_joints(TARGET, 1.0, 0.0)
     times, joints = sampled(arm)
     shares = (joints - START) / (TARGET - START)
@@ -68,7 +68,7 @@ def test_joints_start_and_end_together_and_the_slowest_sets_the_pace() -> None:
 
 
 def test_half_the_speed_takes_longer_and_ends_at_the_same_place() -> None:
-    fast, slow = Arm(joints_rad=START), Arm(joints_rad=START)
+    fast, slow = SimulatedArm(joints_rad=START), SimulatedArm(joints_rad=START)
     fast.move_joints(TARGET, 1.0, 0.0)
     slow.move_joints(TARGET, 0.5, 0.0)
     assert slow.rests_s > 1.4 * fast.rests_s
@@ -76,7 +76,7 @@ def test_half_the_speed_takes_longer_and_ends_at_the_same_place() -> None:
 
 
 def test_a_straight_move_stays_on_its_line_and_below_half_a_metre_a_second() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     start = arm.reported_pose_at(0.0)
     goal = matrix_from_location(Location(560.0, 60.0, -150.0, 10.0, 75.0, 15.0))
     arm.move_straight(goal, 1.0, 0.0)
@@ -91,14 +91,14 @@ def test_a_straight_move_stays_on_its_line_and_below_half_a_metre_a_second() -> 
 
 
 def test_a_straight_move_keeps_the_arm_s_configuration() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     before = configuration_of(START)
     arm.move_straight(matrix_from_location(Location(560.0, 60.0, -150.0, 10.0, 75.0, 15.0)), 1.0, 0.0)
     assert all(configuration_of(q) == before for q in sampled(arm)[1])
 
 
 def test_a_line_out_of_reach_is_refused_and_nothing_moves() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     goal = arm.reported_pose_at(0.0)
     goal[0, 3] += 900.0
     with pytest.raises(UnreachableError):
@@ -111,16 +111,16 @@ def test_a_line_through_a_straight_wrist_is_refused() -> None:
     bent = np.radians([0.0, 60.0, -150.0, 0.0, -20.0, 0.0])
     goal = forward(np.radians([0.0, 60.0, -150.0, 0.0, 20.0, 0.0]))
     with pytest.raises(SingularWristError):
-        Arm(joints_rad=bent).move_straight(goal, 1.0, 0.0)
+        SimulatedArm(joints_rad=bent).move_straight(goal, 1.0, 0.0)
 
 
 def test_a_joint_past_its_limit_is_refused() -> None:
     with pytest.raises(UnreachableError, match="joint 1"):
-        Arm(joints_rad=START).move_joints(TARGET + np.radians([150, 0, 0, 0, 0, 0]), 1.0, 0.0)
+        SimulatedArm(joints_rad=START).move_joints(TARGET + np.radians([150, 0, 0, 0, 0, 0]), 1.0, 0.0)
 
 
 def test_a_halted_arm_brakes_along_its_path_and_stays() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     arm.move_joints(TARGET, 0.3, 0.0)
     natural_s = arm.rests_s
     halted_s = natural_s / 2
@@ -136,7 +136,7 @@ def test_a_halted_arm_brakes_along_its_path_and_stays() -> None:
 def test_an_emergency_stop_brakes_harder_than_an_abort() -> None:
     rests = []
     for braking in (1.0, 4.0):
-        arm = Arm(joints_rad=START)
+        arm = SimulatedArm(joints_rad=START)
         arm.move_joints(TARGET, 1.0, 0.0)
         arm.halt(arm.rests_s / 2, braking)
         rests.append(arm.rests_s)
@@ -144,7 +144,7 @@ def test_an_emergency_stop_brakes_harder_than_an_abort() -> None:
 
 
 def test_halting_an_arm_at_rest_changes_nothing() -> None:
-    arm = Arm(joints_rad=START)
+    arm = SimulatedArm(joints_rad=START)
     arm.halt(5.0)
     assert arm.at_rest(5.0)
     np.testing.assert_array_equal(arm.joints_at(6.0), START)
@@ -152,13 +152,13 @@ def test_halting_an_arm_at_rest_changes_nothing() -> None:
 
 def test_the_true_tool_differs_from_the_believed_by_the_joint_offsets() -> None:
     offsets = np.radians([0.02, -0.01, 0.03, 0, 0, 0])
-    arm = Arm(joints_rad=START, joint_offsets_rad=offsets)
+    arm = SimulatedArm(joints_rad=START, joint_offsets_rad=offsets)
     np.testing.assert_allclose(arm.pose_at(0.0), forward(START + offsets))
     np.testing.assert_allclose(arm.reported_pose_at(0.0), forward(START))
 
 
 def test_stops_scatter_by_the_repeatability_and_no_stop_moves_once_made() -> None:
-    arm = Arm(joints_rad=START, repeatability_mm=0.05, rng=np.random.default_rng(3))
+    arm = SimulatedArm(joints_rad=START, repeatability_mm=0.05, rng=np.random.default_rng(3))
     off, now_s = [], 0.0
     for k in range(200):
         arm.move_joints(TARGET if k % 2 else START, 1.0, now_s)
@@ -169,7 +169,7 @@ def test_stops_scatter_by_the_repeatability_and_no_stop_moves_once_made() -> Non
 
 
 def test_where_the_tool_truly_is_never_jumps() -> None:
-    arm = Arm(joints_rad=START, repeatability_mm=5.0)
+    arm = SimulatedArm(joints_rad=START, repeatability_mm=5.0)
     arm.move_joints(TARGET, 1.0, 0.0)
     arm.move_joints(START, 1.0, arm.rests_s + 0.1)
     times = np.linspace(0.0, arm.rests_s, 4000)
@@ -180,7 +180,7 @@ def test_where_the_tool_truly_is_never_jumps() -> None:
 def test_telling_the_controller_of_another_tool_does_not_move_the_true_one() -> None:
     held = np.eye(4)
     held[2, 3] = 160.0
-    arm = Arm(ArmGeometry(flange_from_tool=held), START)
+    arm = SimulatedArm(ArmGeometry(flange_from_tool=held), START)
     truly, believed = arm.pose_at(0.0), arm.reported_pose_at(0.0)
     arm.tool = np.eye(4)
     np.testing.assert_array_equal(arm.pose_at(0.0), truly)
@@ -188,7 +188,7 @@ def test_telling_the_controller_of_another_tool_does_not_move_the_true_one() -> 
 
 
 def test_a_pose_is_reached_in_the_configuration_asked_for() -> None:
-    arm = Arm(joints_rad=READY_RAD)
+    arm = SimulatedArm(joints_rad=READY_RAD)
     goal = matrix_from_location(Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0))
     arm.move_to(goal, Configuration(), 1.0, 0.0)
     np.testing.assert_allclose(arm.reported_pose_at(arm.rests_s), goal, atol=1e-9)

@@ -11,10 +11,10 @@ from daemon.arrays import Array
 from daemon.store import places
 from drivers.camera.pair import CameraError
 from drivers.puma560 import READY_RAD, configuration_of
-from drivers.simcell.camera import Scene, SimulatedPair
+from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import Thing
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
@@ -39,12 +39,12 @@ class Clock:
 def pair_of(speed_mm_s: float = 0.0, time_scale: float = 1.0) -> tuple[SimulatedPair, Clock]:
     """Cameras over a cube, moving along world x."""
     clock = Clock()
-    cube = Thing(part_shape("cube").hull, rigid(np.eye(3), [520.0, 0.0, -275.0]), 0.85)
+    cube = RenderedSolid(part_shape("cube").hull, rigid(np.eye(3), [520.0, 0.0, -275.0]), 0.85)
 
-    def sight(now_s: float) -> Scene:
+    def sight(now_s: float) -> SimulatedScene:
         pose: Array = OVERHEAD.copy()
         pose[0, 3] += speed_mm_s * (now_s - 100.0)
-        return Scene(pose, (cube,), 0)
+        return SimulatedScene(pose, (cube,), 0)
 
     pair = SimulatedPair(TRUTH, sight, np.random.default_rng(0), time_scale, clock, clock.sleep)
     pair.open()

@@ -16,7 +16,7 @@ from daemon.store import places
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.truth import TruthError, load_truth
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
 
@@ -76,7 +76,7 @@ def test_a_part_closed_on_goes_with_the_hand_and_lands_in_the_bin_where_it_is_le
     bin_at = cell.truth.settings.bin.centre_mm
     drive(cell, above(*bin_at, -150.0), "open")
     assert cell.world.held is None
-    assert {p.name: p.where for p in cell.world.parts} == {part.name: Where.BIN}
+    assert {p.name: p.where for p in cell.world.parts} == {part.name: PartPlace.BIN}
     assert cell.world.strikes == []
 
 
@@ -130,7 +130,7 @@ def test_a_transform_that_is_none_is_refused_by_name(tmp_path: Path, name: str) 
         load_truth(tmp_path / "simcell.yaml")
 
 
-def test_a_file_from_before_there_was_a_judge_still_loads(tmp_path: Path) -> None:
+def test_a_file_from_before_there_was_a_motion_monitor_still_loads(tmp_path: Path) -> None:
     (tmp_path / "simcell.yaml").write_text(TRUTH.read_text().split("safety:")[0])
     assert load_truth(tmp_path / "simcell.yaml").safety.body == []
 

@@ -91,7 +91,7 @@ def test_a_slope_is_held_only_inside_the_friction_cone() -> None:
     assert "slope" in grip.why
 
 
-def test_the_bars_that_the_judge_watches_are_the_gripper_s_own_fingers() -> None:
+def test_the_bars_that_the_motion_monitor_watches_are_the_gripper_s_own_fingers() -> None:
     """Longer ones would else go under the table and nobody say so."""
     for gripper in (TRUTH.gripper, msgspec.structs.replace(TRUTH.gripper, tip_mm=60.0, opening_mm=70.0)):
         rods = finger_rods(gripper)

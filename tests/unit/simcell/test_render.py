@@ -9,7 +9,7 @@ import pytest
 from daemon.arrays import Array
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import Thing
+from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import apply, rigid, turn
 from tests.fakes.pictures import STARK, TRUTH, looking, picture, projected
 
@@ -45,7 +45,7 @@ def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_t
     shape, eye = part_shape(label), TRUTH.left.eye()
     rest = rigid(turn([0, 0, 1], 0.3), [520.0, 0.0, -300.0]) @ shape.rests[0]
     pose = looking([520 - 0.6 * stand_off_mm, -0.3 * stand_off_mm, -280 + 0.742 * stand_off_mm], [520, 0, -280], 0.2)
-    image = picture([Thing(shape.hull, rest, STARK.facet_albedo)], pose, eye)
+    image = picture([RenderedSolid(shape.hull, rest, STARK.facet_albedo)], pose, eye)
     corners = apply(rest, shape.hull.vertices)
     to_eye = pose[:3, 3] - corners.mean(axis=0)
     normals = shape.hull.normals @ rest[:3, :3].T
@@ -68,8 +68,8 @@ def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_t
 
 def test_a_nearer_part_hides_a_farther_one() -> None:
     cube, eye = part_shape("cube"), TRUTH.left.eye()
-    front = Thing(cube.hull, rigid(np.eye(3), [480.0, 0.0, -275.0]), 0.8)
-    back = Thing(cube.hull, rigid(np.eye(3), [560.0, 0.0, -275.0]), 0.2)
+    front = RenderedSolid(cube.hull, rigid(np.eye(3), [480.0, 0.0, -275.0]), 0.8)
+    back = RenderedSolid(cube.hull, rigid(np.eye(3), [560.0, 0.0, -275.0]), 0.2)
     pose = looking([150.0, 0.0, -220.0], [520.0, 0.0, -280.0])
     both, alone = picture([front, back], pose, eye), picture([front], pose, eye)
     assert np.allclose(both, picture([back, front], pose, eye)), "whichever is named first"

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.simcell.light import CellLight
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import Retina, Thing
+from drivers.simcell.render import RenderedSolid, Retina
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.truth import Lighting
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
@@ -34,8 +34,8 @@ def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> 
 
 def test_a_tall_part_throws_its_shadow_onto_its_neighbour_and_only_where_the_lamp_is_hidden() -> None:
     eye, pose = TRUTH.left.eye(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
-    low = Thing(part_shape("cube").hull, rigid(np.eye(3), [530.0, 60.0, -275.0]), 0.8)
-    tall = Thing(part_shape("triangular_prism").hull, rigid(np.eye(3), [500.0, 5.0, -265.0]), 0.8)
+    low = RenderedSolid(part_shape("cube").hull, rigid(np.eye(3), [530.0, 60.0, -275.0]), 0.8)
+    tall = RenderedSolid(part_shape("triangular_prism").hull, rigid(np.eye(3), [500.0, 5.0, -265.0]), 0.8)
     alone, shaded = picture([low], pose, eye), picture([low, tall], pose, eye)
 
     def lost(x_mm: float, y_mm: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import READY_RAD, forward
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Faults, LineFault, MemoryLine, Mishap
 from drivers.simcell.simulated_time import SimulatedLoop
@@ -37,7 +37,7 @@ def line_to(controller: Controller) -> tuple[MemoryLine, Link]:
 
 def test_ten_minutes_of_moves_pass_in_the_time_their_work_takes() -> None:
     async def story() -> tuple[float, int]:
-        controller = Controller(Arm(joints_rad=READY_RAD))
+        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
         _, link = line_to(controller)
         await link.open()
         await link.speed(20)
@@ -62,7 +62,7 @@ def test_a_conversation_repeats_itself_byte_for_byte_and_second_for_second() -> 
         records: list[dict[str, Any]] = []
         faults = Faults(line=[LineFault("to_controller", "flip", after=40)])
         loop = asyncio.get_running_loop()
-        line = MemoryLine(Controller(Arm(joints_rad=READY_RAD), faults=faults), loop)
+        line = MemoryLine(Controller(SimulatedArm(joints_rad=READY_RAD), faults=faults), loop)
         link = Link(line.port, clock=loop.time, on_wire=records.append, open_port=line.open)
         await link.open()
         target = location_from_matrix(forward(READY_RAD + np.radians([10, -20, 5, 0, 10, 0])))
@@ -78,7 +78,7 @@ def test_a_conversation_repeats_itself_byte_for_byte_and_second_for_second() -> 
 
 def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
     async def story() -> float:
-        controller = Controller(Arm(joints_rad=READY_RAD))
+        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
         line, link = line_to(controller)
         await link.open()
         await link.speed(5)
@@ -98,7 +98,7 @@ def test_an_abort_stops_the_arm_and_whoever_waits_for_it() -> None:
 
 def test_a_lost_line_and_a_mishap_are_told_as_on_a_real_one() -> None:
     async def story() -> None:
-        controller = Controller(Arm(joints_rad=READY_RAD))
+        controller = Controller(SimulatedArm(joints_rad=READY_RAD))
         line, link = line_to(controller)
         await link.open()
         with pytest.raises(PortError, match="in use"):
@@ -128,7 +128,7 @@ def test_the_whole_cell_lives_in_simulated_time() -> None:
         await link.open()
         cell.camera.open()
         cell.world.stand("cube", 0, 520.0, 0.0, 0.0)
-        cell.judge.may_move(loop.time(), True)
+        cell.motion_monitor.may_move(loop.time(), True)
         target = Location(520.0, 0.0, 60.0, 0.0, 90.0, 0.0)
         await link.ready()
         await link.move(target)

@@ -14,10 +14,10 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import Retina, Thing, radiance
+from drivers.simcell.render import RenderedSolid, Retina, radiance
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import Pattern, printed_faces, table_factors
-from drivers.simcell.world import Where
+from drivers.simcell.world import PartPlace
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 
 EYE = TRUTH.left.eye()
@@ -26,7 +26,7 @@ REST = rigid(np.eye(3), [520.0, 0.0, -275.0])
 
 
 def cube(*patterns: Pattern) -> Array32:
-    return picture([Thing(part_shape("cube").hull, REST, 0.8, patterns)], POSE, EYE)
+    return picture([RenderedSolid(part_shape("cube").hull, REST, 0.8, patterns)], POSE, EYE)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -95,7 +95,7 @@ def test_a_part_keeps_its_print_where_it_lies_and_is_bare_while_it_is_taught() -
         assert [t.patterns for t in first] == [t.patterns for t in again]
         assert all(t.patterns for t in first)
         cell.place_for_teaching("cube", 0)
-        (shown,) = (p for p in cell.world.parts if p.where is Where.STAND)
+        (shown,) = (p for p in cell.world.parts if p.where is PartPlace.STAND)
         (thing,) = cell._scene_at(0.0).things
         assert shown.label == "cube"
         assert thing.patterns == ()

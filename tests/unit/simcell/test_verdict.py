@@ -1,4 +1,4 @@
-"""What the judge of a cell in another process finds is in its file, with the moments it was so."""
+"""What the motion monitor of a cell in another process finds is in its file, with the moments it was so."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.history import HandAct
+from drivers.simcell.history import GripperRecord
 
 TRUTH = Path(__file__).parents[3] / "etc" / "simcell.yaml"
 
@@ -19,7 +19,7 @@ def test_motions_and_violations_are_written_as_they_are_found_each_once(tmp_path
         with cell.server.controller() as controller:
             for line in (b"DO NOFLIP\r", b"DO MOVE TRANS(520,0,-295,0,90,0)\r", b"DO BREAK\r", b"DO OPENI\r"):
                 controller.receive(line, controller.now_s)
-        while not any(isinstance(event, HandAct) for event in cell.controller.machine.history):
+        while not any(isinstance(event, GripperRecord) for event in cell.controller.machine.history):
             time.sleep(0.01)
     ended_s = time.monotonic()
     lines = [json.loads(text) for text in file.read_text().splitlines()]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.store import places
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Machine
 from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.truth import load_truth
@@ -19,7 +19,7 @@ TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
 def test_the_witness_tells_a_claimed_pose_from_the_true_one() -> None:
     world = World(TRUTH)
     part = world.stand("pentagonal_prism", 1, 520.0, 0.0, 0.4)
-    witness = Witness(TRUTH, world, Machine(Arm()), lambda: np.eye(4))
+    witness = Witness(TRUTH, world, Machine(SimulatedArm()), lambda: np.eye(4))
     truth = witness.corners(part.name)
     middle = truth.mean(axis=0)
     off = rigid(turn([1, 2, 3], np.radians(1.5)), [0.0, 0.0, 0.0])

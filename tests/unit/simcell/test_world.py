@@ -7,7 +7,7 @@ import pytest
 
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
 from drivers.simcell.rigid import apply, rigid, turn
-from drivers.simcell.world import Where, World, settle
+from drivers.simcell.world import PartPlace, World, settle
 from tests.fakes.hands import TABLE_MM, TRUTH, tool
 
 
@@ -102,7 +102,7 @@ def test_a_part_dropped_onto_another_slides_off_it() -> None:
     world.stand("pyramid", 0, 600.0, 0.0, 0.0)
     world.open_hand(tool(595.0, 0.0, -240.0))
     cube, pyramid = world.parts
-    assert cube.where is Where.TABLE
+    assert cube.where is PartPlace.TABLE
     assert np.linalg.norm(cube.pose[:2, 3] - pyramid.pose[:2, 3]) > 60
 
 
@@ -111,4 +111,4 @@ def test_a_part_let_go_beyond_the_table_is_on_the_floor() -> None:
     world.stand("cube", 0, 520.0, 0.0, 0.0)
     world.close_hand(tool(520.0, 0.0, -280.0))
     world.open_hand(tool(520.0, 600.0, -240.0))
-    assert world.parts[0].where is Where.FLOOR
+    assert world.parts[0].where is PartPlace.FLOOR

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.puma560 import READY_RAD
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from tests.fakes.arm_line import ArmLine, MakesLine
 
@@ -20,7 +20,7 @@ def arm_line() -> Iterator[MakesLine]:
         manners: Manners | None = None, cold: bool = False, time_scale: float = 20.0, joints_rad: Any = READY_RAD
     ) -> ArmLine:
         faults, hand = Faults(), list[bool]()
-        controller = Controller(Arm(joints_rad=joints_rad), manners, hand.append, faults, cold)
+        controller = Controller(SimulatedArm(joints_rad=joints_rad), manners, hand.append, faults, cold)
         servers.append(PtyServer(controller, time_scale=time_scale))
         return ArmLine(servers[-1], faults, hand)
 

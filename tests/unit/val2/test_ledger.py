@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from drivers.puma560 import READY_RAD
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, LineFault
 from drivers.val2.ledger import Ledger
 from drivers.val2.link import Dialect, Link
@@ -84,7 +84,7 @@ def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -
 def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(arm_line: MakesLine) -> None:
     records = a_session(arm_line)
     then = "".join(record["bytes"] for record in records if record["way"] == "in")
-    controller = Controller(Arm(joints_rad=READY_RAD))
+    controller = Controller(SimulatedArm(joints_rad=READY_RAD))
     now = ""
     for record in records:
         passed_s = (record["t_s"] - records[0]["t_s"]) * SCALE

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.simcell.controller import LineFault, Manners, Mishap
-from drivers.simcell.history import Leg
+from drivers.simcell.history import MotionRecord
 from drivers.val2.link import Dialect, Link, LinkError
 from drivers.val2.location import Location
 from tests.fakes.arm_line import MakesLine
@@ -36,7 +36,7 @@ class Scene:
     def motions(self) -> int:
         """How often the arm set out; CAL is none of the orders."""
         with self.cell.server.controller() as controller:
-            return sum(isinstance(event, Leg) and event.by != "CAL" for event in controller.machine.history)
+            return sum(isinstance(event, MotionRecord) and event.by != "CAL" for event in controller.machine.history)
 
     async def order(self) -> None:
         """One random order, perhaps with an abort coming in between; LinkErrors are what is expected of it."""

@@ -13,9 +13,9 @@ import pytest
 
 from daemon.cell.arm_on_link import belongs_together
 from drivers.puma560 import forward
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
-from drivers.simcell.history import Stop
+from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import Dialect
 from drivers.val2.introduction import PACES_S
 from drivers.val2.link import Link
@@ -53,7 +53,7 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
     strange = draw(seed)
 
     async def story() -> None:
-        arm = Arm(strange.geometry, np.radians(strange.joints_deg))
+        arm = SimulatedArm(strange.geometry, np.radians(strange.joints_deg))
         controller = Controller(arm, strange.manners)
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
         clock = asyncio.get_running_loop().time
@@ -72,7 +72,7 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
         asked_s = clock()
         place = await link.abort()
         await asyncio.gather(going, return_exceptions=True)
-        stops = [event for event in controller.machine.history.since(0)[1] if isinstance(event, Stop)]
+        stops = [event for event in controller.machine.history.since(0)[1] if isinstance(event, StopRecord)]
         assert min(stop.began_s for stop in stops if stop.began_s > asked_s) < asked_s + HEARD_WITHIN_S
         assert place is not None
         assert controller.machine.at_rest()
@@ -89,7 +89,7 @@ def test_a_pace_that_is_too_quick_is_no_stop_and_is_told() -> None:
     strange = replace(strange, manners=replace(strange.manners, lost_within_s=0.02, echo=False))
 
     async def story() -> None:
-        controller = Controller(Arm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+        controller = Controller(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
         quick = replace(dialect(strange), character_pause_s=0.0)
         link = Link("memory", quick, asyncio.get_running_loop().time, open_port=line.open)
@@ -115,7 +115,7 @@ def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_o
 
     async def story() -> None:
         manners = Manners(echo=echo, line_editing=False, prompt_after_move="end", line_ends=line_ends)
-        controller = Controller(Arm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
+        controller = Controller(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])), manners)
         loop, end = asyncio.get_running_loop(), b"\n" if line_ends == "lf" else b"\r"
         line = PacedLine(controller, loop, 9600)
         controller.output(0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import NEST_RAD, READY_RAD
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, LineFault, Manners, Mishap
 from drivers.simcell.controller.manners import drawn
 from drivers.val2.location import apart, location_from_matrix
@@ -19,7 +19,7 @@ class Terminal:
 
     def __init__(self, manners: Manners | None = None, faults: Faults | None = None, cold: bool = False) -> None:
         self.hand: list[bool] = []
-        self.arm = Arm()
+        self.arm = SimulatedArm()
         self.controller = Controller(self.arm, manners, self.hand.append, faults, cold)
         self.now_s = 0.0
         self.controller.output(0.0)
@@ -446,7 +446,7 @@ def test_random_bytes_neither_stop_it_nor_move_it() -> None:
 
 
 def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_dot() -> None:
-    controller = Controller(Arm(), Manners(line_ends="both", echo=False, calibration_s=1.0))
+    controller = Controller(SimulatedArm(), Manners(line_ends="both", echo=False, calibration_s=1.0))
     controller.receive(b"cal\n\r", 0.0)
     assert controller.output(0.0).endswith(b"(Y/N)? ")
     controller.receive(b"y\n\r", 0.1)
@@ -458,7 +458,7 @@ def test_after_lf_cr_an_empty_line_is_answered_too_with_a_dot_right_behind_the_d
 def test_every_manner_that_may_be_drawn_answers_where_so_that_our_reader_reads_it() -> None:
     for seed in range(60):
         manners = drawn(np.random.default_rng(seed))
-        controller, reader = Controller(Arm(joints_rad=READY_RAD), manners), Reader()
+        controller, reader = Controller(SimulatedArm(joints_rad=READY_RAD), manners), Reader()
         end = b"\n" if manners.line_ends == "lf" else b"\r"
         for k, byte in enumerate(b"WHERE" + end):
             controller.receive(bytes([byte]), 1.0 + 0.1 * k)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import NEST_RAD, READY_RAD
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Faults, Machine, Manners, Mishap
 from drivers.simcell.controller.expressions import MonitorError
 
 
 def test_a_minute_after_it_set_out_the_arm_is_where_it_was_sent() -> None:
-    machine = Machine(Arm())
+    machine = Machine(SimulatedArm())
     machine.move_joints(READY_RAD)
     assert machine.advance(60.0) is None
     assert machine.at_rest()
@@ -19,7 +19,7 @@ def test_a_minute_after_it_set_out_the_arm_is_where_it_was_sent() -> None:
 
 
 def test_time_stops_at_a_mishap_and_so_does_the_arm() -> None:
-    machine = Machine(Arm(), faults=Faults(in_move=[(0.5, Mishap.ENVELOPE_ERROR)]))
+    machine = Machine(SimulatedArm(), faults=Faults(in_move=[(0.5, Mishap.ENVELOPE_ERROR)]))
     machine.move_joints(READY_RAD)
     ends_s = machine.arm.rests_s
     assert machine.advance(60.0) is Mishap.ENVELOPE_ERROR
@@ -31,7 +31,7 @@ def test_time_stops_at_a_mishap_and_so_does_the_arm() -> None:
 
 
 def test_a_dead_machine_stays_dead_until_the_mains_go_off_and_on() -> None:
-    machine = Machine(Arm())
+    machine = Machine(SimulatedArm())
     machine.befall(Mishap.DEAD)
     machine.befall(Mishap.EMERGENCY_STOP)
     assert not machine.alive
@@ -41,7 +41,7 @@ def test_a_dead_machine_stays_dead_until_the_mains_go_off_and_on() -> None:
 
 
 def test_somebody_comes_to_switch_arm_power_on_where_it_was_missed() -> None:
-    machine = Machine(Arm(), Manners(arm_power_after_s=2.0), cold=True)
+    machine = Machine(SimulatedArm(), Manners(arm_power_after_s=2.0), cold=True)
     machine.miss_arm_power()
     machine.advance(1.9)
     assert not machine.arm_power
@@ -50,7 +50,7 @@ def test_somebody_comes_to_switch_arm_power_on_where_it_was_missed() -> None:
 
 
 def test_what_is_out_of_reach_is_refused_and_nothing_moves() -> None:
-    machine = Machine(Arm())
+    machine = Machine(SimulatedArm())
     with pytest.raises(MonitorError, match="Joint 2 out of range"):
         machine.move_joints(READY_RAD + np.radians([0, 120, 0, 0, 0, 0]))
     machine.advance(60.0)

@@ -1,4 +1,4 @@
-"""The judge against planted violations, one of each kind, and against runs in which there is nothing to find."""
+"""The motion monitor against planted violations, one of each kind, and against runs that hold none."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from drivers.puma560 import PUMA560, READY_RAD, ArmGeometry, elbow_mm, forward, link_frames
-from drivers.simcell.arm import Arm
+from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.gripper import finger_rods
-from drivers.simcell.history import KEPT, Drop, Leg, Stop
-from drivers.simcell.judge import APART_MM, TYPED_S, Body, Judge
+from drivers.simcell.history import KEPT, DropRecord, MotionRecord, StopRecord
+from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 
@@ -24,16 +24,16 @@ ABOVE_TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
 
 
 class Cell:
-    """A controller, somebody who types at it, and the judge. The arm may move; TOOL is set."""
+    """A controller, somebody who types at it, and the motion monitor. The arm may move; TOOL is set."""
 
     def __init__(self, manners: Manners | None = None, **safety: object) -> None:
         geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
-        arm = Arm(geometry, READY_RAD)
+        arm = SimulatedArm(geometry, READY_RAD)
         self.controller, self.now_s = Controller(arm, manners), 0.0
         rules = msgspec.structs.replace(TRUTH.safety, **({"longest_step_mm": 2000.0} | safety))  # type: ignore[arg-type]
-        body = Body([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
-        self.judge = Judge(self.controller.machine.history, body, rules, TRUTH.table)
-        self.judge.may_move(0.0, True)
+        body = ArmSpheres([*rules.body, *finger_rods(TRUTH.gripper)], geometry, np.zeros(6))
+        self.motion_monitor = MotionMonitor(self.controller.machine.history, body, rules, TRUTH.table)
+        self.motion_monitor.may_move(0.0, True)
         self.types("DO NOFLIP", 0.1)
 
     def types(self, line: str, wait_s: float = 30.0) -> None:
@@ -44,7 +44,7 @@ class Cell:
 
     def found(self) -> list[str]:
         """The rules broken so far."""
-        return [violation.rule for violation in self.judge.violations(self.now_s)]
+        return [violation.rule for violation in self.motion_monitor.violations(self.now_s)]
 
 
 def test_a_day_s_work_breaks_no_rule() -> None:
@@ -58,23 +58,23 @@ def test_a_day_s_work_breaks_no_rule() -> None:
         "DO OPENI",
     ):
         cell.types(line)
-    assert len([event for event in cell.controller.machine.history if isinstance(event, Leg)]) == 3
-    assert cell.judge.violations(cell.now_s) == ()
+    assert len([event for event in cell.controller.machine.history if isinstance(event, MotionRecord)]) == 3
+    assert cell.motion_monitor.violations(cell.now_s) == ()
 
 
 @pytest.mark.parametrize("line", ["DO READY", ABOVE_TABLE, "DO DRIVE 1,5,50", "DO OPENI", "DO CLOSEI"])
 def test_what_moves_while_nothing_may_is_found_with_the_line_it_came_of(line: str) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-20,50")
-    cell.judge.may_move(cell.now_s, False)
+    cell.motion_monitor.may_move(cell.now_s, False)
     cell.types(line)
     assert cell.found() == ["not allowed"]
-    assert f"`{line}`" in str(cell.judge.violations(cell.now_s)[0])
+    assert f"`{line}`" in str(cell.motion_monitor.violations(cell.now_s)[0])
 
 
 def test_what_was_begun_and_is_not_over_is_found_already_and_once() -> None:
     cell = Cell()
-    cell.judge.may_move(0.05, False)
+    cell.motion_monitor.may_move(0.05, False)
     cell.types("DO DRIVE 2,-80,1", 0.2)
     assert cell.found() == ["not allowed"]
     cell.types("ABORT")
@@ -83,7 +83,7 @@ def test_what_was_begun_and_is_not_over_is_found_already_and_once() -> None:
 
 def test_calibrating_counts_as_moving() -> None:
     cell = Cell()
-    cell.judge.may_move(0.05, False)
+    cell.motion_monitor.may_move(0.05, False)
     cell.types("CAL", 1.0)
     cell.types("Y")
     assert cell.found() == ["not allowed"]
@@ -91,7 +91,7 @@ def test_calibrating_counts_as_moving() -> None:
 
 def test_what_was_typed_while_nothing_might_move_and_moves_nothing_is_no_matter() -> None:
     cell = Cell()
-    cell.judge.may_move(0.05, False)
+    cell.motion_monitor.may_move(0.05, False)
     for line in (
         "WHERE",
         "STATUS",
@@ -116,7 +116,7 @@ def test_a_motion_after_a_stop_is_found_unless_somebody_said_that_it_may_move_ag
     assert cell.found() == []
     cell.types("DO DRIVE 2,-5,20")
     assert cell.found() == ["after a stop"]
-    cell.judge.may_move(cell.now_s, True)
+    cell.motion_monitor.may_move(cell.now_s, True)
     cell.types("DO DRIVE 2,-5,20")
     assert cell.found() == ["after a stop"]
 
@@ -127,7 +127,7 @@ def test_a_character_that_stops_may_be_noise_where_the_line_is_spoiled_and_a_wor
 ) -> None:
     """A noisy echo of a line that is typed again has no operator behind it."""
     cell = Cell()
-    cell.judge.line(cell.now_s, hears=False)
+    cell.motion_monitor.line(cell.now_s, hears=False)
     cell.types(stop)
     cell.types("DO DRIVE 2,-5,20")
     assert cell.found() == found
@@ -137,7 +137,7 @@ def test_a_stop_the_controller_does_not_know_counts_when_the_test_says_so() -> N
     cell = Cell()
     cell.types("DO DRIVE 2,-40,5", 0.5)
     cell.types("HALT!!", 0.1)
-    cell.judge.stop_received(cell.now_s - 0.1, "HALT!!")
+    cell.motion_monitor.stop_received(cell.now_s - 0.1, "HALT!!")
     cell.types("DO BREAK")
     assert cell.found() == ["not at rest"]
     cell.types("DO DRIVE 1,5,50")
@@ -154,14 +154,14 @@ def test_an_arm_that_brakes_too_long_after_a_stop_is_found() -> None:
 def test_an_arm_that_goes_on_when_it_might_not_move_any_more_is_found() -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-80,10", 0.5)
-    cell.judge.may_move(0.5, False)
+    cell.motion_monitor.may_move(0.5, False)
     cell.types("DO BREAK")
     assert cell.found() == ["not at rest"]
 
 
 def test_a_speed_typed_by_somebody_else_is_found_at_the_next_move() -> None:
     cell = Cell()
-    cell.judge.no_faster_than(cell.now_s, 20.0)
+    cell.motion_monitor.no_faster_than(cell.now_s, 20.0)
     cell.types("SPEED 20")
     cell.types("DO DRIVE 2,-20,20")
     assert cell.found() == []
@@ -180,7 +180,7 @@ def test_a_tool_faster_than_allowed_is_found_whatever_the_percent_say() -> None:
 
 def test_a_step_is_measured_as_it_was_commanded_even_if_it_was_cut_short() -> None:
     cell = Cell()
-    cell.judge._safety = msgspec.structs.replace(cell.judge._safety, longest_step_mm=450.0)
+    cell.motion_monitor._safety = msgspec.structs.replace(cell.motion_monitor._safety, longest_step_mm=450.0)
     cell.types(ABOVE_TABLE, 0.1)
     start = cell.controller.arm.reported_pose_at(0.0)
     cell.types("ABORT")
@@ -202,7 +202,7 @@ def test_a_body_where_it_must_not_be_is_found_by_name(line: str, rule: str, part
     cell = Cell(room=Box([-400.0, -400.0, -1000.0], [1000.0, 800.0, 1250.0]))
     cell.types(ABOVE_TABLE)
     cell.types(line)
-    found = cell.judge.violations(cell.now_s)
+    found = cell.motion_monitor.violations(cell.now_s)
     assert rule in [violation.rule for violation in found], found
     assert any(part in violation.text for violation in found)
 
@@ -219,15 +219,15 @@ def test_the_way_is_judged_and_not_only_its_ends() -> None:
 
 def test_what_is_let_go_high_is_found_unless_over_the_bin_or_told() -> None:
     cell = Cell()
-    history, judge = cell.controller.machine.history, cell.judge
-    history.add(Drop(1.0, "DO OPENI", "cube", 2.0, False))
-    history.add(Drop(2.0, "DO OPENI", "cube", 90.0, True))
+    history, motion_monitor = cell.controller.machine.history, cell.motion_monitor
+    history.add(DropRecord(1.0, "DO OPENI", "cube", 2.0, False))
+    history.add(DropRecord(2.0, "DO OPENI", "cube", 90.0, True))
     cell.now_s = 9.0
     assert cell.found() == []
-    history.add(Drop(3.0, "DO OPENI", "cube", 90.0, False))
+    history.add(DropRecord(3.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
-    judge.may_drop(4.0)
-    history.add(Drop(5.0, "DO OPENI", "cube", 90.0, False))
+    motion_monitor.may_drop(4.0)
+    history.add(DropRecord(5.0, "DO OPENI", "cube", 90.0, False))
     assert cell.found() == ["dropped"]
 
 
@@ -237,7 +237,7 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
         cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
         cell.world.close_hand(tool)
         assert cell.world.held is not None
-        cell.judge.may_move(0.0, True)
+        cell.motion_monitor.may_move(0.0, True)
         with cell.server.controller() as controller:
             controller.machine.by = "DO OPENI"
             controller.machine.hand(closed=False)
@@ -256,8 +256,8 @@ def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
 
 def test_the_true_arm_is_judged_and_not_the_one_the_controller_believes_in() -> None:
     geometry = ArmGeometry(flange_from_tool=rigid_matrix(TRUTH.arm.flange_from_tool))
-    arm = Arm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
-    body = Body([*TRUTH.safety.body, *finger_rods(TRUTH.gripper)], arm.true_geometry, arm.joint_offsets_rad)
+    arm = SimulatedArm(geometry, READY_RAD, joint_offsets_rad=np.radians([0.0, 0.5, -0.3, 0.2, 0.1, 0.4]))
+    body = ArmSpheres([*TRUTH.safety.body, *finger_rods(TRUTH.gripper)], arm.true_geometry, arm.joint_offsets_rad)
     assert body.at(arm.motion, np.array([1.0]))[1][0] == pytest.approx(arm.pose_at(1.0)[:3, 3])
     assert np.linalg.norm(arm.pose_at(1.0)[:3, 3] - arm.reported_pose_at(1.0)[:3, 3]) > 1.0
 
@@ -266,9 +266,9 @@ def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_nea
     cell = Cell(keep_out=[Box([700.0, 500.0, 0.0], [750.0, 600.0, 50.0])])
     cell.types("DO MOVE TRANS(500,-450,-285,0,90,0)")
     cell.types("DO MOVE TRANS(500,450,-285,0,90,0)")
-    times, balls, _ = cell.judge._way(cell.controller.arm.motion)
+    times, balls, _ = cell.motion_monitor._way(cell.controller.arm.motion)
     moved = np.linalg.norm(np.diff(balls, axis=0), axis=2).max(axis=1)
-    away = -np.max([deep.max(axis=1) for deep in cell.judge._depths(balls).values()], axis=0)
+    away = -np.max([deep.max(axis=1) for deep in cell.motion_monitor._depths(balls).values()], axis=0)
     assert np.all((moved <= APART_MM) | (away[1:] >= 2 * moved))
     assert np.count_nonzero(moved < APART_MM) > 50
     assert times[0] == cell.controller.arm.motion.started_s
@@ -278,7 +278,7 @@ def test_no_ball_of_the_body_moves_farther_than_promised_between_two_samples_nea
 def test_more_than_is_kept_between_two_questions_is_no_clean_run() -> None:
     cell = Cell()
     for k in range(KEPT + 1):
-        cell.controller.machine.history.add(Stop(float(k), "ABORT"))
+        cell.controller.machine.history.add(StopRecord(float(k), "ABORT"))
     cell.now_s = 1e6
     assert cell.found() == ["not judged"]
     assert cell.found() == ["not judged"]
@@ -288,7 +288,9 @@ def test_what_was_judged_once_is_not_judged_again() -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-20,50")
     asked = []
-    cell.judge._body.at = lambda motion, times, at=cell.judge._body.at: asked.append(1) or at(motion, times)  # type: ignore
+    cell.motion_monitor._body.at = lambda motion, times, at=cell.motion_monitor._body.at: (
+        asked.append(1) or at(motion, times)
+    )  # type: ignore
     assert cell.found() == []
     once = len(asked)
     assert cell.found() == []
@@ -299,11 +301,11 @@ def test_what_was_judged_once_is_not_judged_again() -> None:
 def test_a_stop_is_late_only_from_when_it_could_get_through(again_s: float | None, rules: list[str]) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-80,5", 0.5)
-    cell.judge.line(cell.now_s, hears=False)
-    cell.judge.stop_received(cell.now_s + 0.1, "a stop")
-    cell.judge.may_move(cell.now_s + 0.1, False)
+    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.stop_received(cell.now_s + 0.1, "a stop")
+    cell.motion_monitor.may_move(cell.now_s + 0.1, False)
     if again_s is not None:
-        cell.judge.line(cell.now_s + again_s, hears=True)
+        cell.motion_monitor.line(cell.now_s + again_s, hears=True)
     cell.types("DO BREAK", 100.0)
     assert cell.found() == rules
     cell.types("DO OPENI")
@@ -326,9 +328,9 @@ def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line
     cell = Cell(rest_within_s=30.0)
     cell.types("DO DRIVE 2,-10,20", 0.1)
     now_s = cell.now_s
-    cell.judge.line(now_s, hears)
-    cell.judge.stop_received(now_s + 0.1, "a stop")
-    cell.judge.may_move(now_s + 0.1, False)
+    cell.motion_monitor.line(now_s, hears)
+    cell.motion_monitor.stop_received(now_s + 0.1, "a stop")
+    cell.motion_monitor.may_move(now_s + 0.1, False)
     cell.now_s += typed_s
     cell.types(line)
     assert cell.found() == rules
@@ -337,8 +339,8 @@ def test_what_sets_out_after_a_stop_is_excused_where_the_controller_had_its_line
 def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question() -> None:
     cell = Cell()
     cell.types("CAL", 1.0)
-    cell.judge.line(cell.now_s, hears=False)
-    cell.judge.may_move(cell.now_s, False)
+    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.may_move(cell.now_s, False)
     cell.types("Y")
     assert cell.found() == ["not allowed"]
 
@@ -347,22 +349,22 @@ def test_the_answer_to_a_question_counts_as_what_was_typed_and_not_the_question(
 def test_who_says_that_the_arm_is_at_rest_while_it_moves_is_found(before_s: float, rules: list[str]) -> None:
     cell = Cell()
     cell.types("DO DRIVE 2,-40,20", 0.5)
-    cell.judge.said_to_rest(cell.controller.arm.rests_s - before_s, "Nothing moves.")
+    cell.motion_monitor.said_to_rest(cell.controller.arm.rests_s - before_s, "Nothing moves.")
     cell.types("DO BREAK")
     assert cell.found() == rules
 
 
 def test_where_a_person_sends_the_arm_is_theirs_but_that_it_may_go_and_stops_is_not() -> None:
     cell = Cell(longest_step_mm=50.0)
-    cell.judge.no_faster_than(cell.now_s, 20.0)
+    cell.motion_monitor.no_faster_than(cell.now_s, 20.0)
     cell.types("SPEED 100")
-    cell.judge.by_hand(cell.now_s, ABOVE_TABLE)
+    cell.motion_monitor.by_hand(cell.now_s, ABOVE_TABLE)
     cell.types(ABOVE_TABLE)
     assert cell.found() == []
     cell.types("DO DRIVE 1,30,100")
     assert set(cell.found()) == {"too fast", "step too long"}
     before = len(cell.found())
-    cell.judge.may_move(cell.now_s, False)
+    cell.motion_monitor.may_move(cell.now_s, False)
     cell.types(ABOVE_TABLE)
     assert cell.found()[before:] == ["not allowed"]
 
@@ -371,7 +373,7 @@ def test_the_way_out_of_where_a_person_sent_the_arm_is_nobody_s_fault_as_long_as
     """Their own line takes the fingers into a box: out again is fair, deeper is not, nor is coming back."""
     in_box = "DO MOVE TRANS(520,0,-180,0,90,0)"
     cell = Cell(keep_out=[Box([400.0, -120.0, -400.0], [640.0, 120.0, -170.0])])
-    cell.judge.by_hand(cell.now_s, in_box)
+    cell.motion_monitor.by_hand(cell.now_s, in_box)
     cell.types(ABOVE_TABLE)
     cell.types(in_box)
     cell.types("DO MOVES TRANS(520,0,-176,0,90,0)")
@@ -392,7 +394,7 @@ def test_the_upper_arm_is_judged_from_behind_the_shoulder_to_the_elbow() -> None
     cell.types("DO DRIVE 2,-5,50")
     assert cell.found() == []
     cell.types("DO DRIVE 2,-60,50")
-    found = cell.judge.violations(cell.now_s)
+    found = cell.motion_monitor.violations(cell.now_s)
     assert {violation.rule for violation in found} == {"in keep-out box 1"}
     assert all("the upper arm" in violation.text for violation in found)
 
@@ -401,8 +403,8 @@ def test_the_judge_s_upper_arm_lies_where_the_arm_s_own_geometry_has_it() -> Non
     rng = np.random.default_rng(0)
     ends = [[-PUMA560.a2_mm, 0.0, -PUMA560.d3_mm], [0.0, 0.0, -PUMA560.d3_mm], [0.0, 0.0, 0.0]]
     rods = [Rod("", "upper_arm", end, end, 1.0) for end in ends]
-    arm = Arm(joints_rad=READY_RAD)
-    body = Body(rods, arm.geometry, np.zeros(6))
+    arm = SimulatedArm(joints_rad=READY_RAD)
+    body = ArmSpheres(rods, arm.geometry, np.zeros(6))
     for joints in rng.uniform(-2, 2, (20, 6)):
         resting = SimpleNamespace(joints_at=lambda _, joints=joints: joints)
         links = link_frames(joints[None])[0]
@@ -418,36 +420,36 @@ def test_what_is_typed_while_moves_are_held_is_found_once_what_was_let_go_before
     line: str, after_s: float
 ) -> None:
     cell = Cell()
-    cell.judge.held(cell.now_s, True)
+    cell.motion_monitor.held(cell.now_s, True)
     cell.types("", after_s)
     cell.types(line)
     assert cell.found() == ["while held"] * (after_s > TYPED_S)
-    cell.judge.held(cell.now_s, False)
+    cell.motion_monitor.held(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
     assert len(cell.found()) == (after_s > TYPED_S)
 
 
 def test_a_motion_typed_while_moves_were_held_over_a_line_that_carried_nothing_may_have_been_let_go_before() -> None:
     cell = Cell()
-    cell.judge.line(cell.now_s, hears=False)
-    cell.judge.held(cell.now_s, True)
+    cell.motion_monitor.line(cell.now_s, hears=False)
+    cell.motion_monitor.held(cell.now_s, True)
     cell.types("", 3.0)
-    cell.judge.line(cell.now_s, hears=True)
+    cell.motion_monitor.line(cell.now_s, hears=True)
     cell.types("DO READY")
     assert cell.found() == []
 
 
 def test_of_motions_that_each_wait_for_a_yes_no_more_are_made_than_yeses_were_said() -> None:
     cell = Cell()
-    cell.judge.yes(cell.now_s)
+    cell.motion_monitor.yes(cell.now_s)
     cell.types("", 1.0)
-    cell.judge.each_asked(cell.now_s, True)
+    cell.motion_monitor.each_asked(cell.now_s, True)
     cell.types("DO DRIVE 1,5,50", 3.0)
-    cell.judge.yes(cell.now_s)
+    cell.motion_monitor.yes(cell.now_s)
     cell.types("DO DRIVE 1,5,50")
     assert cell.found() == []
     cell.types("DO CLOSEI")
     assert cell.found() == ["not asked"]
-    cell.judge.each_asked(cell.now_s, False)
+    cell.motion_monitor.each_asked(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
     assert cell.found() == ["not asked"]

@@ -1,4 +1,4 @@
-"""Judges what the arm did, whoever made it: the invariants of a cell that people stand beside, over its truth.
+"""Independent motion monitor: judges every motion of the arm, whoever made it, by the rules of a cell among people.
 
 Reads the machine's history and a few facts that come from beside the daemon (when it said that the arm may move). No
 byte of the line and nothing the daemon believes comes in here. Violations are told in words, the worst of each kind a
@@ -17,9 +17,17 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.puma560 import ArmGeometry, elbow_mm, forward
 from drivers.simcell.arm import Motion
-from drivers.simcell.history import CONTROL_C, Drop, Event, HandAct, History, Leg, Stop
+from drivers.simcell.history import (
+    CONTROL_C,
+    DropRecord,
+    GripperRecord,
+    History,
+    HistoryRecord,
+    MotionRecord,
+    StopRecord,
+)
 from drivers.simcell.rigid import inverse
-from drivers.simcell.truth import Box, Rod, Safety, Table
+from drivers.simcell.truth import Box, Rod, Safety, TableTruth
 
 APART_MM = 5.0
 """No ball of the body moves farther than this between two samples, unless all it could strike is twice as far away."""
@@ -75,7 +83,7 @@ class _Facts:
         return next((self._times[k] for k in within if self._values[k] == value), None)
 
 
-class Body:
+class ArmSpheres:
     """The arm as balls in the world: rods cut into balls no farther apart than BALLS_APART_MM."""
 
     def __init__(self, rods: Sequence[Rod], arm: ArmGeometry, joint_offsets_rad: Array) -> None:
@@ -113,10 +121,10 @@ def _cut(rod: Rod) -> list[Array]:
     return [start + share * (end - start) for share in np.linspace(0.0, 1.0, max(count, 2))]
 
 
-class Judge:
+class MotionMonitor:
     """Told the facts as they come; `violations` looks at what happened since it was last asked."""
 
-    def __init__(self, history: History, body: Body, safety: Safety, table: Table) -> None:
+    def __init__(self, history: History, body: ArmSpheres, safety: Safety, table: TableTruth) -> None:
         """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
         self._may, self._drop_told, self._tried = _Facts(False), _Facts(False), _Facts(False)
@@ -193,7 +201,7 @@ class Judge:
             self._found.append(Violation("not judged", until_s, "", "more happened than is kept: ask more often"))
             self._read = first
         for event in events:
-            if isinstance(event, Leg) and event.motion.ends_s > until_s:
+            if isinstance(event, MotionRecord) and event.motion.ends_s > until_s:
                 if self._of_others(event):
                     break
                 return (*self._found, *self._unallowed(event), *self._ways(event, over=False))
@@ -201,33 +209,33 @@ class Judge:
             self._found += self._judged(event)
         return tuple(self._found)
 
-    def _of_others(self, event: Event) -> bool:
+    def _of_others(self, event: HistoryRecord) -> bool:
         return event.began_s >= self._others.get(event.by, float("inf"))
 
-    def _judged(self, event: Event) -> Iterator[Violation]:
+    def _judged(self, event: HistoryRecord) -> Iterator[Violation]:
         if self._of_others(event):
-            if isinstance(event, Leg):
+            if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
                 self._others_moved_s = event.motion.ends_s
-        elif isinstance(event, Stop):
+        elif isinstance(event, StopRecord):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
-        elif isinstance(event, Drop):
+        elif isinstance(event, DropRecord):
             yield from self._dropped(event)
         else:
             yield from self._unallowed(event)
             yield from self._not_held(event)
-        if isinstance(event, Leg) and not self._of_others(event):
+        if isinstance(event, MotionRecord) and not self._of_others(event):
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
 
-    def _made_by_noise(self, stop: Stop) -> bool:
+    def _made_by_noise(self, stop: StopRecord) -> bool:
         """Whether a character that stops may be what a line that carries what it likes made of another: a word may
         not."""
         return stop.by == CONTROL_C and not self._hears.at(stop.began_s)
 
-    def _ways(self, leg: Leg, over: bool) -> Iterator[Violation]:
+    def _ways(self, leg: MotionRecord, over: bool) -> Iterator[Violation]:
         """How fast and how far it was to go, and, once it is over, what it came to on the way."""
         moved_since_asked = self._others_moved_s > leg.given_s - ASKED_S
         if leg.began_s < self._by_hand.get(leg.by, float("inf")) and not moved_since_asked:
@@ -236,9 +244,9 @@ class Judge:
         elif over:
             self._left_mm = self._depths_at_rest(leg)
 
-    def _unallowed(self, event: Leg | HandAct) -> Iterator[Violation]:
+    def _unallowed(self, event: MotionRecord | GripperRecord) -> Iterator[Violation]:
         """Begun while nothing may move, or after a stop that nobody has lifted."""
-        what = "the arm set out" if isinstance(event, Leg) else "the hand was driven"
+        what = "the arm set out" if isinstance(event, MotionRecord) else "the hand was driven"
         lifted_s = self._may.true_before(event.began_s)
         withdrawn_s = self._may.said_within(lifted_s, event.began_s, False) if isfinite(lifted_s) else lifted_s
         if not (self._may.at(event.began_s) or self._out_of_reach(event, withdrawn_s)):
@@ -250,7 +258,7 @@ class Judge:
             text = f"{what} {event.began_s - at_s:.3f} s after the stop `{by}`"
             yield Violation("after a stop", event.began_s, event.by, text)
 
-    def _not_held(self, event: Leg | HandAct) -> Iterator[Violation]:
+    def _not_held(self, event: MotionRecord | GripperRecord) -> Iterator[Violation]:
         """Typed while moves were held, or each was to be asked for, and was not. Where the line carried what was typed
         spoiled, nobody knows when it was let go."""
         given_s = event.given_s
@@ -264,18 +272,20 @@ class Judge:
                 text = f"the motion {len(self._acts)} of which each waits for a yes; {said} were said"
                 yield Violation("not asked", event.began_s, event.by, text)
 
-    def _too_late(self, leg: Leg) -> Iterator[Violation]:
+    def _too_late(self, leg: MotionRecord) -> Iterator[Violation]:
         """Still on the way too long after a stop, or after the leave to move was withdrawn."""
         ends_s = leg.motion.ends_s
         told = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
-        told += [(e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, Stop)]
+        told += [
+            (e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, StopRecord)
+        ]
         withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
         told += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
         at_s, why = min(((self._heard_s(at_s), why) for at_s, why in told), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
 
-    def _said_to_rest_in(self, leg: Leg) -> Iterator[Violation]:
+    def _said_to_rest_in(self, leg: MotionRecord) -> Iterator[Violation]:
         """Said to be at rest in the middle of it, not in its last moments, when nobody can tell."""
         ends_s = leg.motion.ends_s
         for at_s, text in self._said_to_rest:
@@ -283,7 +293,7 @@ class Judge:
                 yield Violation("said to rest", at_s, leg.by, f"`{text}` was said {ends_s - at_s:.3f} s before it was")
         self._said_to_rest = [said for said in self._said_to_rest if said[0] > ends_s]
 
-    def _out_of_reach(self, event: Leg | HandAct, forbidden_s: float | None) -> bool:
+    def _out_of_reach(self, event: MotionRecord | GripperRecord, forbidden_s: float | None) -> bool:
         """Whether the controller had the whole line already when it was forbidden, and could not be told before it
         began with it."""
         return forbidden_s is not None and event.given_s < forbidden_s and event.began_s < self._heard_s(forbidden_s)
@@ -295,7 +305,7 @@ class Judge:
         again_s = self._hears.said_within(at_s, float("inf"), True)
         return float("inf") if again_s is None else again_s
 
-    def _too_much(self, leg: Leg) -> Iterator[Violation]:
+    def _too_much(self, leg: MotionRecord) -> Iterator[Violation]:
         """A speed or a step over its limit, as commanded."""
         allowed = self._fastest.at(leg.began_s)
         if leg.speed_percent > allowed + 1e-9:
@@ -308,7 +318,7 @@ class Judge:
             text = f"a step of {step:.1f} mm, {self._safety.longest_step_mm:g} is the most"
             yield Violation("step too long", leg.began_s, leg.by, text)
 
-    def _struck(self, leg: Leg) -> Iterator[Violation]:
+    def _struck(self, leg: MotionRecord) -> Iterator[Violation]:
         """The body where it must not be, or the tool too fast, anywhere on the way."""
         times, balls, tools = self._way(leg.motion)
         speeds = np.linalg.norm(np.diff(tools, axis=0), axis=1) / np.diff(times)
@@ -326,7 +336,7 @@ class Judge:
             if clear[-1]:
                 self._left_mm.pop(rule, None)
 
-    def _depths_at_rest(self, leg: Leg) -> dict[str, float]:
+    def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
         """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""
         balls, _ = self._body.at(leg.motion, np.array([leg.motion.ends_s]))
         deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in self._depths(balls).items()}
@@ -359,7 +369,7 @@ class Judge:
             times = np.insert(times, where, between)
             balls, tools = np.insert(balls, where, more_balls, axis=0), np.insert(tools, where, more_tools, axis=0)
 
-    def _dropped(self, drop: Drop) -> Iterator[Violation]:
+    def _dropped(self, drop: DropRecord) -> Iterator[Violation]:
         told = drop.over_bin or self._drop_told.at(drop.began_s)
         if not told and drop.fell_mm > self._safety.drop_mm:
             yield Violation(
