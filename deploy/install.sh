@@ -162,7 +162,7 @@ do_install() {
         [ "releases/$(basename "$old")" = "$before" ] || rm -rf "$old"
     done
     restart
-    say "installed. Next: deploy/README.md, first start. Then: systemctl enable --now facetd"
+    say "installed. Next: deploy/README.md, 3. Configure and start. Then: systemctl enable --now facetd"
 }
 
 do_extra() {

@@ -93,9 +93,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD
     if all_proven:
-        print(
-            f"The cell picks. {path} says what was proven when; deploy/README.md leads on from section 6.", flush=True
-        )
+        print(f"The cell picks. {path} says what was proven when; docs/operate/README.md leads on.", flush=True)
     return DONE if all_proven else NOT_DONE
 
 

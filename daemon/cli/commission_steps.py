@@ -318,7 +318,7 @@ class CommissioningStep:
 
 STEPS = (
     CommissioningStep("arm", "the line, the dialect and arm.yaml are this arm's",
-         "what you see: section 7 of deploy/README.md; `facetctl arm identify` when the arm is another", _arm, None),
+         "what you see: docs/operate/trouble.md; `facetctl arm identify` when the arm is another", _arm, None),
     CommissioningStep("camera", "both cameras deliver, and the rest of the cell is well",
          "what stands behind `mend` above; `facetctl stream` while the daemon is stopped shows the pictures",
          _doctor, None),

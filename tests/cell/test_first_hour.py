@@ -1,4 +1,4 @@
-"""The guide's first hour, typed line by line at a daemon on a simulated cell: every line does what it is there for."""
+"""The operator's first hour, typed line by line at a daemon on a simulated cell: every line works."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ def daemon() -> Iterator[Running]:
 
 
 def lines() -> list[str]:
-    guide = (places.HOUSE / "deploy" / "README.md").read_text(encoding="utf-8")
-    hour = guide.partition("### The first hour")[2].partition("\n### ")[0]
-    return [line.partition("  #")[0].strip() for line in re.findall(r"^facetd> (.*)", hour, re.MULTILINE)]
+    hour = (places.HOUSE / "docs" / "operate" / "first-hour.md").read_text(encoding="utf-8")
+    return [line.partition("  #")[0].strip() for line in re.findall(r"^ *facetd> (.*)", hour, re.MULTILINE)]
 
 
 @pytest.mark.timeout(300)

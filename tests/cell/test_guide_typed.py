@@ -1,5 +1,5 @@
-"""The operator's guide and RUNS.md, typed as they stand: every command in its order, at a daemon on a simulated cell,
-by somebody who also does with their hands what the text around it says; every key, on a pty."""
+"""The installation, the operator's pages and RUNS.md, typed as they are: every command in its order, at a daemon on
+a simulated cell, by somebody who also does with their hands what the text around it says; every key, on a pty."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SEED = int(os.environ.get("FACETD_SEED", "7"))
 PATIENCE_S = 600.0
 """The longest that a line takes, on a slow and busy computer."""
 COMMANDS = {name for command in every_command("simulated") for name in (command.name, *command.aliases)} | {"help"}
-PIECE = re.compile(r"^```\n(.*?)^```|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
+PIECE = re.compile(r"^ *```\n(.*?)^ *```|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
 TOUR = re.compile(r"(?:facetctl )?calibrate (stereo|hand-eye|verify|touch)(?: 9x6 16)?")
 KEY = re.compile(r"\b(Tab|arrows|[Cc]ontrol-[A-Z\]])")
 SPAN = re.compile(r"`([^`\n]+)`")
@@ -47,7 +47,12 @@ ELSEWHERE = (
     (r"facetctl (cameras|stream|snap)\b", "tests/unit/cli/test_cameras.py", "asks for real cameras"),
     (r"facetctl commission", "tests/cell/test_first_day.py", "a day of its own"),
     (r"calibrate camera|facetctl calibrate camera", "tests/cell/test_cell_one_eye.py", "a cell with one camera"),
-    (r"(facetctl )?calibrate (quick|import|stereo --left)", "tests/unit/calibration/test_interchange.py", "on files"),
+    (
+        r"(facetctl )?calibrate (quick|import|export|stereo --board)",
+        "tests/unit/calibration/test_interchange.py",
+        "on files",
+    ),
+    (r"facetctl (train|recognise) --calibration", "tests/unit/cli/test_offline.py", "on files"),
     (r"calibrate by-hand", "tests/unit/calibration/test_guide.py", "a board held by somebody"),
     (r"facetd --sim", "tests/fakes/running.py", "is the daemon here"),
     (r"facetctl runs collect .*s3://", "tests/cell/test_cell_fleet.py", "a bucket"),
@@ -69,8 +74,8 @@ REFUSED = {
 """What may be refused, and in which words: a command named without its word; what is past; what is found and told."""
 RUN_ON = {"facetctl dashboard": "http://127.0.0.1", "facetctl tail": "command", "facetctl console": "facetd>"}
 """What does not end by itself, and what it shows first."""
-MOVES = ("pick", "auto on", "auto resume", "auto wait", "go", "jog", "hand", "calibrate", "robot cal", "confirm",
-         "refuse")  # fmt: skip
+MOVES = ("pick", "look around", "auto on", "auto resume", "auto wait", "go", "jog", "hand", "calibrate", "robot cal",
+         "confirm", "refuse")  # fmt: skip
 
 WHILE_IT_WORKS = ("auto off", "auto wait", "status", "pause", "resume", "abort", "confirm", "refuse", "disable", "step",
                   "help", "notices")  # fmt: skip
@@ -111,7 +116,15 @@ def stand_in(text: str) -> tuple[str, str] | None:
     return next(((test, why) for begins, test, why in ELSEWHERE if re.match(begins, text)), None)
 
 
-GUIDES = tuple(places.HOUSE / "deploy" / name for name in ("README.md", "RUNS.md"))
+PAGES = ("teach", "train", "calibrate", "pick", "auto", "stop", "one-camera", "knock", "lamp",
+         "failed-picks", "controller", "move-cell", "new-computer", "README", "trouble")  # fmt: skip
+GUIDES = (
+    places.HOUSE / "docs" / "operate" / "first-hour.md",
+    places.HOUSE / "deploy" / "README.md",
+    *(places.HOUSE / "docs" / "operate" / f"{page}.md" for page in PAGES),
+    places.HOUSE / "deploy" / "RUNS.md",
+)
+"""In the order in which somebody reads them who first tries it in simulation, and then has a new cell."""
 
 
 def test_whatever_is_not_typed_here_is_tried_where_it_is_said() -> None:
@@ -151,7 +164,7 @@ class Operator:
         stands_for = {
             "COMMAND": "status", "FILE": "words.txt", "PART": "cube", "RUN": runs[-1].name,
             "NEW.npz": str(models[-1]) if models else "", "~/pairs": "pairs",
-            "/srv/hall": "hall", "/srv/north/runs": "state/runs",
+            "/srv/fleet": "fleet", "/srv/north/runs": "state/runs",
         }  # fmt: skip
         for name, value in stands_for.items():
             text = re.sub(rf"(?<![\w/]){re.escape(name)}(?!\w)", value, text)
@@ -216,9 +229,11 @@ class Operator:
                 self.says("train")
         if text.startswith("calibrate use") and words[2] != "0":
             while len(self.daemon.do("calibrate list")["data"]["numbers"]) < int(words[2]):
+                self.lets_it_move()
                 self.says("go survey")
                 self.says("calibrate hand-eye")
-                self.lets_it_move()
+        if words[:2] == ["places", "drop"]:
+            self.says(f"here {words[2]}")
         if words[0] == "forget" and words[2:]:
             while self.says(f"views {words[1]}").count(f"{words[1]}/") < int(words[2]):
                 self.daemon.do(f"teach {words[1]}")

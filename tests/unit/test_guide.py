@@ -25,9 +25,9 @@ from drivers.val2.dialect import Dialect
 GUIDES = [
     places.HOUSE / name
     for name in ("README.md", "deploy/README.md", "deploy/FIRST-DAY.md", "deploy/RUNS.md", "deploy/SAFETY.md")
-]
+] + sorted((places.HOUSE / "docs" / "operate").glob("*.md"))
 COMMANDS = {name: command for command in every_command("simulated") for name in (command.name, *command.aliases)}
-SPAN, BLOCK = re.compile(r"`([^`\n]+)`"), re.compile(r"^```\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SPAN, BLOCK = re.compile(r"`([^`\n]+)`"), re.compile(r"^ *```\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 KEY = re.compile(
     r"(cell|cameras|arm|files|folders|pick|vision|console|log|health|simulated|recorded|metrics)((\.\w+)+)"
 )

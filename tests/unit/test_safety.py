@@ -39,14 +39,16 @@ def test_every_file_it_names_exists(file: str) -> None:
 
 
 def test_every_hazard_says_what_prevents_it_and_which_test_shows_it() -> None:
-    table = PAGE.partition("## The hazards")[2].partition("## Before")[0]
-    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in table.splitlines() if row.startswith("| ")][2:]
-    assert len(rows) > 15
-    for what, causes, prevents, shown, _ in rows:
-        assert what, rows
-        assert causes, what
-        assert prevents, what
-        assert re.search(r"\bW\b|::test_", shown), what
+    hazards = re.split(r"^### ", PAGE.partition("## The hazards")[2].partition("## Before")[0], flags=re.MULTILINE)
+    listed, sections = hazards[0], hazards[1:]
+    assert len(sections) > 15
+    assert re.findall(r"\[(H\d+)\]", listed) == [section.partition(":")[0] for section in sections]
+    for section in sections:
+        title, _, text = section.partition("\n")
+        assert re.search(r"^Causes: \S", text, re.MULTILINE), title
+        measures, _, shown = text.partition("<details><summary>Tests")
+        assert re.search(r"^- \S", measures, re.MULTILINE), title
+        assert "(and W)" in shown.partition("\n")[0] or "::test_" in shown, title
 
 
 def test_how_long_a_move_is_at_most_follows_from_limits_and_speeds() -> None:

@@ -897,11 +897,12 @@ def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
 
 
 def test_the_guide_says_how_many_may_be_connected_and_for_how_long_in_silence() -> None:
-    guide, faults = ((HOUSE / "deploy" / name).read_text() for name in ("README.md", "FAULTS.md"))
-    assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in guide
-    silent = f"after {FIRST_WORD_S:g} s, who has nothing to wait for after {IDLE_S / 60:g} min"
-    assert f"who never says a word is hung up {silent}" in faults
-    assert f"for a stop, after {STOP_S:g} s |" in faults
+    trouble = (HOUSE / "docs" / "operate" / "trouble.md").read_text()
+    faults = (HOUSE / "deploy" / "FAULTS.md").read_text()
+    assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in trouble
+    silent = f"silent after {FIRST_WORD_S:g} s, one that has nothing to wait for after {IDLE_S / 60:g} min"
+    assert f"closes a connection that stays {silent}" in faults
+    assert f"came for a stop, after {STOP_S:g} s |" in faults
 
 
 def test_beyond_the_limit_the_oldest_of_those_who_came_to_stop_goes_first(
