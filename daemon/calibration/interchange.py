@@ -1,88 +1,30 @@
-"""Calibrations of other tools: ROS camera_info YAML (a file an eye) and OpenCV's FileStorage (M1 D1 M2 D2 R T).
+"""`facetctl calibrate import` and `export`: calibrations from other tools' files, and for them.
 
-Those rectify; we do not, so that only what is geometry comes over: intrinsics, distortion, the pose between the eyes.
+What a file is, is foreign.py's; whether it can be meant, plausible.py's.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
 import yaml
 
 from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.calibration.foreign import ImportedGeometry, InterchangeError, read_foreign
+from daemon.calibration.plausible import UNITS_MM, changed, implausible_rig
 from daemon.calibration.recorded import keep_old
-from daemon.calibration.stereo import rig_of
-from daemon.errors import FacetdError
-from daemon.quantities import shown, whole
+from daemon.quantities import decimal, shown, whole
 from daemon.store.files import write_atomically
-from daemon.store.yamlfile import read
+from daemon.store.outside import FileError
 from daemon.vision.geometry import StereoRig
 
 MM_PER_M = 1000.0
-
-
-class InterchangeError(FacetdError):
-    """A foreign file that cannot be used: which, and what it lacks."""
-
-
-class _Matrix(msgspec.Struct, forbid_unknown_fields=True):
-    rows: int
-    cols: int
-    data: list[float]
-
-
-ROS = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
-OPENCV = {"M1": 9, "M2": 9, "R": 9, "T": 3}
-"""What their matrices must be: rows and columns; how many numbers."""
-
-
-class _CameraInfo(msgspec.Struct):
-    image_width: int
-    image_height: int
-    camera_matrix: _Matrix
-    distortion_model: str
-    distortion_coefficients: _Matrix
-    rectification_matrix: _Matrix
-    projection_matrix: _Matrix
-    camera_name: str = ""
-
-
-def from_ros(left: Path, right: Path) -> StereoRig:
-    """Two camera_info files of one stereo pair (metres). Raises InterchangeError, FileError."""
-    infos = [read(path).convert(_CameraInfo) for path in (left, right)]
-    found: list[dict[str, Array]] = []
-    for path, info in zip((left, right), infos, strict=True):
-        found.append({name: _array(path, name, getattr(info, name)) for name in (*ROS, "distortion_coefficients")})
-        if info.distortion_model != "plumb_bob":
-            raise InterchangeError(f"{path}: distortion_model: expected plumb_bob, found {info.distortion_model}")
-    sizes = {(info.image_width, info.image_height) for info in infos}
-    if len(sizes) != 1:
-        raise InterchangeError(f"{left}, {right}: image sizes differ: {sorted(sizes)}")
-    projection = found[1]["projection_matrix"]
-    shift_m = -projection[0, 3] / projection[0, 0]
-    if not shift_m > 0:
-        raise InterchangeError(
-            f"{right}: projection_matrix: no baseline (P[0,3] = {projection[0, 3]:g}): one eye's file?"
-        )
-    turns = [one["rectification_matrix"] for one in found]
-    left_from_right = frames.rigid(turns[0].T @ turns[1], turns[0].T @ np.array([shift_m * MM_PER_M, 0, 0]))
-    eyes = [(one["camera_matrix"], _five(one["distortion_coefficients"])) for one in found]
-    return rig_of(eyes[0], eyes[1], left_from_right, sizes.pop())
-
-
-def _array(path: Path, name: str, matrix: _Matrix) -> Array:
-    """(rows, columns). Raises InterchangeError where its name asks for others, or its numbers are not as many."""
-    rows, columns = ROS.get(name, (1, matrix.cols))
-    if (matrix.rows, matrix.cols) != (rows, columns) or len(matrix.data) != rows * columns:
-        told = f"{matrix.rows}x{matrix.cols} of {len(matrix.data)} numbers"
-        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told}")
-    return np.array(matrix.data, float).reshape(rows, columns)
 
 
 def to_ros(rig: StereoRig, left: Path, right: Path) -> None:
@@ -109,42 +51,6 @@ def to_ros(rig: StereoRig, left: Path, right: Path) -> None:
         write_atomically(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None).encode())
 
 
-def from_opencv(files: list[Path], size: tuple[int, int] | None) -> StereoRig:
-    """FileStorage file(s) with M1 D1 M2 D2 R T (mm) and, where it is not given, imageSize. Raises InterchangeError."""
-    found: dict[str, Array] = {}
-    for path in files:
-        found.update(_nodes(path))
-    missing = [name for name in ("M1", "D1", "M2", "D2", "R", "T") if name not in found]
-    if missing:
-        raise InterchangeError(f"{', '.join(map(str, files))}: lacks {' '.join(missing)}")
-    for name, count in OPENCV.items():
-        if found[name].size != count:
-            raise InterchangeError(f"{files[0]}: {name}: expected {count} numbers, found {found[name].size}")
-    if size is None and "imageSize" not in found:
-        raise InterchangeError(f"{files[0]}: lacks imageSize; give --size WIDTHxHEIGHT")
-    width, height = size if size is not None else (int(v) for v in found["imageSize"].ravel()[:2])
-    left_from_right = frames.inverse(frames.rigid(found["R"], found["T"].ravel()))
-    eyes = [(found[f"M{k}"], _five(found[f"D{k}"])) for k in (1, 2)]
-    return rig_of(eyes[0], eyes[1], left_from_right, (width, height))
-
-
-def _nodes(path: Path) -> dict[str, Array]:
-    """The matrices we know of in one FileStorage file."""
-    found: dict[str, Array] = {}
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        if not storage.isOpened():
-            raise InterchangeError(f"{path}: cannot be read as an OpenCV FileStorage file")
-        for name in ("M1", "D1", "M2", "D2", "R", "T", "imageSize"):
-            node = storage.getNode(name)
-            if node.isMap():
-                found[name] = np.asarray(node.mat(), float)
-        storage.release()
-    except (cv2.error, SystemError):
-        raise InterchangeError(f"{path}: not an OpenCV FileStorage file") from None
-    return found
-
-
 def to_opencv(rig: StereoRig, path: Path) -> None:
     """Write one FileStorage YAML file with M1 D1 M2 D2 R T (mm) and imageSize."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
@@ -163,39 +69,87 @@ def to_opencv(rig: StereoRig, path: Path) -> None:
     write_atomically(path, storage.releaseAndGetString().encode())
 
 
-def _five(distortion: Array) -> Array:
-    """k1 k2 p1 p2 k3, zeros where fewer were given. Raises InterchangeError on the rational or thin-prism models."""
-    values = distortion.ravel()
-    if np.any(values[5:] != 0):
-        raise InterchangeError(f"{len(values)} distortion coefficients: only k1 k2 p1 p2 k3 are supported")
-    return np.concatenate([values[:5], np.zeros(max(0, 5 - len(values)))])
-
-
 def _plain(matrix: Array) -> dict[str, object]:
     return {"rows": matrix.shape[0], "cols": matrix.shape[1], "data": [float(v) for v in matrix.ravel()]}
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `import` and `export` to the calibrate command."""
-    come = subparsers.add_parser("import", help="from ROS camera_info or OpenCV FileStorage")
-    go = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
-    for parser in (come, go):
-        kind = parser.add_mutually_exclusive_group(required=True)
-        kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one an eye")
-        kind.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
-    come.add_argument("--size", metavar="WxH", help="image size where the file does not say")
+    come = subparsers.add_parser(
+        "import", help="from ROS, OpenCV, Kalibr or easy_handeye, told by what is in the files"
+    )
+    come.add_argument("files", nargs="*", type=Path, metavar="FILE", help="of a pair of files the left camera's first")
+    come.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="the same as FILE FILE")
+    come.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="the same as FILE ...")
+    come.add_argument("--size", metavar="WxH", help="image size, in place of the files'")
+    come.add_argument(
+        "--unit",
+        metavar="UNIT",
+        help="of the files' lengths: mm, cm, m, inch, or mm in one (a square's side); "
+        "metres unless said for ROS, Kalibr and easy_handeye, mm for OpenCV",
+    )
+    come.add_argument("--swap", action="store_true", help="the right camera is named first")
     come.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
     come.set_defaults(run=_import)
+    go = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
+    kind = go.add_mutually_exclusive_group(required=True)
+    kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one an eye")
+    kind.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
     go.add_argument("--calibration", required=True, type=Path, help="calibration.yaml to read")
     go.set_defaults(run=_export)
 
 
 def _import(args: argparse.Namespace) -> int:
-    rig = from_ros(*args.ros) if args.ros else from_opencv(args.opencv, _size(args.size))
+    files = [*args.files, *(args.ros or ()), *(args.opencv or ())]
+    if not files:
+        raise InterchangeError("no file was named: facetctl calibrate import FILE... --out calibration.yaml")
+    found = read_foreign(files, _size(args.size), _unit_mm(args.unit), args.swap)
+    print(f"{', '.join(map(str, files))}: read as {found.kind}")
+    before = _before(args.out)
+    calibration = _hand_eye_added(found, before, args.out) if found.rig is None else _of_rig(found.rig, before)
+    for wrong in implausible_rig(calibration.rig):
+        raise InterchangeError(f"{', '.join(map(str, files))}: not written: {wrong.problem}")
+    for side, off_px in zip(("left", "right"), found.refit_px, strict=True):
+        if off_px:
+            print(
+                f"{side} camera: its lens is written as k1 k2 p1 p2 k3, off by {off_px:.3f} px at most, at the corners"
+            )
+    if found.rig is not None and before is not None:
+        for line in changed(found.rig, before.rig):
+            print(f"warning: {line}")
     kept = keep_old(args.out)
-    save_calibration(Calibration(rig, None, Quality(method="imported")), args.out)
-    print(f"{args.out}: baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else ""))
+    save_calibration(calibration, args.out)
+    rig = calibration.rig
+    size, focal = "x".join(map(str, rig.image_size)), [eye.matrix[0, 0] for eye in (rig.left, rig.right)]
+    print(
+        f"{args.out}: {size} px, focal lengths {focal[0]:.1f} and {focal[1]:.1f} px, "
+        f"baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else "")
+    )
     return 0
+
+
+def _before(path: Path) -> Calibration | None:
+    """The calibration that is there, where it can be read."""
+    try:
+        return load_calibration(path)
+    except (FileError, OSError):
+        return None
+
+
+def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:
+    """The old hand-eye does not come along: it is of another cyclopean frame."""
+    if before is not None and before.tool_from_cyclopean is not None:
+        print("the old file's hand-eye is of the old cameras, and not taken along: calibrate hand-eye comes next")
+    return Calibration(rig, None, Quality(method="imported"))
+
+
+def _hand_eye_added(found: ImportedGeometry, before: Calibration | None, path: Path) -> Calibration:
+    if before is None:
+        raise InterchangeError(f"{path}: a hand-eye needs the cameras it is of: import or calibrate them into it first")
+    assert found.tool_from_left is not None
+    tool_from_cyclopean = found.tool_from_left @ frames.inverse(before.rig.left.cyclopean_from_camera)
+    print("taken for where the left camera's optical frame sits in the TOOL frame (z forward, out of the gripper)")
+    return replace(before, tool_from_cyclopean=tool_from_cyclopean, quality=Quality(method="imported"))
 
 
 def _export(args: argparse.Namespace) -> int:
@@ -216,3 +170,15 @@ def _size(text: str | None) -> tuple[int, int] | None:
         return whole(width), whole(height)
     except ValueError:
         raise InterchangeError(f"--size {shown(text)}: expected WIDTHxHEIGHT, such as 640x480") from None
+
+
+def _unit_mm(text: str | None) -> float | None:
+    if text is None or text in UNITS_MM:
+        return None if text is None else UNITS_MM[text]
+    try:
+        unit_mm = decimal(text)
+    except ValueError:
+        unit_mm = 0.0
+    if not unit_mm > 0:
+        raise InterchangeError(f"--unit {shown(text)}: expected {', '.join(UNITS_MM)}, or how many mm one is")
+    return unit_mm

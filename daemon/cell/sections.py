@@ -15,6 +15,7 @@ from msgspec import Meta
 
 from daemon.arm import EYES, EyeName, plausible
 from daemon.calibration.file import Calibration, rigid
+from daemon.calibration.plausible import implausible_rig
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
 from drivers.camera.settings import CameraSettings
@@ -171,11 +172,13 @@ def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:
 
 
 def check_hand_eye(config: Config, calibration: Calibration) -> None:
-    """Whether the calibration is of the cameras there are, and has them where they can be on the hand. Raises
-    ConfigError."""
+    """Whether the calibration is of the cameras there are, could be any camera's, and has them where they can be on the
+    hand. Raises ConfigError."""
     if calibration.alone is not None and alone(config) != calibration.alone:
         problem = f"{config.calibration} is of one camera, the {calibration.alone}; expected {calibration.alone} alone"
         raise config.document.error(("cameras",), problem)
+    for camera in implausible_rig(calibration.rig):
+        raise read(config.calibration).error(camera.keys, camera.problem)
     if calibration.tool_from_cyclopean is None:
         return
     for wrong in plausible.hand_eye(calibration.tool_from_cyclopean, arm_geometry(config).reach_mm):

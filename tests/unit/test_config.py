@@ -170,6 +170,25 @@ def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(
     assert "0001.npz" in capsys.readouterr().err
 
 
+def test_check_names_cameras_that_no_rig_could_have(
+    path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(places, "INSTALLED_STATE", tmp_path / "none")
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    file = tmp_path / "calibration.yaml"
+    good = file.read_text()
+    for old, new, told in (
+        ("image_size: [640, 480]", "image_size: [480, 640]", "--size 640x480"),
+        (", 30.0]", ", 3000.0]", "a baseline of 3030 mm"),
+    ):
+        assert old in good
+        file.write_text(good.replace(old, new))
+        assert main(["--config", str(path), "--check"]) == 78
+        error = capsys.readouterr().err
+        assert f"{file}:" in error
+        assert told in error
+
+
 def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path.write_text("version: 1\ncameras: {left: a, right: b}\nvision:\n  min_seen: 0.5\n")
     assert main(["--config", str(path), "--check"]) == 0

@@ -1,0 +1,351 @@
+"""Files of other tools, recognised by what is in them: a stereo rig, or where a camera sits on the hand.
+
+ROS camera_info (as camera_calibration or OpenCV write it, or as `ros topic echo` prints it), OpenCV's FileStorage,
+Kalibr's camchain, easy_handeye's result. Those rectify; we do not, so that only geometry comes over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.calibration.lens_refit import LensError, refitted
+from daemon.calibration.plausible import UNITS_MM
+from daemon.calibration.stereo import rig_of
+from daemon.errors import FacetdError
+from daemon.store.outside import read_file
+from daemon.store.yamlfile import LARGEST_BYTES, parse
+from daemon.vision.geometry import StereoRig
+
+ROS = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
+MESSAGE = {"camera_matrix": "K", "rectification_matrix": "R", "projection_matrix": "P", "distortion_coefficients": "D"}
+"""Keys of a camera_info file -> of the message, which ROS 2 has in small letters."""
+FISHEYE_MODELS, PINHOLE_MODELS = ("equidistant", "fisheye"), ("plumb_bob", "rational_polynomial", "radtan", "none", "")
+OPENCV = {
+    "M1": (9, ("m1", "k1", "cm1", "mtx1", "cameramatrix1", "cameramatrixleft", "leftcameramatrix", "kl", "ml")),
+    "D1": (None, ("d1", "dist1", "distcoeffs1", "distortion1", "distcoeffsleft", "leftdistcoeffs", "dl")),
+    "M2": (9, ("m2", "k2", "cm2", "mtx2", "cameramatrix2", "cameramatrixright", "rightcameramatrix", "kr", "mr")),
+    "D2": (None, ("d2", "dist2", "distcoeffs2", "distortion2", "distcoeffsright", "rightdistcoeffs", "dr")),
+    "R": (9, ("r", "rot", "rotation", "rotationmatrix")),
+    "T": (3, ("t", "trans", "translation", "translationvector")),
+}
+"""What a FileStorage of a stereo pair has: numbers of each, and the names that people give it, small letters only."""
+SIZES = ("imagesize", "imgsize", "size", "resolution")
+SIDES = (("imagewidth", "imageheight"), ("width", "height"))
+FORMATS = "ROS camera_info, OpenCV FileStorage of a stereo pair, Kalibr camchain, easy_handeye result"
+
+
+_Files = Sequence[tuple[Path, Mapping[str, Any]]]
+
+
+class InterchangeError(FacetdError):
+    """A foreign file that cannot be used: which, and what it lacks."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedGeometry:
+    """What files of other tools say. kind: what they were taken for; rig, or tool_from_left (4, 4) mm; refit_px: how
+    far the two lenses are off for being written in our model."""
+
+    kind: str
+    rig: StereoRig | None = None
+    tool_from_left: Array | None = None
+    refit_px: tuple[float, float] = (0.0, 0.0)
+
+
+def read_foreign(
+    files: Sequence[Path], size: tuple[int, int] | None = None, unit_mm: float | None = None, exchanged: bool = False
+) -> ImportedGeometry:
+    """The geometry that the files give together. size: width, height px, in place of the files'; unit_mm: of their
+    lengths, each format's own where None; exchanged: the right camera is named first.
+
+    Raises InterchangeError, FileError.
+    """
+    values = [(path, _values(path)) for path in files]
+    kinds = [(path, _kind(one)) for path, one in values]
+    for (path, kind), (_, one) in zip(kinds, values, strict=True):
+        if kind is None:
+            keys = ", ".join(list(one)[:6]) or "nothing"
+            raise InterchangeError(f"{path}: not one of {FORMATS}; it has {keys}")
+    if len({kind for _, kind in kinds}) > 1:
+        found = ", ".join(f"{path}: {kind}" for path, kind in kinds)
+        raise InterchangeError(f"files of different formats: {found}")
+    kind = kinds[0][1]
+    read = {"camera_info": _camera_infos, "FileStorage": _storages, "camchain": _camchain, "easy_handeye": _hand_eye}
+    try:
+        with np.errstate(all="ignore"):
+            return read[str(kind)](values, size, unit_mm, exchanged)
+    except LensError as error:
+        raise InterchangeError(f"{', '.join(map(str, files))}: {error}") from None
+
+
+def _values(path: Path) -> dict[str, Any]:
+    """The file's keys and plain values; of a file with several documents (a printed topic) the first."""
+    content = read_file(path, LARGEST_BYTES)
+    if content.lstrip()[:1] == b"<":
+        return _xml(path)
+    lines = content.replace(b"!!opencv-matrix", b"").replace(b"\r\n", b"\n").split(b"\n")
+    lines = [line for line in lines if not line.startswith(b"%YAML")]
+    while lines and (not lines[0].strip() or lines[0].strip() == b"---"):
+        del lines[0]
+    first = next((k for k, line in enumerate(lines) if line.rstrip() in (b"---", b"...")), len(lines))
+    data = parse(path, b"\n".join(lines[:first])).data
+    if not isinstance(data, dict):
+        raise InterchangeError(f"{path}: not one of {FORMATS}: no keys and values in it")
+    return {str(key): value for key, value in data.items()}
+
+
+def _xml(path: Path) -> dict[str, Any]:
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        if not storage.isOpened():
+            raise InterchangeError(f"{path}: cannot be read as an OpenCV FileStorage file")
+        root = storage.root()
+        found = {name: _node(root.getNode(name)) for name in root.keys()}  # noqa: SIM118 (a node, not a dict)
+        storage.release()
+    except (cv2.error, SystemError):
+        raise InterchangeError(f"{path}: not an OpenCV FileStorage file") from None
+    return found
+
+
+def _node(node: cv2.FileNode) -> Any:
+    if node.isMap():
+        matrix = node.mat()
+        return (
+            None
+            if matrix is None
+            else {"rows": matrix.shape[0], "cols": matrix.shape[-1], "data": matrix.ravel().tolist()}
+        )
+    if node.isSeq():
+        return [_node(node.at(k)) for k in range(node.size())]
+    return node.string() if node.isString() else node.real()
+
+
+def _kind(values: Mapping[str, Any]) -> str | None:
+    plain = {_plain(key) for key in values}
+    if "cam0" in values:
+        return "camchain"
+    if "transformation" in values or {"parameters", "transform"} <= set(values):
+        return "easy_handeye"
+    if {"camera_matrix", "projection_matrix"} <= set(values) or ("distortion_model" in values and "k" in plain):
+        return "camera_info"
+    if any(plain & set(names) for _, names in OPENCV.values()):
+        return "FileStorage"
+    return None
+
+
+def _plain(key: str) -> str:
+    return "".join(letter for letter in key.lower() if letter.isalnum())
+
+
+def _numbers(path: Path, name: str, value: Any, rows: int | None = None, columns: int | None = None) -> Array:
+    """A list, a list of lists, or an OpenCV matrix as an array of finite numbers. Raises InterchangeError."""
+    told = ""
+    if isinstance(value, dict):
+        told = f"{value.get('rows')}x{value.get('cols')} of {len(value.get('data') or ())} numbers"
+        shape = value.get("rows"), value.get("cols")
+        data = value.get("data")
+        if rows is not None and shape != (rows, columns):
+            raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told}")
+        if isinstance(data, list) and shape[0] and shape[1] and shape[0] * shape[1] != len(data):
+            raise InterchangeError(f"{path}: {name}: found {told}")
+        value = data
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError):
+        raise InterchangeError(f"{path}: {name}: expected numbers, found {str(value)[:40]!r}") from None
+    if array.size == 0 or not np.isfinite(array).all():
+        if array.size == 0 and rows is None:
+            return np.zeros(0)
+        raise InterchangeError(f"{path}: {name}: expected finite numbers")
+    if rows is not None and columns is not None and array.size != rows * columns:
+        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told or array.size}")
+    return array.reshape(rows, columns) if rows is not None and columns is not None else array.ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class _Info:
+    matrix: Array
+    coefficients: Array
+    rectification: Array
+    projection: Array
+    model: str
+    size: tuple[int, int]
+
+
+def _camera_infos(
+    values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool
+) -> ImportedGeometry:
+    paths = [path for path, _ in values]
+    if len(paths) != 2:
+        raise InterchangeError(
+            f"{paths[0]}: camera_info of one camera; name two files, the left camera's and the right's"
+        )
+    if exchanged:
+        values, paths = values[::-1], paths[::-1]
+    infos = [_info(path, one, size) for path, one in values]
+    if infos[0].size != infos[1].size:
+        raise InterchangeError(f"{paths[0]}, {paths[1]}: image sizes differ: {sorted(one.size for one in infos)}")
+    shift = -infos[1].projection[0, 3] / infos[1].projection[0, 0]
+    if infos[0].projection[0, 3] < 0 and not shift > 0:
+        raise InterchangeError(
+            f"{paths[0]}: projection_matrix: of a right camera (P[0,3] = {infos[0].projection[0, 3]:g}), named first: "
+            "exchange the files (--swap)"
+        )
+    if not abs(shift) > 0:
+        raise InterchangeError(
+            f"{paths[1]}: projection_matrix: no baseline (P[0,3] = {infos[1].projection[0, 3]:g}): one eye's file?"
+        )
+    turns = [_rotation(path, "rectification_matrix", one.rectification) for path, one in zip(paths, infos, strict=True)]
+    along = np.array([shift * (UNITS_MM["m"] if unit_mm is None else unit_mm), 0, 0])
+    left_from_right = frames.rigid(turns[0].T @ turns[1], turns[0].T @ along)
+    cameras = [(one.matrix, one.coefficients, one.model in FISHEYE_MODELS) for one in infos]
+    return _of_pair(f"ROS camera_info ({infos[0].model or 'no distortion'})", cameras, left_from_right, infos[0].size)
+
+
+def _info(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -> _Info:
+    def value(name: str) -> Any:
+        short = MESSAGE[name]
+        for key in (name, short, short.lower()):
+            if key in values:
+                return values[key]
+        raise InterchangeError(f"{path}: ROS camera_info that lacks {name} ({short} of the message)")
+
+    found = {name: _numbers(path, name, value(name), *shape) for name, shape in ROS.items()}
+    model = str(values.get("distortion_model", ""))
+    if model not in (*PINHOLE_MODELS, *FISHEYE_MODELS):
+        expected = ", ".join(filter(None, (*PINHOLE_MODELS, *FISHEYE_MODELS)))
+        raise InterchangeError(f"{path}: distortion_model: expected one of {expected}, found {model}")
+    coefficients = _numbers(path, "distortion_coefficients", value("distortion_coefficients"))
+    return _Info(
+        found["camera_matrix"],
+        coefficients,
+        found["rectification_matrix"],
+        found["projection_matrix"],
+        model,
+        _size(path, values, size),
+    )
+
+
+def _size(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[int, int]:
+    if size is not None:
+        return size
+    plain = {_plain(key): value for key, value in values.items()}
+    for name in SIZES:
+        if name in plain:
+            numbers = _numbers(path, name, plain[name])
+            if len(numbers) >= 2:
+                return int(numbers[0]), int(numbers[1])
+    for width, height in SIDES:
+        if width in plain and height in plain:
+            numbers = _numbers(path, f"{width}, {height}", [plain[width], plain[height]])
+            return int(numbers[0]), int(numbers[1])
+    raise InterchangeError(f"{path}: lacks imageSize; give --size WIDTHxHEIGHT")
+
+
+def _rotation(path: Path, name: str, matrix: Array) -> Array:
+    wrong = frames.not_a_rotation(matrix, 1e-3)
+    if wrong is not None:
+        raise InterchangeError(f"{path}: {name}: expected a rotation, found {wrong}")
+    return frames.nearest_rotation(matrix)
+
+
+def _storages(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
+    together = {_plain(key): (path, value) for path, one in values for key, value in one.items()}
+    found: dict[str, Array] = {}
+    names = ", ".join(str(path) for path, _ in values)
+    for name, (count, called) in OPENCV.items():
+        key = next((key for key in called if key in together), None)
+        if key is None:
+            continue
+        path, value = together[key]
+        found[name] = _numbers(path, name, value)
+        if count is not None and found[name].size != count:
+            raise InterchangeError(f"{path}: {name}: expected {count} numbers, found {found[name].size}")
+    missing = [name for name in OPENCV if name not in found]
+    if missing:
+        raise InterchangeError(f"{names}: OpenCV FileStorage that lacks {' '.join(missing)}")
+    whole = {key: value for _, one in values for key, value in one.items()}
+    first = values[0][0]
+    right_from_left = frames.rigid(
+        _rotation(first, "R", found["R"].reshape(3, 3)), found["T"] * (1.0 if unit_mm is None else unit_mm)
+    )
+    cameras = [(found[f"M{k}"].reshape(3, 3), found[f"D{k}"], False) for k in (1, 2)]
+    left_from_right = frames.inverse(right_from_left)
+    if exchanged:
+        cameras, left_from_right = cameras[::-1], right_from_left
+    return _of_pair("OpenCV FileStorage", cameras, left_from_right, _size(first, whole, size))
+
+
+def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
+    path, chain = values[0]
+    eyes = [chain.get("cam0"), chain.get("cam1")]
+    if not all(isinstance(eye, dict) for eye in eyes):
+        raise InterchangeError(f"{path}: Kalibr camchain of one camera: cam0 and cam1 are needed")
+    cameras, sizes = [], []
+    for name, eye in zip(("cam0", "cam1"), eyes, strict=True):
+        assert isinstance(eye, dict)
+        model, bent = str(eye.get("camera_model", "pinhole")), str(eye.get("distortion_model", "none"))
+        if model != "pinhole" or bent not in (*PINHOLE_MODELS, *FISHEYE_MODELS):
+            raise InterchangeError(
+                f"{path}: {name}: a {model} camera with {bent}: pinhole with radtan or equidistant only"
+            )
+        fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", eye.get("intrinsics"), 1, 4)[0]
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        cameras.append(
+            (matrix, _numbers(path, f"{name}.distortion_coeffs", eye.get("distortion_coeffs")), bent in FISHEYE_MODELS)
+        )
+        sizes.append(_size(path, eye, size))
+    assert isinstance(eyes[1], dict)
+    pose = _numbers(path, "cam1.T_cn_cnm1", eyes[1].get("T_cn_cnm1"), 4, 4)
+    shift_mm = pose[:3, 3] * (UNITS_MM["m"] if unit_mm is None else unit_mm)
+    right_from_left = frames.rigid(_rotation(path, "cam1.T_cn_cnm1", pose[:3, :3]), shift_mm)
+    left_from_right = frames.inverse(right_from_left)
+    if exchanged:
+        cameras, left_from_right = cameras[::-1], right_from_left
+    if sizes[0] != sizes[1]:
+        raise InterchangeError(f"{path}: image sizes differ: {sizes}")
+    return _of_pair("Kalibr camchain", cameras, left_from_right, sizes[0])
+
+
+def _of_pair(
+    kind: str, cameras: Sequence[tuple[Array, Array, bool]], left_from_right: Array, size: tuple[int, int]
+) -> ImportedGeometry:
+    lenses = [refitted(matrix, coefficients, size, fisheye) for matrix, coefficients, fisheye in cameras]
+    left, right = ((lens.matrix, lens.distortion) for lens in lenses)
+    rig = rig_of(left, right, left_from_right, size)
+    return ImportedGeometry(kind, rig, refit_px=(lenses[0].off_px, lenses[1].off_px))
+
+
+def _hand_eye(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
+    path, found = values[0]
+    settings = found.get("parameters")
+    settings = settings if isinstance(settings, dict) else {}
+    if settings.get("eye_on_hand") is False or "base" in str(settings.get("calibration_type", "")):
+        raise InterchangeError(f"{path}: easy_handeye result of a camera that stands beside the robot, not on its hand")
+    pose = found.get("transformation", found.get("transform"))
+    pose = pose if isinstance(pose, dict) else {}
+    nested = {f"q{key}": value for key, value in dict(pose.get("rotation") or {}).items()}
+    flat = {**pose, **nested, **dict(pose.get("translation") or {})}
+    try:
+        w, x, y, z = (float(flat[key]) for key in ("qw", "qx", "qy", "qz"))
+        shift = np.array([float(flat[key]) for key in "xyz"])
+    except (KeyError, TypeError, ValueError):
+        raise InterchangeError(f"{path}: easy_handeye result that lacks a quaternion or a translation") from None
+    length = float(np.sqrt(w * w + x * x + y * y + z * z))
+    if not abs(length - 1) < 1e-3 or not np.isfinite(shift).all():
+        raise InterchangeError(f"{path}: easy_handeye result: a quaternion of length {length:.3g}, expected 1")
+    axis = np.array([x, y, z]) * np.sign(w or 1.0)
+    sine = float(np.linalg.norm(axis))
+    turn = axis / sine * 2 * np.arctan2(sine, abs(w)) if sine > 0 else np.zeros(3)
+    shift_mm = shift * (UNITS_MM["m"] if unit_mm is None else unit_mm)
+    return ImportedGeometry(
+        "easy_handeye result", tool_from_left=frames.rigid(frames.rotation_from_vector(turn), shift_mm)
+    )

@@ -1,0 +1,95 @@
+"""Lens models of other tools -> ours, k1 k2 p1 p2 k3, by least squares on rays over the whole image. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.calibration.least_squares import INTRINSICS, eye_matrix, minimise, project
+from daemon.errors import FacetdError
+
+OURS = 5
+"""Coefficients that the rest of the program takes: k1 k2 p1 p2 k3."""
+POLYNOMIAL = (4, 5, 8, 12, 14)
+"""Coefficients of OpenCV's pinhole models: radial and tangential; rational; thin prism; tilted sensor."""
+FISHEYE = 4
+WORST_PX = 0.1
+"""A refitted lens may be so far off anywhere in the image."""
+WIDEST = 3.0
+RAYS = 61
+
+
+class LensError(FacetdError):
+    """A lens model that cannot be used; the message says which, and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class RefittedLens:
+    """matrix (3, 3), distortion (5,) k1 k2 p1 p2 k3; off_px: how far the image is off at most, near its corners; 0
+    where nothing had to be refitted."""
+
+    matrix: Array
+    distortion: Array
+    off_px: float = 0.0
+
+
+def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye: bool = False) -> RefittedLens:
+    """The lens as k1 k2 p1 p2 k3: as it is where the rest is 0, else fitted. fisheye: four coefficients of the angle
+    (Kannala and Brandt, `equidistant`). Raises LensError."""
+    values = np.ravel(coefficients).astype(float)
+    if fisheye and len(values) != FISHEYE:
+        raise LensError(f"a fisheye lens of {len(values)} coefficients: expected {FISHEYE}")
+    if not fisheye and np.any(values) and len(values) not in POLYNOMIAL:
+        raise LensError(f"{len(values)} distortion coefficients: expected {', '.join(map(str, POLYNOMIAL))} or none")
+    if not fisheye and not np.any(values[OURS:]):
+        return RefittedLens(matrix, np.concatenate([values[:OURS], np.zeros(max(0, OURS - len(values)))]))
+    rays = _rays(matrix, values, size, fisheye)
+    px = _projected(rays, matrix, values, fisheye)
+    start = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.zeros(OURS)])
+    seen = np.column_stack([rays, np.ones(len(rays))])
+
+    def problem(x: Array) -> tuple[Array, Array]:
+        there, _, by_lens = project(seen, np.zeros(6), x)
+        return (there - px).ravel(), by_lens
+
+    found, residuals, _ = minimise(problem, start)
+    off_px = float(np.linalg.norm(residuals.reshape(-1, 2), axis=1).max())
+    name = "fisheye" if fisheye else "rational or prism"
+    if not off_px <= WORST_PX:
+        raise LensError(
+            f"its {name} lens cannot be written as k1 k2 p1 p2 k3: off by {off_px:.2g} px near the image's corners, "
+            f"{WORST_PX:g} is the most; calibrate these cameras here, with a board"
+        )
+    return RefittedLens(*eye_matrix(found[:INTRINSICS]), off_px)
+
+
+def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Array:
+    if not fisheye:
+        points = np.column_stack([rays, np.ones(len(rays))])
+        return np.asarray(cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, values)[0], float).reshape(-1, 2)
+    away = np.linalg.norm(rays, axis=1)
+    angle = np.arctan(away)
+    bent = angle * (1 + angle[:, None] ** np.array([2, 4, 6, 8]) @ values)
+    flat = rays * np.where(away > 1e-9, bent / np.maximum(away, 1e-9), 1.0)[:, None]
+    return np.asarray(flat * np.diag(matrix)[:2] + matrix[:2, 2], float)
+
+
+def _rays(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:
+    """(N, 2) directions, x and y on the plane z = 1, that fall into the image; none beyond where the model folds."""
+    out = np.linspace(0.0, WIDEST, 600)
+    line = np.column_stack([out, np.zeros_like(out)])
+    centred = np.array([[matrix[0, 0], 0, 0], [0, matrix[1, 1], 0], [0, 0, 1.0]])
+    grows = np.diff(_projected(line, centred, values, fisheye)[:, 0]) > 0
+    farthest = out[-1] if grows.all() else out[int(np.argmin(grows))]
+    steps = np.linspace(-farthest, farthest, 12 * RAYS)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    grid = grid[np.linalg.norm(grid, axis=1) <= farthest]
+    px = _projected(grid, matrix, values, fisheye)
+    inside = ((px >= -0.5) & (px <= np.array(size) - 0.5)).all(axis=1)
+    kept = grid[inside]
+    if len(kept) < RAYS:
+        raise LensError("its lens model folds back inside the image: wrong coefficients, or another image size")
+    return np.asarray(kept[:: max(1, len(kept) // RAYS**2)], float)
