@@ -36,6 +36,7 @@ from daemon.console.interpreter import Interpreter
 from daemon.console.notices import NoticeLevel
 from daemon.console.phrases import as_left
 from daemon.errors import FacetdError
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.frontends.rights import FrontendError, Rights
 from daemon.frontends.serial_terminal import SerialFrontend
 from daemon.frontends.socket_server import SocketServer
@@ -216,7 +217,7 @@ class Service:
         context.record_start()
         self._started = True
         if self._hardware.robot.stopped_on_opening:
-            await context.cycle.supervisor.fail("at work", AT_WORK)
+            await context.cycle.supervisor.fail("at work", AT_WORK, FaultCause(CauseCode.RESTARTED))
         if self._hardware.hand is not None:
             await know_drawings(context)
             self._hardware.hand.scatter()

@@ -90,6 +90,8 @@ CONFIGURATIONS = tuple(Configuration(*way) for way in product((False, True), (Tr
 class UnreachableError(Exception):
     """No joint angles put the tool there. joint: whose limit is in the way (1 to 6), None where it is out of reach."""
 
+    code = "out_of_reach"
+
     def __init__(self, text: str, joint: int | None = None) -> None:
         super().__init__(text)
         self.joint = joint

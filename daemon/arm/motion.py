@@ -21,6 +21,7 @@ from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import HeldBackError, Reading, Workcell
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from daemon.events.codes import BY_RULE, CauseCode
 from daemon.quantities import Length, Seconds, Turn
 
 
@@ -34,18 +35,25 @@ class MoveRefusedError(NotSentError):
     def __init__(self, refusal: Refusal) -> None:
         super().__init__(f"{refusal.rule}: {refusal.text}")
         self.refusal = refusal
+        self.code = BY_RULE.get(refusal.rule, CauseCode.MOVE_REFUSED)
 
 
 class NotAtTargetError(FacetdError):
     """The controller says that the arm is at rest elsewhere than it was sent, or otherwise than it was to get there."""
 
+    code = "arm_not_there"
+
 
 class MovedByOthersError(NotAtTargetError):
     """The arm is not where it came to rest, and nothing of ours moved it; nothing was sent."""
 
+    code = "moved_by_others"
+
 
 class OutOfReachError(NotSentError):
     """The arm, as it is configured, has no way there; nothing was sent."""
+
+    code = "out_of_reach"
 
 
 OTHERWISE_DEG = 5.0

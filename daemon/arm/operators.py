@@ -49,3 +49,5 @@ class RefusedError(NotSentError):
 
 class OperatorRefusedError(NotSentError):
     """In step mode the operator said no to a move."""
+
+    code = "operator_no"

@@ -18,6 +18,8 @@ from daemon.vision.image import block_means
 class NotSettledError(FacetdError):
     """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
 
+    code = "motion_blur"
+
 
 @dataclass(frozen=True)
 class Settling:

@@ -19,6 +19,7 @@ from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import SAID, Interruption, Let, RefusedError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import HeldBackError, Workcell
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 
 T = TypeVar("T")
 AT_REST_S = 2.0
@@ -44,6 +45,8 @@ class Supervisor:
         self.mover = Mover(cell, limits, arrival, self, self.hold.wait)
         cell.robot.held = self._held_back
         self.fault: str | None = None
+        self.fault_cause = BY_OPERATOR
+        """What the last fault was caused by."""
         """What stands until resume."""
         self._let, self._let_by = Let.NOTHING, 0
         """What an operator let, and the stop that had been seen to work then."""
@@ -267,11 +270,11 @@ class Supervisor:
     async def stop(self, why: str = "by the operator") -> str | None:
         """Stop the arm, then report; the fault stands until resume. Gives None when the arm was seen at rest, else the
         alarm: the arm goes on being told to stop."""
-        return await self._halt(Interruption.STOP, f"stopped {why}", fault=f"stopped {why}")
+        return await self._halt(Interruption.STOP, f"stopped {why}", f"stopped {why}", BY_OPERATOR)
 
-    async def fail(self, code: str, text: str) -> None:
+    async def fail(self, source: str, text: str, cause: FaultCause) -> None:
         """Stop the arm for a fault found elsewhere."""
-        await self._halt(Interruption.ERROR, text, fault=f"{code}: {text}")
+        await self._halt(Interruption.ERROR, text, f"{source}: {text}", cause)
 
     async def abort(self) -> str | None:
         """Stop the arm and give up what it does. Gives what `stop` does."""
@@ -292,10 +295,13 @@ class Supervisor:
         """A fault stands from now on; nothing is told to the arm."""
         self.fault = fault
 
-    async def stop_arm(self, event: Interruption, why: str, fault: str | None) -> str | None:
+    async def stop_arm(
+        self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
+    ) -> str | None:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
         if fault is not None and not self._stopping.alarm:
             self.latch(_on_top_of(self.fault, fault))
+            self.fault_cause = cause
         if not self._stop_as_then:
             self._let = Let.NOTHING
         self.ended_by = event
@@ -305,27 +311,31 @@ class Supervisor:
         if self._stopping.tell(self.fault or why):
             self._told.clear()
         # Whoever waits may be ended by the next stop: what is to be known of this one is told all the same.
-        return await asyncio.shield(asyncio.create_task(self._brought_to_rest(event, fault), name="report a stop"))
+        return await asyncio.shield(
+            asyncio.create_task(self._brought_to_rest(event, fault, cause), name="report a stop")
+        )
 
-    async def _halt(self, event: Interruption, why: str, fault: str | None) -> str | None:
+    async def _halt(
+        self, event: Interruption, why: str, fault: str | None = None, cause: FaultCause = BY_OPERATOR
+    ) -> str | None:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
         task = self._task
         self._ending += 1
         try:
             if task is not None:
                 task.cancel()
-            alarm = await self.stop_arm(event, why, fault)
+            alarm = await self.stop_arm(event, why, fault, cause)
             if task is not None:
                 await asyncio.wait({task})
         finally:
             self._ending -= 1
         return alarm
 
-    async def _brought_to_rest(self, event: Interruption, fault: str | None) -> str | None:
+    async def _brought_to_rest(self, event: Interruption, fault: str | None, cause: FaultCause) -> str | None:
         """Comes back when the arm was seen at rest, and that was reported, or else with the alarm."""
         alarm = await self._stopping.outcome()
         if alarm is None:
-            self._report(event, fault)
+            self._report(event, fault, cause)
         return alarm
 
     def _alarmed(self, text: str | None) -> None:
@@ -336,12 +346,12 @@ class Supervisor:
         else:
             self._alarmed_in = self._openings
             self.latch(text)
-            self._report(Interruption.ERROR, text)
+            self._report(Interruption.ERROR, text, FaultCause(CauseCode.STOP_UNCONFIRMED))
 
-    def _report(self, event: Interruption, fault: str | None) -> None:
+    def _report(self, event: Interruption, fault: str | None, cause: FaultCause) -> None:
         if fault is not None and fault not in self._told:
             self._told.add(fault)
-            fields = {"code": fault.partition(":")[0], "text": fault, "while": self._doing}
+            fields = {"code": cause.code, "findings": cause.findings, "text": fault, "while": self._doing}
             self._tell(lambda: self.mover.cell.log.record("fault", cycle=self.mover.cycle, **fields))
         self._tell(lambda: self._interrupted(event))
 
@@ -361,7 +371,7 @@ class Supervisor:
         except Exception as error:
             if moves and self.fault is None and not self._ending:  # what being ended makes of it is no fault
                 text = f"{type(error).__name__}: {error}"
-                await self.stop_arm(Interruption.ERROR, text, text)
+                await self.stop_arm(Interruption.ERROR, text, text, cause_of(error))
             raise
 
     def _done(self, task: asyncio.Task[Any]) -> None:

@@ -26,6 +26,8 @@ EYES: tuple[EyeName, EyeName] = ("left", "right")
 class StopRefusedError(FacetdError):
     """The controller does not take the word that is to stop the arm."""
 
+    code = "controller_refused"
+
 
 class HeldBackError(FacetdError):
     """What was to move was held back as the last byte of it was about to leave: nothing was carried out."""

@@ -44,7 +44,7 @@ async def _ailment(eyes: ThreadedEyes, eye: EyeName, clock: Callable[[], float])
         return " ".join(str(error).split())
     pictures = [(pair.left.pixels, pair.left.pixels) for pair in (now, first)]
     wrong = misleading(examine(pictures[0], pictures[1], sharp=False))
-    return wrong[0].partition(": ")[2] if wrong else None
+    return str(wrong[0]).partition(": ")[2] if wrong else None
 
 
 async def distrust(eyes: ThreadedEyes, rig: StereoRig, clock: Callable[[], float]) -> str | None:

@@ -23,7 +23,7 @@ WORDS = ("left", "right", "both")
 USAGE = "cameras [left|right|both]"
 OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
 COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about a third longer"
-CAMERA_FAULTS = ("CameraError", "VisionError", "cameras")
+CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
 """Codes of the faults that a camera may be to blame for."""
 
 

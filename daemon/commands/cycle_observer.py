@@ -16,6 +16,7 @@ from daemon.commands import camera_selection
 from daemon.commands.moving import tell_end
 from daemon.console.context import CommandContext
 from daemon.errors import FacetdError
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd
 
@@ -36,7 +37,7 @@ class CycleObserver:
         drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.tell("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
-            failing = context.cycle.supervisor.fail("calibration", drift.text)
+            failing = context.cycle.supervisor.fail("calibration", drift.text, FaultCause(CauseCode.CAMERA_KNOCKED))
             self._beside(failing, "calibration drift")
 
     def ended(self, end: CycleEnd) -> None:

@@ -17,7 +17,7 @@ from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
-from daemon.review.why import NOTHING_WRONG, causes
+from daemon.review.why import NOTHING_WRONG, causes, told
 from daemon.store.places import how_to_add
 from daemon.store.records import Record
 
@@ -241,9 +241,17 @@ def _fault(record: Record) -> Row:
     text = record.get("text") or record.get("why") or record.get("jump_s")
     return {
         **{name: record.get(name) for name in ("seq", "cycle", "t", "kind")},
-        "code": record.get("code") or record.get("rule"),
+        "code": _code(record),
         "text": text,
     }
+
+
+def _code(record: Record) -> str | None:
+    """Of a fault by its images' measures, what the first of them is a sign of."""
+    if record.get("findings"):
+        return str(next(told(record)).code)
+    code: str | None = record.get("code") or record.get("rule")
+    return code
 
 
 def _health(look: Record) -> Row:

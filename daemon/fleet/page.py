@@ -15,15 +15,14 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import Watching
+from daemon.events.codes import BY_TITLE, CATALOGUE, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
+from daemon.events.upgrade import read_prose
 from daemon.fleet.questions import opened
 from daemon.fleet.store import Store, StoreError
 from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
 from daemon.review.production import shares_apart
-from daemon.review.remedies import KNOWN
-from daemon.review.why import UNTOLD
-from daemon.review.why import told as causes_of_fault
 from daemon.store.files import write_atomically
 from daemon.vision.health import MEASURES
 
@@ -70,7 +69,7 @@ def hall_data(store: Store, days: int) -> Json:
         "cells": sorted(cells, key=lambda c: (STATES.index(c["state"]), c["name"])),
         "parts": parts,
         "causes": causes,
-        "remedies": {name: KNOWN[name].remedy for name in causes},
+        "remedies": {name: BY_TITLE[name].remedy for name in causes if name in BY_TITLE},
         "models": _models(of, between),
         "definition": DEFINITION,
         "limits": {
@@ -139,10 +138,10 @@ def _cells(
         of(f"""SELECT cell, cause, count(*) AS n FROM cycles
         WHERE cause IS NOT NULL AND {between} GROUP BY cell, cause ORDER BY n DESC""")
     )
-    faults = _nested(
-        of(f"""SELECT cell, CASE WHEN starts_with(text, code) THEN text ELSE concat_ws(': ', code, text) END AS said,
-        count(*) AS n FROM faults WHERE kind = 'fault' AND {between} GROUP BY cell, said ORDER BY n DESC""")
-    )
+    faults: dict[str, dict[tuple[str, str], int]] = defaultdict(dict)
+    for cell, code, text, count in of(f"""SELECT cell, code, text, count(*) FROM faults
+        WHERE kind = 'fault' AND {between} GROUP BY cell, code, text"""):
+        faults[cell][str(code), str(text)] = count
     found = []
     for cell in ever:
         of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
@@ -177,13 +176,14 @@ def _cells(
     return found
 
 
-def _by_cause(faults: Mapping[str, int]) -> dict[str, int]:
-    """How many faults of each cause, by what they say, the most first; of those that tell none by their code. A
-    person's stop is none."""
+def _by_cause(faults: Mapping[tuple[str, str], int]) -> dict[str, int]:
+    """How many faults (code, text) of each cause, the most first; of those that tell none by their code. A person's
+    stop is none. Rows of earlier versions have no code of the catalogue: their text is read."""
     counts = Counter[str]()
-    for said, count in faults.items():
-        names = [cause.name for cause in causes_of_fault({"text": said}) if cause.stage != "operator"]
-        counts.update({said.partition(":")[0] if name == UNTOLD else name: count for name in names})
+    for (code, text), count in faults.items():
+        known = CauseCode(code) if code in CauseCode.__members__.values() else cause_code(read_prose(text)["code"])
+        if CATALOGUE[known].stage != "operator":
+            counts[code if known is CauseCode.INTERNAL else CATALOGUE[known].title] += count
     return dict(counts.most_common())
 
 

@@ -21,6 +21,8 @@ from daemon.cell import sections
 from daemon.cell.build import Hardware
 from daemon.config import Config
 from daemon.errors import FacetdError
+from daemon.events.codes import CauseCode
+from daemon.events.upgrade import read_prose
 from daemon.review import why
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model_store import ModelStore
@@ -76,8 +78,8 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
 
 def mend_of(text: str) -> str:
     """What to do about a fault or a trouble, by its own words; empty where they say nothing, or an operator's stop."""
-    cause = next(why.told({"text": text}))
-    return "" if cause.stage == "operator" or cause.name == why.UNTOLD else cause.remedy
+    cause = next(why.told(read_prose(text)))
+    return "" if cause.stage == "operator" or cause.code is CauseCode.INTERNAL else cause.remedy
 
 
 def _configuration(config: Config, _: bool) -> Iterator[CheckResult]:

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from daemon.cell.build import EXPECTED_ERRORS
+from daemon.events.codes import CauseCode, FaultCause, cause_of
 from daemon.maintenance import journal
 from daemon.maintenance.troubles import WatchedDaemon
 from daemon.store.files import plain
@@ -25,6 +26,8 @@ QUOTA_S = 60.0
 CLOCK_JUMP_S = ASLEEP_S = 2.0
 CHECK_LIMIT_S = 20.0
 STOOD_STILL_S = 10.0
+SOURCES = {"cameras": CauseCode.CAMERA_LOST, "controller": CauseCode.CONTROLLER_SILENT}
+"""What the loss of a device is a sign of where its error does not say."""
 """Longer than anything of the daemon's own keeps it from its next tick, also on a busy computer."""
 
 
@@ -107,7 +110,7 @@ class Watchdog:
             await eyes.grab(context.hardware.clock() - limit_s, limit_s / 2)
             context.troubles.tell("cameras", None)
         except EXPECTED_ERRORS as error:
-            await self._lost("cameras", str(error))
+            await self._lost("cameras", error)
         self._ended_s["cameras"] = time.monotonic()
 
     async def _check_controller(self) -> None:
@@ -128,21 +131,23 @@ class Watchdog:
                 context.troubles.tell("controller", None)
         except EXPECTED_ERRORS as error:
             self._begun_s["controller"] = time.monotonic() + REOPEN_S - context.config.values.health.arm_check_s
-            await self._lost("controller", str(error))
+            await self._lost("controller", error)
         self._ended_s["controller"] = time.monotonic()
 
-    async def _lost(self, what: str, text: str) -> None:
+    async def _lost(self, what: str, error: Exception) -> None:
         """Tell of a lost device once; an arm that may move is stopped and stays so until somebody says resume."""
         context = self._context
         new = what not in context.troubles.standing
-        context.troubles.tell(what, f"{what}: {text}")
+        context.troubles.tell(what, f"{what}: {error}")
         if new:
-            await self._stop_what_may_move(what, text)
+            cause = cause_of(error)
+            known = cause.code is not CauseCode.INTERNAL
+            await self._stop_what_may_move(what, str(error), cause if known else FaultCause(SOURCES[what]))
 
-    async def _stop_what_may_move(self, code: str, text: str) -> None:
+    async def _stop_what_may_move(self, source: str, text: str, cause: FaultCause) -> None:
         supervisor = self._context.cycle.supervisor
         if supervisor.let and supervisor.fault is None:
-            await supervisor.fail(code, text)
+            await supervisor.fail(source, text, cause)
 
     async def _keep_quota(self) -> None:
         context, limits = self._context, self._context.config.values.log
@@ -220,7 +225,7 @@ class Watchdog:
         else:
             return
         journal.tell("trouble", text, journal.WARNING)
-        await self._stop_what_may_move("asleep", text)
+        await self._stop_what_may_move("asleep", text, FaultCause(CauseCode.COMPUTER_SLEPT))
 
     def _check_memory_of_motion(self, busy: bool) -> None:
         """While the cycle works, it is the cycle that talks to the devices: what it hears counts as their life. So does

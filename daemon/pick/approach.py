@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 from typing import Literal
 
+from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, follow, others
 from daemon.pick.looking import whole_look
@@ -54,21 +55,26 @@ async def looking(
         return PickEvent.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
-        return await _elsewhere(context, world, "its corners are not where the look before had them")
+        return await _elsewhere(
+            context, world, "its corners are not where the look before had them", DecisionCode.MOVED_BETWEEN_LOOKS
+        )
     world.failures += 1
     world.odd["not seen where it was thought to lie"] += 1
     why = f"not seen where it was at look {target.looks}"
     if len(world.sides_unseen(target.centre)) >= context.settings.views_of_doubtful:
-        skip(context, world, Outcome.LOST, target, why)
+        skip(context, world, Outcome.LOST, target, why, DecisionCode.NOT_SEEN_AGAIN)
         return PickEvent.LOST
     world.unseen_from.append((target.centre, seen.world_from_cyclopean[:3, 3] - target.centre))
-    context.decide(f"approach {target.label} from another side", why)
+    code = DecisionCode.NOT_SEEN_AGAIN
+    context.decide(f"approach {target.label} from another side", why, code, label=target.label)
     return PickEvent.ELSEWHERE
 
 
-async def _elsewhere(context: PickContext, world: WorldModel, why: str) -> Literal[PickEvent.ELSEWHERE, PickEvent.LOST]:
+async def _elsewhere(
+    context: PickContext, world: WorldModel, why: str, code: DecisionCode
+) -> Literal[PickEvent.ELSEWHERE, PickEvent.LOST]:
     """The target lies otherwise than was thought."""
-    return PickEvent.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why) else PickEvent.LOST
+    return PickEvent.ELSEWHERE if await plan_again(context, world, Outcome.LOST, why, code) else PickEvent.LOST
 
 
 async def estimating(
@@ -86,7 +92,7 @@ async def estimating(
     plan = await asyncio.to_thread(regrasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the grasp that was planned does not hold it as it lies"
-        return await _elsewhere(context, world, why)
+        return await _elsewhere(context, world, why, DecisionCode.PLANNED_AGAIN)
     target.plan = plan
     context.cell.log.record(
         "estimate",
@@ -104,7 +110,7 @@ async def estimating(
     if target.looks < settings.stops.most_looks:
         return PickEvent.UNSURE
     why = f"{estimate.predicted_mm:.2f} mm, {estimate.predicted_deg:.2f} degrees predicted after {target.looks} looks"
-    skip(context, world, Outcome.UNSURE, target, why)
+    skip(context, world, Outcome.UNSURE, target, why, CauseCode.UNCERTAIN)
     return PickEvent.GAVE_UP
 
 
@@ -119,17 +125,18 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     moved = beside(others(target, before), others(target, now), recogniser.shape, context.cell, settings.doubt)
     who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
-    context.decide(f"suspect: {who}", text)
+    context.decide(f"suspect: {who}", text, suspected(who), label=target.label, chi2=chi)
     world.odd["two looks at the part differ by more than both may err"] += 1
     if who in ("camera", "hand-eye") or target.restarts:
-        raise SuspectError(f"{text}; suspect: {who}")
+        raise SuspectError(f"{text}; suspect: {who}", who)
     target.restarts += 1
     del target.sightings[:-1]
     if who == "part":
         return "part"
     world.doubts += 1
     if world.doubts > settings.tries:  # the table said each time that nothing else had moved
-        raise SuspectError(f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye")
+        why = f"{text}, {world.doubts} approaches in one pick, and nothing else moved; suspect: hand-eye"
+        raise SuspectError(why, "hand-eye")
     itself = [p for p in world.found if same_place(p.centre, target.centre, 2 * SAME_PLACE_MM)]
     world.questioned = BeforeDisagreement([p for p in world.found if p not in itself], itself)
     return "unclear"

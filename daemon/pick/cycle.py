@@ -29,6 +29,7 @@ from daemon.arm import (
     ball_of,
 )
 from daemon.arrays import Array
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import tally
 from daemon.pick import approach, find, take
 from daemon.pick.around import CircledPart, Told, walk_round
@@ -414,21 +415,26 @@ class PickCycle:
             by_error = supervisor.fault is not None and supervisor.ended_by is Interruption.ERROR
             world.outcome = Outcome.FAULT if by_error else Outcome.ABORTED
             world.why = supervisor.fault or "aborted"
+            world.code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
         except OperatorRefusedError as error:
-            world.outcome, world.why = Outcome.ABORTED, str(error)
+            world.outcome, world.why, world.code = Outcome.ABORTED, str(error), CauseCode.OPERATOR_NO
             await self._stop_arm(Interruption.ABORT, world.why, None)
         except Exception as error:
             world.outcome, world.why = Outcome.FAULT, f"{type(error).__name__}: {error}"
-            await self._stop_arm(Interruption.ERROR, world.why, world.why)
+            cause = cause_of(error)
+            world.code = cause.code
+            await self._stop_arm(Interruption.ERROR, world.why, world.why, cause)
         end = self._ended(world, before, started_s)
         self._world = None
         tell(self.observer, end)
         return end
 
-    async def _stop_arm(self, event: Interruption, why: str, fault: str | None) -> None:
+    async def _stop_arm(
+        self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
+    ) -> None:
         """Who stops the arm as it is being stopped ends the job, and not what is to be known of this pick's end."""
         with contextlib.suppress(asyncio.CancelledError):
-            await self.supervisor.stop_arm(event, why, fault)
+            await self.supervisor.stop_arm(event, why, fault, cause)
 
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         await self.set_out()
@@ -465,6 +471,7 @@ class PickCycle:
             "cycle_end",
             cycle=end.cycle,
             outcome=end.outcome,
+            code=world.code,
             label=end.label,
             stops=end.stops,
             why=end.why,

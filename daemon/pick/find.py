@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.fused_objects import outlines_of
@@ -26,7 +27,7 @@ from daemon.pick.next_view import (
     strange,
 )
 from daemon.pick.outcome import Outcome
-from daemon.pick.plan import Plan, plan_part
+from daemon.pick.plan import NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
 from daemon.pick.transitions import PickEvent
@@ -82,7 +83,7 @@ def _tell_outlines(world: WorldModel) -> None:
     if odd and all(cause_of_nothing(seen.taken.images) is Cause.PATTERNED for seen in odd):
         world.why = "no part shows on the patterned table"
     elif odd:
-        world.outcome = Outcome.UNKNOWN
+        world.outcome, world.code = Outcome.UNKNOWN, CauseCode.UNMATCHED_OUTLINES
         world.why = "outlines in both images, but no facet: light, focus, a knocked camera?"
 
 
@@ -99,14 +100,21 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
 
     others, itself = moved(question.others), moved(question.itself)
     if not others and itself and max(itself) <= CHI_SQUARE_6:
-        context.decide("approach it again", "seen once more from where it was found, it lies where it lay")
+        context.decide(
+            "approach it again",
+            "seen once more from where it was found, it lies where it lay",
+            DecisionCode.PLANNED_AGAIN,
+        )
         return
     who = pose_fusion.suspect(others, 0.0, context.settings.epipolar_limit_px)
-    context.decide(f"suspect: {who}", "the whole table was looked at again, and held against the look before")
+    why = "the whole table was looked at again, and held against the look before"
+    context.decide(f"suspect: {who}", why, suspected(who))
     if who == "unclear":
-        raise SuspectError("a part moved, or the cameras were knocked: with no other part in view it cannot be told")
+        raise SuspectError(
+            "a part moved, or the cameras were knocked: with no other part in view it cannot be told", who
+        )
     if who != "part":
-        raise SuspectError(f"other parts seem to have moved as well; suspect: {who}")
+        raise SuspectError(f"other parts seem to have moved as well; suspect: {who}", who)
 
 
 async def choose(
@@ -117,8 +125,8 @@ async def choose(
     world.target = None
     given_up = world.too_long(context)
     if given_up is not None:
-        world.outcome, world.why = Outcome.UNSURE, given_up
-        context.decide("give up", given_up)
+        world.outcome, world.why, world.code = Outcome.UNSURE, given_up, DecisionCode.GIVEN_UP
+        context.decide("give up", given_up, DecisionCode.GIVEN_UP)
         return PickEvent.NONE_LEFT
     for part in world.left(context):
         if world.old_looks < MOST_OLD and _is_old(context, part.look):
@@ -132,15 +140,16 @@ async def choose(
             candidates = part.taken_for.candidates
             outcome = Outcome.AMBIGUOUS if candidates else Outcome.UNKNOWN
             fits = " or ".join(candidates) or "nothing that was taught"
-            skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}")
+            code = BY_UNNAMED.get(str(part.taken_for.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
+            skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}", code)
             continue
         side_view, plan = await asyncio.to_thread(_planned, context, world, part, shape)
-        if isinstance(plan, str):
+        if isinstance(plan, NoPlan):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
                 world.doubtful = part
                 return PickEvent.DOUBTFUL
-            skip(context, world, Outcome.UNREACHABLE, part, plan)
+            skip(context, world, Outcome.UNREACHABLE, part, plan.why, plan.code)
             continue
         sure = part.taken_for.confidence
         world.target = world.last_target = Target(
@@ -150,6 +159,9 @@ async def choose(
             f"pick {part.label}",
             f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
             f"tilted {plan.grasp.tilt_deg:g} degrees, contacts {plan.grasp.slip_deg:.0f} degrees off square",
+            DecisionCode.CHOSEN,
+            label=part.label,
+            slip_deg=plan.grasp.slip_deg,
         )
         return PickEvent.CHOSEN
     return PickEvent.NONE_LEFT
@@ -179,7 +191,7 @@ def _side_view(context: PickContext, world: WorldModel, part: ObservedPart) -> A
 
 def _planned(
     context: PickContext, world: WorldModel, part: ObservedPart, shape: Polyhedron
-) -> tuple[Array | None, Plan | str]:
+) -> tuple[Array | None, Plan | NoPlan]:
     """How it is looked at where not along the approach, and the best grasp that can be reached past the neighbours, or
     why there is none. Moves nothing, and takes its time: called in a thread."""
     side_view = _side_view(context, world, part)
@@ -225,7 +237,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
             if part.named
             else f"{in_words(before)}: {gain.bits:.2f} bits hoped for"
         )
-        context.decide(f"another view of {part.label}", why)
+        context.decide(f"another view of {part.label}", why, DecisionCode.ANOTHER_VIEW, label=part.label)
         try:
             await travel(context, world, poses[gain.place], "another view", part.look)
         except MOVE_ERRORS as error:
@@ -233,7 +245,8 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
             continue
         break
     else:
-        context.decide(f"another view of {part.label}", "no other view of it is in reach")
+        why = "no other view of it is in reach"
+        context.decide(f"another view of {part.label}", why, DecisionCode.ANOTHER_VIEW, label=part.label)
         return PickEvent.SEEN
     if context.mover.dry:
         return PickEvent.SEEN

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
+from daemon.events.codes import BY_MEASURE
 from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
 from daemon.pick.pose_fusion import Doubt
 from daemon.vision.facets import Table, table_at
@@ -20,6 +21,7 @@ from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (
     Clue,
     Finding,
+    cause_of_nothing,
     clue_of,
     drift,
     examine,
@@ -29,9 +31,19 @@ from daemon.vision.health import (
     sharpness,
 )
 from daemon.vision.image import Eyes, VisionError, open_eyes
+from daemon.vision.look import outlines
 from daemon.vision.recognition import Standing
 from daemon.vision.refine import Fit
 from daemon.vision.values import FacetView, Group, Part, Scene
+
+
+class MisleadingImagesError(VisionError):
+    """A pair that shows something else than what is there. findings: the measures beyond their limits, one at least."""
+
+    def __init__(self, findings: Sequence[Finding]) -> None:
+        super().__init__("; ".join(map(str, findings)))
+        self.findings = tuple(f"{finding.name} {finding.eye}" for finding in findings)
+        self.code = BY_MEASURE[findings[0].name]
 
 
 class PartRecogniser(Protocol):
@@ -237,13 +249,13 @@ async def whole_look(recogniser: PartRecogniser, look: Look) -> Look:
 
 def _health(taken: Taken) -> tuple[Finding, ...]:
     """How well the pair itself is, but for its sharpness, which an expected part's edges prove when they are found.
-    Raises VisionError where it misleads."""
+    Raises MisleadingImagesError."""
     earlier, images = (taken.before.left.pixels, taken.before.right.pixels), taken.images
     shown_again = images[0] is earlier[0]  # a recorded pair held still, not a camera that repeats itself
     health = examine(images, None if shown_again else earlier, taken.rig, sharp=False)
     wrong = misleading(health)
     if wrong:
-        raise VisionError("; ".join(wrong))
+        raise MisleadingImagesError(wrong)
     return health
 
 
@@ -259,6 +271,9 @@ def log_look(
 ) -> None:
     """Write a look to the run log, with both images and what it hints at of the calibration."""
     scene = recogniser.report(look.scene)
+    if not look.scene.parts and recogniser.labels:
+        nothing = cause_of_nothing(look.taken.images)
+        scene |= {"unmatched": list(outlines(look.scene.view)), "nothing": nothing}
     if look.tracked is not None and expected is not None:
         scene |= {"parts": [tracked_json(expected, look.tracked, look.taken.rig)]}
     cell.log.record(

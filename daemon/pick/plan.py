@@ -13,6 +13,7 @@ from typing import NamedTuple
 from daemon import frames
 from daemon.arm import PATH_MM, paths
 from daemon.arrays import Array
+from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
 from daemon.pick.grasp import PlannedGrasp, grasps
 from daemon.pick.seen import Facing, apart_mm, seen_again
@@ -60,6 +61,13 @@ def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, tool_
     return [*looks, *last_stretch(grasp, centre, settings, tool_from_cyclopean)]
 
 
+class NoPlan(NamedTuple):
+    """Why there is no plan, as a code and in words."""
+
+    code: CauseCode
+    why: str
+
+
 def plan_part(
     shape: Polyhedron,
     world_from_part: Array,
@@ -69,7 +77,7 @@ def plan_part(
     allowed: Reachable,
     seen: Sequence[Facing] = (),
     unseen_from: Sequence[Array] = (),
-) -> Plan | str:
+) -> Plan | NoPlan:
     """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none.
 
     seen: facets that a look has told apart; their shading, and so their contrast, is the same from everywhere, so that
@@ -79,9 +87,9 @@ def plan_part(
     try:
         found = grasps(shape, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
     except ValueError as error:
-        return f"taught corners give no solid to grasp: {error}"
+        return NoPlan(CauseCode.NO_GRASP, f"taught corners give no solid to grasp: {error}")
     if not found:
-        return "no grasp holds it as it lies"
+        return NoPlan(CauseCode.NO_GRASP, "no grasp holds it as it lies")
     centre = frames.apply(world_from_part, shape.corners_mm).mean(axis=0)
     middle = settings.stops.stand_offs_mm[len(settings.stops.stand_offs_mm) // 2]
     plans = []
@@ -93,7 +101,7 @@ def plan_part(
         worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
         plans.append(Plan(grasp, worth, neighbours))
     if not plans:
-        return "it was looked for from every side that a grasp leaves"
+        return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
     plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
     for plan in plans:
         if not plan.grasp.blocked:
@@ -103,7 +111,8 @@ def plan_part(
             ):
                 return plan
     blocked = sum(p.grasp.blocked for p in plans)
-    return f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
+    why = f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
+    return NoPlan(CauseCode.BLOCKED if 2 * blocked >= len(plans) else CauseCode.OUT_OF_REACH, why)
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 from daemon import frames
 from daemon.arm import NotSettledError, Source, capsule_around
+from daemon.events.codes import DecisionCode
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, in_hand, still_there
 from daemon.pick.looking import Look, taken_here
@@ -74,7 +75,7 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     hand that is said to have missed opens over the bin, as one that holds the part does."""
     target, seen = world.the_target(), await look(context, world, "verify")
 
-    def judged() -> tuple[bool, str | None]:
+    def judged() -> tuple[bool, tuple[str, DecisionCode] | None]:
         held = in_hand(target, seen.taken, context.cell)
         return held, None if held else _failed(context, world, target, seen)
 
@@ -82,28 +83,30 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     if failed is None:
         shown = "shows in the gripper" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
-        context.decide("bring it to the bin", world.why)
+        context.decide("bring it to the bin", world.why, DecisionCode.IN_GRIPPER, label=target.label)
         return PickEvent.GONE
     world.failures += 1
-    world.outcome, world.why = Outcome.MISSED, f"{target.label} {failed}"
-    context.decide("missed", f"{world.why}; the hand opens over the bin, as this look may err")
+    words, world.code = failed
+    world.outcome, world.why = Outcome.MISSED, f"{target.label} {words}"
+    why = f"{world.why}; the hand opens over the bin, as this look may err"
+    context.decide("missed", why, world.code, label=target.label)
     if world.failures >= context.settings.tries:
-        skip(context, world, Outcome.MISSED, target, f"{failed} after {world.failures} tries")
+        skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", world.code)
     await let_go(context, world)
     return PickEvent.MISSED
 
 
-def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> str | None:
+def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> tuple[str, DecisionCode] | None:
     """What a look that does not show the part in the hand says against its being there; None where it says nothing."""
     hand, settings = seen.reading.world_from_tool[:3, 3], context.settings
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
     if left or still_there(target, seen):
-        return "still lies there"
+        return "still lies there", DecisionCode.STILL_THERE
     if _knocked_away(world, target, on_table):
-        return "was knocked away"
+        return "was knocked away", DecisionCode.KNOCKED_AWAY
     if came_back_empty(seen.taken, context.cell, settings.gripper):
-        return "is gone, and the hand came back empty"
+        return "is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY
     return None
 
 

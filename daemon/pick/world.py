@@ -16,6 +16,7 @@ from daemon import frames
 from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, RefusedError, Workcell, speed_pct
 from daemon.arrays import Array
 from daemon.errors import FacetdError
+from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
 from daemon.pick.fused_objects import ONE_MM, known
@@ -44,10 +45,16 @@ MOST_LOOKS, MOST_S = 40, 300.0
 """Looks of one pick, and seconds that it may take besides its motion: a pick that needs more has looks that disagree.
 Parts without a name are looked at four times each."""
 MOVE_ERRORS = (MoveRefusedError, OutOfReachError)
+SUSPECTS = {"camera": CauseCode.CAMERA_KNOCKED, "hand-eye": CauseCode.HAND_EYE}
 
 
 class SuspectError(FacetdError):
-    """Looks disagree in a way that says the cell's geometry is not what the calibration says."""
+    """Looks disagree in a way that says the cell's geometry is not what the calibration says. who: camera, hand-eye, or
+    unclear."""
+
+    def __init__(self, text: str, who: str) -> None:
+        super().__init__(text)
+        self.code = SUSPECTS.get(who, CauseCode.LOOKS_DISAGREE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +71,9 @@ class PickContext:
     wanted: str | None = None
     stay: bool = False
 
-    def decide(self, text: str, why: str) -> None:
-        """Log a decision."""
-        self.cell.log.record("decision", cycle=self.cycle, text=text, why=why)
+    def decide(self, text: str, why: str, code: CauseCode | DecisionCode, **figures: object) -> None:
+        """Log a decision: in words, and as a code. figures: label, slip_deg, chi2 where they belong to it."""
+        self.cell.log.record("decision", cycle=self.cycle, text=text, why=why, code=code, **figures)
 
     async def look(
         self, reading: Reading, purpose: str, stop: int = 0, expected: Expected | None = None, back: bool = False
@@ -118,7 +125,7 @@ class PickContext:
             done = await relight(self.cell, seen)
             if done is None:
                 break
-            self.decide(done, "eyes unequal, or too dark or burnt out where the parts are")
+            self.decide(done, "eyes unequal, or too dark or burnt out where the parts are", DecisionCode.RELIT)
             seen = await self.look(seen.reading, purpose, back=k % 2 == 0)
         return seen
 
@@ -184,6 +191,8 @@ class WorldModel:
     odd: Counter[str] = field(default_factory=Counter)
     outcome: Outcome = Outcome.EMPTY
     why: str = "nothing on the table that can be picked"
+    code: CauseCode | DecisionCode | None = None
+    """What the outcome is caused by."""
 
     def the_target(self) -> Target:
         """The target, where a state has one."""
@@ -234,11 +243,18 @@ class WorldModel:
 Handler = Callable[[PickContext, WorldModel], Awaitable[PickEvent]]
 
 
-def skip(context: PickContext, world: WorldModel, outcome: Outcome, part: ObservedPart | Target, why: str) -> None:
+def skip(
+    context: PickContext,
+    world: WorldModel,
+    outcome: Outcome,
+    part: ObservedPart | Target,
+    why: str,
+    code: CauseCode | DecisionCode,
+) -> None:
     """Leave a part alone from now on."""
     world.skipped.append(Skipped(part.label, part.centre, outcome, why))
-    world.outcome, world.why = outcome, f"{part.label}: {why}"
-    context.decide(f"skip {part.label}", f"{outcome}: {why}")
+    world.outcome, world.why, world.code = outcome, f"{part.label}: {why}", code
+    context.decide(f"skip {part.label}", f"{outcome}: {why}", code, label=part.label)
 
 
 def raise_if_closed(error: MoveError) -> None:
@@ -253,21 +269,23 @@ async def unreachable(context: PickContext, world: WorldModel, error: MoveError)
     raise_if_closed(error)
     target = world.the_target()
     if target.sightings:
-        await plan_again(context, world, Outcome.UNREACHABLE, str(error))
+        await plan_again(context, world, Outcome.UNREACHABLE, str(error), CauseCode.MOVE_REFUSED)
     else:
-        skip(context, world, Outcome.UNREACHABLE, target, str(error))
+        skip(context, world, Outcome.UNREACHABLE, target, str(error), CauseCode.MOVE_REFUSED)
 
 
-async def plan_again(context: PickContext, world: WorldModel, outcome: Outcome, why: str) -> bool:
+async def plan_again(
+    context: PickContext, world: WorldModel, outcome: Outcome, why: str, code: CauseCode | DecisionCode
+) -> bool:
     """Choose and plan again from the target's newest look, but not for ever: False where it is left alone, with this
     outcome."""
     target = world.the_target()
     world.replans += 1
     if world.replans > context.settings.tries:
-        skip(context, world, outcome, target, why)
+        skip(context, world, outcome, target, why, code)
         return False
     world.odd[why] += outcome is Outcome.LOST
-    context.decide(f"plan {target.label} again", why)
+    context.decide(f"plan {target.label} again", why, code, label=target.label)
     world.found = seen_parts(await whole_look(context.recogniser, target.look))
     return True
 

@@ -36,6 +36,8 @@ class _Scene(msgspec.Struct, omit_defaults=True):
     ms: Number = None
     rejected: list[_Refused] | None = None
     notes: list[str] | None = None
+    unmatched: list[int] | None = None
+    nothing: Text = None
     parts: list[_Part] | None = None
 
 
@@ -64,6 +66,8 @@ class _Line(msgspec.Struct, omit_defaults=True, kw_only=True):
     opened: Text = None
     what: Text = None
     code: Text = None
+    findings: list[str] | None = None
+    slip_deg: Number = None
     rule: Text = None
     text: Text = None
     why: Text = None

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.events.codes import DecisionCode
 from daemon.review.digest import Cycle, Stop, carried_out
 from daemon.store.records import Record
 
@@ -32,7 +33,7 @@ def told_of(miss: Record) -> str:
 
 
 def _says_it_lies_there(record: Record) -> bool:
-    return record.get("text") == "missed" and "still lies there" in str(record.get("why"))
+    return record.get("code") == DecisionCode.STILL_THERE
 
 
 def _is_gone_after(cycle: Cycle, at: int) -> bool:

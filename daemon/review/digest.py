@@ -83,6 +83,11 @@ class Cycle:
         return (self.end or {}).get("why")
 
     @property
+    def code(self) -> str | None:
+        """The same as a code (daemon/events/codes.py)."""
+        return (self.end or {}).get("code")
+
+    @property
     def predicted_mm(self) -> float | None:
         """The error that was expected at the grasp."""
         return _of(self.end, "predicted", "mm")

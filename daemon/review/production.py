@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from daemon.events.codes import BY_TITLE
 from daemon.events.outcomes import UNFINISHED, is_success, tally
 from daemon.review.denied import denied
 from daemon.review.digest import Cycle, Digest, told_again
-from daemon.review.remedies import KNOWN
 from daemon.review.why import NOTHING_WRONG, causes, told
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
@@ -71,7 +71,7 @@ def _worked_s(run: Digest) -> float | None:
 
 def remedies(done: Json) -> dict[str, str]:
     """What to do about each cause that a production was stopped by."""
-    return {name: KNOWN[name].remedy for name in done["stops"]}
+    return {name: BY_TITLE[name].remedy for name in done["stops"]}
 
 
 def _stops(run: Digest) -> Iterable[str]:

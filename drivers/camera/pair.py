@@ -14,6 +14,8 @@ EyeName = Literal["left", "right"]
 class CameraError(Exception):
     """A camera cannot deliver: the message says which one, what happened and what to do."""
 
+    code = "camera_lost"
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:

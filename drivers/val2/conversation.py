@@ -274,7 +274,9 @@ class Conversation:
             event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
             if isinstance(event, Garble):
                 await self._refuse_twice(text, event)
-                raise Garbled(f"typed {event.expected!r}, echoed {event.got!r}")
+                raise Garbled(
+                    f"typed {event.expected!r}, echoed {event.got!r}", code=None if event.got else "controller_silent"
+                )
             if isinstance(event, Echo):
                 break
         await asyncio.sleep(self.dialect.echo_settle_s)
@@ -292,7 +294,7 @@ class Conversation:
                 self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
         if _is_twice(text.encode("ascii"), back):
-            raise Garbled(TWICE)
+            raise Garbled(TWICE, code="converter_echoes")
 
     def _put(self, data: bytes) -> None:
         self._check()
@@ -313,7 +315,7 @@ def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: 
     garbled = any(isinstance(event, Garble) for event in events)
     again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]
     if dialect.echo and again:
-        raise Garbled(TWICE)
+        raise Garbled(TWICE, code="converter_echoes")
     if garbled:
         raise Garbled(f"the answer to {command!r} did not come through whole")
     tables = [event.where for event in events if isinstance(event, Table)]

@@ -5,13 +5,29 @@ from __future__ import annotations
 from drivers.val2.wire import Where
 
 
+SAID_BY_VAL = (
+    ("emergency stop", "emergency_stop"),
+    ("e-stop", "emergency_stop"),
+    ("arm power", "arm_power"),
+    ("envelope error", "envelope_error"),
+    ("floppy", "controller_restarted"),
+    ("asks", "controller_restarted"),
+    ("out of range", "out_of_reach"),
+)
+"""Words of VAL II's messages, in small letters, and what they are signs of."""
+
+
 class LinkError(Exception):
     """The robot did not do, or is not known to have done, what it was asked. where: the last WHERE since, if any."""
 
-    def __init__(self, message: str, where: Where | None = None) -> None:
+    code = "controller_silent"
+    """Stable, in every release: what it is a sign of (daemon/events/codes.py has the words)."""
+
+    def __init__(self, message: str, where: Where | None = None, code: str | None = None) -> None:
         super().__init__(message)
         self.message = message
         self.where = where
+        self.code = code or self.code
 
 
 class PortError(LinkError):
@@ -29,9 +45,18 @@ class Busy(NoAnswer):
 class Garbled(LinkError):  # noqa: N818
     """Noise on the line: what was typed or answered did not come through whole."""
 
+    code = "line_noise"
+
 
 class ControllerError(LinkError):
     """The controller refused, in its own words."""
+
+    code = "controller_refused"
+
+    def __init__(self, message: str, where: Where | None = None, code: str | None = None) -> None:
+        super().__init__(
+            message, where, code or next((c for words, c in SAID_BY_VAL if words in message.lower()), None)
+        )
 
 
 class StopRefused(ControllerError):  # noqa: N818
@@ -41,9 +66,13 @@ class StopRefused(ControllerError):  # noqa: N818
 class Disturbed(LinkError):  # noqa: N818
     """Something was heard that answers nothing of ours: somebody else types on this line."""
 
+    code = "other_terminal"
+
 
 class Elsewhere(LinkError):  # noqa: N818
     """The arm is at rest, but not where it was sent."""
+
+    code = "arm_not_there"
 
 
 class Preempted(LinkError):  # noqa: N818

@@ -417,7 +417,7 @@ class Link:
             if self._same_place(before, now):
                 return now
             if self.clock() > deadline_s:
-                raise NoAnswer(f"not at rest within {timeout_s:g} s", now)
+                raise NoAnswer(f"not at rest within {timeout_s:g} s", now, "arm_not_there")
             before = now
 
     def _same_place(self, before: Where, now: Where) -> bool:
@@ -482,7 +482,7 @@ class Link:
             by_itself += answer.errors
             readings.append(answer.where)
         if not self._same_place(*readings):
-            raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1])
+            raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1], "arm_not_there")
         session.leave_unheard(by_itself)
         return readings[-1]
 

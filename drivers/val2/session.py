@@ -204,7 +204,7 @@ class Session:
         try:
             events = await self.find_prompt(talk)
         except NoAnswer as deaf:
-            raise NoAnswer(f"{problem.message}; then {deaf.message}") from problem
+            raise NoAnswer(f"{problem.message}; then {deaf.message}", code=problem.code) from problem
         if self.question is not None:
             raise self._unanswered() from problem
         return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]

@@ -90,7 +90,7 @@ class MadeRun:
                 predicted_mm=mm, predicted_deg=0.2, chi2=end.get("chi2", 1.0),
             )  # fmt: skip
         self.write("cycle_end", cycle=self.cycle, outcome=outcome, label=label, stops=2, why=why, grasp=None,
-                   predicted={"mm": 0.7, "deg": 0.2})  # fmt: skip
+                   predicted={"mm": 0.7, "deg": 0.2}, code=end.get("code"))  # fmt: skip
 
     def close(self, version: int = VERSION) -> Path:
         """version: of the lines, as an earlier release wrote them."""

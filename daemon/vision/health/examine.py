@@ -193,9 +193,9 @@ def drift(scene: Scene) -> tuple[Finding, ...]:
     return (_finding("epipolar", "pair", float(np.median(np.abs(np.concatenate(rows))))),)
 
 
-def misleading(findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    """What makes the pair worse than none, a line each."""
-    return tuple(str(finding) for finding in findings if not finding.good and MEASURES[finding.name].misleads)
+def misleading(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """What makes the pair worse than none."""
+    return tuple(finding for finding in findings if not finding.good and MEASURES[finding.name].misleads)
 
 
 def troubles(findings: tuple[Finding, ...]) -> tuple[str, ...]:

@@ -111,8 +111,11 @@ def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
 
 
 def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code() -> None:
-    said = {"SuspectError: looks 1 and 2 disagree; suspect: hand-eye": 2, "NoAnswer: to WHERE": 1, "NoAnswer: to DO": 1,
-            "arm_lost: gone": 3}  # fmt: skip
+    said = {
+        ("SuspectError", "SuspectError: looks 1 and 2 disagree; suspect: hand-eye"): 1, ("hand_eye", "whatever"): 1,
+        ("NoAnswer", "NoAnswer: to WHERE"): 1, ("controller_silent", "NoAnswer: to DO"): 1, ("arm_lost", "gone"): 3,
+        ("stopped by ann", "stopped by ann"): 1, ("operator_stop", "whatever"): 1,
+    }  # fmt: skip
     assert _by_cause(said) == {"arm_lost": 3, "hand-eye": 2, "controller silent": 2}
 
 

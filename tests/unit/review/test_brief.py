@@ -39,7 +39,7 @@ def test_a_week_counts_what_the_runs_own_page_does(made: MadeRun, held_back: boo
     made.write("cycle_start", cycle=1, target=None)
     made.look("survey 1", part("cube"))
     made.write("estimate", cycle=1, stop=1, label="cube", world_from_part=np.eye(4))
-    made.write("decision", cycle=1, text="missed", why="cube still lies there")
+    made.write("decision", cycle=1, text="missed", why="cube still lies there", code="still_there")
     made.write("hand", cycle=1, closed=True)
     made.write("move", cycle=1, how="joint", purpose="bin", target=None, speed_pct=100)
     if held_back:

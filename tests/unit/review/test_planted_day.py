@@ -63,7 +63,7 @@ def day(request: Any, tmp_path: Path) -> list[Path]:
     by_person = "fault" if request.param == 1 else "aborted"
 
     def person_stops(made: MadeRun) -> None:
-        stopped(made, by_person, "stopped by ann", "stopped by ann")
+        stopped(made, by_person, "stopped by ann", "stopped by ann" if request.param == 1 else "operator_stop")
 
     first = MadeRun(tmp_path / "runs" / "20260102T060000Z", pictures=False, limits={"grasp_mm": 1.0})
     command(first, "teach cube", "train", "accept", "jog x 10")
@@ -80,7 +80,7 @@ def day(request: Any, tmp_path: Path) -> list[Path]:
     auto(first, True)
     for _ in range(5):
         first.pick()
-    stopped(first, "fault", "CameraError: left camera is gone", "CameraError")
+    stopped(first, "fault", "CameraError: left camera is gone", "CameraError" if request.param == 1 else "camera_lost")
     auto(first, True)
     first.pick("placed", why="put down what was in the hand")
     first.pick("empty", why="nothing on the table that can be picked")

@@ -44,7 +44,7 @@ def test_a_part_that_a_look_denied_and_that_went_to_the_bin_is_told_though_the_p
     made.write("estimate", cycle=1, stop=1, label="cube", world_from_part=np.eye(4), covariance=np.eye(6),
                predicted_mm=0.6, predicted_deg=0.2, chi2=1.0)  # fmt: skip
     made.look("verify", part("cube"), stop=2)
-    made.write("decision", cycle=1, text="missed", why="cube still lies there")
+    made.write("decision", cycle=1, text="missed", why="cube still lies there", code="still_there")
     made.write("move", cycle=1, how="joint", purpose="bin", target=None, speed_pct=100)
     made.write("hand", cycle=1, closed=False)
     made.look("survey 1", elsewhere)
@@ -59,9 +59,9 @@ def test_a_part_that_a_look_denied_and_that_went_to_the_bin_is_told_though_the_p
 
 
 def test_what_ended_a_cycle_and_is_told_right_after_it_stopped_it_once(made: MadeRun) -> None:
-    made.pick("fault", why="stopped by ann")
+    made.pick("aborted", why="stopped by ann", code="operator_stop")
     for number in (made.cycle, None):
-        made.write("fault", cycle=number, code="stopped by ann", text="stopped by ann", **{"while": ""})
+        made.write("fault", cycle=number, code="operator_stop", text="stopped by ann", **{"while": ""})
     found = production([read_digest(made.close())])
     assert found["stops"] == {"operator's stop": 2}, "by the cycle and the one that was in none"
     assert list(remedies(found)) == ["operator's stop"]
@@ -74,7 +74,7 @@ def test_a_second_stop_while_the_first_ones_fault_stands_is_one_and_one_after_a_
     made.pick()
 
     def fault(before: str) -> None:
-        made.write("fault", cycle=made.cycle, code="stopped by ann", text="stopped by ann", **{"while": ""})
+        made.write("fault", cycle=made.cycle, code="operator_stop", text="stopped by ann", **{"while": ""})
         made.write("state", cycle=made.cycle, event="stop", to="fault", **{"from": before})
 
     fault("idle")
