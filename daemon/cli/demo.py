@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import FacetdError
+from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
 from daemon.store import places
-from daemon.store.records import Record
 from daemon.store.runs import follow, list_runs
 from daemon.store.standing import FILE, StandingFile
 

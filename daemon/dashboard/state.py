@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from daemon.events.records import Record
 from daemon.review.cli import told
 from daemon.review.digest import Stop
 from daemon.review.pagedata import stop_json
-from daemon.store.records import Record
 
 Json = dict[str, Any]
 SHOWN = (

@@ -332,6 +332,7 @@ class DecisionCode(StrEnum):
     SUSPECT_HAND_EYE = "suspect_hand_eye"
     SUSPECT_UNCLEAR = "suspect_unclear"
     IN_GRIPPER = "in_gripper"
+    PICKED = "picked"
     MISSED = "missed"
     STILL_THERE = "still_there"
     KNOCKED_AWAY = "knocked_away"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daemon.events.records import Record
 from daemon.fleet.schema import TABLES, VERSION, Column
 from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
@@ -19,7 +20,6 @@ from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes, told
 from daemon.store.places import how_to_add
-from daemon.store.records import Record
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,13 +6,13 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from daemon.events.records import Record, record_of
 from daemon.fleet.judged import Json, kinds_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import Stop
 from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
 from daemon.review.pagedata import stop_json
 from daemon.store.outside import FileError, open_below
-from daemon.store.records import Record, record_of
 from daemon.store.runs import RUN
 
 REPORT = "report.html"

@@ -8,7 +8,7 @@ from typing import Literal
 
 from daemon import frames
 from daemon.arm import NotSettledError, Source, capsule_around
-from daemon.events.codes import DecisionCode
+from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import viewpoints
 from daemon.pick.following import Target, came_back_empty, in_hand, still_there
 from daemon.pick.looking import Look, taken_here
@@ -134,7 +134,9 @@ async def place(
     opened = await _in_gripper(context, target)
     world.outcome, world.why = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
-    context.decide(world.outcome, world.why)
+    code = CauseCode.RELEASE_UNCONFIRMED if world.outcome is Outcome.RELEASED else DecisionCode.PICKED
+    world.code = None if world.outcome is Outcome.PICKED else code
+    context.decide(world.outcome, world.why, code, label=target.label)
     if opened is InGripper.PART:
         context.mover.beliefs.learn(Source.OBSERVED, holding=True)
         return PickEvent.STILL_HELD

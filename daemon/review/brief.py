@@ -6,96 +6,62 @@ A look's record is nine tenths corners; whoever compares runs wants none. The li
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_type_hints
 
 import msgspec
 from msgspec import Meta
 
+from daemon.events.records import SCHEMA, Finite, Number, Pose, Record, Text
 from daemon.events.upgrade import upgraded
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
 from daemon.store.outside import FileError, open_below
-from daemon.store.records import Count, Finite, Flag, Number, Pose, Record, Text
 from daemon.store.runs import RUN, lines_of
 
 
-class _Part(msgspec.Struct, omit_defaults=True):
+class BriefPart(msgspec.Struct, omit_defaults=True):
     label: Text = None
     cause: Text = None
     cyclopean_from_part: Pose = None
 
 
-class _Refused(msgspec.Struct):
+class BriefRefusal(msgspec.Struct):
     """An outline that was refused: that there is one is all that is asked."""
 
 
-class _Scene(msgspec.Struct, omit_defaults=True):
+class BriefScene(msgspec.Struct, omit_defaults=True):
     ms: Number = None
-    rejected: list[_Refused] | None = None
+    rejected: list[BriefRefusal] | None = None
     notes: list[str] | None = None
     unmatched: list[int] | None = None
     nothing: Text = None
-    parts: list[_Part] | None = None
+    parts: list[BriefPart] | None = None
 
 
-class _Line(msgspec.Struct, omit_defaults=True, kw_only=True):
-    """Of every kind at once; what a kind does not have is left out again, what every kind has is asked for."""
-
-    v: Count = None
-    kind: str
-    seq: Annotated[int, Meta(ge=0, le=2**53)]
-    t: str
-    mono_s: Finite
-    cycle: Count = None
-    stop: Count = None
-    purpose: Text = None
-    outcome: Text = None
-    label: Text = None
-    event: Text = None
-    to: Text = None
-    before: Text = msgspec.field(default=None, name="from")
-    closed: Flag = None
-    on: Flag = None
-    auto: dict[str, Any] | None = None
-    reloaded: Flag = None
-    times_life: Number = None
-    above: Text = None
-    opened: Text = None
-    what: Text = None
-    code: Text = None
-    findings: list[str] | None = None
-    slip_deg: Number = None
-    rule: Text = None
-    text: Text = None
-    why: Text = None
-    door: Text = None
-    who: Text = None
-    file: Text = None
-    action: Text = None
-    model: Text = None
-    calibration: Text = None
-    config: Text = None
-    cell: Text = None
-    name: Text = None
-    utc_offset_s: Annotated[int, Meta(ge=-86_400, le=86_400)] | None = None
-    version: Text | Count = None
-    limits: dict[str, Number] | None = None
-    predicted: dict[str, Number] | None = None
-    predicted_mm: Number = None
-    chi2: Number = None
-    error_mm: Number = None
-    error_deg: Number = None
-    world_from_part: Pose = None
-    world_from_cyclopean: Pose = None
-    health: dict[str, Any] | None = None
-    skipped: list[dict[str, Any]] | None = None
-    scene: _Scene | None = None
+BULKY = frozenset({"scene", "health", "images", "target", "joints", "covariance", "grasp", "where", "table"})
+"""Fields that say nothing to compare runs by, or are read in brief."""
 
 
-_DECODER = msgspec.json.Decoder(_Line)
+def _line() -> Any:
+    """A structure with the fields of every kind at once; what a kind does not have is left out again."""
+    types: dict[str, Any] = {}
+    for shape in SCHEMA.values():
+        hints = get_type_hints(shape, include_extras=True)
+        for field in msgspec.structs.fields(shape):
+            if field.encode_name not in (*HEAD, *BULKY):
+                kind = get_args(hints[field.name])[0]
+                types[field.name] = types.get(field.name, kind) | kind
+    renamed = {"from_": "from", "while_": "while"}
+    fields = [(name, kind, msgspec.field(default=None, name=renamed.get(name, name))) for name, kind in types.items()]
+    more = [("scene", BriefScene | None, None), ("health", dict[str, Any] | None, None)]
+    return msgspec.defstruct("BriefLine", [*HEAD.items(), *fields, *more], omit_defaults=True)
+
+
+HEAD: Mapping[str, Any] = {"kind": str, "seq": Annotated[int, Meta(ge=0, le=2**53)], "t": str, "mono_s": Finite}
+_DECODER: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_line())
 
 
 def read_brief(folder: Path) -> Digest:

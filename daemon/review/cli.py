@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import DONE, printable
+from daemon.events.records import Record
 from daemon.store import places
 from daemon.store.files import being_written
-from daemon.store.records import Record
 from daemon.store.runs import RUN, find_run, follow
 
 

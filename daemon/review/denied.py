@@ -12,8 +12,8 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.events.codes import DecisionCode
+from daemon.events.records import Record
 from daemon.review.digest import Cycle, Stop, carried_out
-from daemon.store.records import Record
 
 NEAR_MM = 50.0
 """What lies within this of where the part lay may be the part, pushed."""

@@ -15,7 +15,7 @@ from typing import Any
 
 from daemon.errors import spelt
 from daemon.events.outcomes import GRASPED, UNFINISHED, is_success, is_tried, tally
-from daemon.store.records import Record
+from daemon.events.records import Record
 
 Kept = Mapping[str, str | None]
 """Files kept with a run, by what they are: model, calibration."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from daemon.calibration.drift import Watching, fresh, observe
 from daemon.events.outcomes import is_success
+from daemon.events.records import Record
 from daemon.review.digest import Digest, eyes_of
-from daemon.store.records import Record
 from daemon.vision.health import MEASURES, Clue
 
 NEAR = 0.7

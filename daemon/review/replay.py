@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import load_calibration
+from daemon.events.records import Record
 from daemon.pick.moved_pair import places_of, with_arm
 from daemon.review.digest import Digest, in_use
 from daemon.store.model import load
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_as_stored
-from daemon.store.records import Record
 from daemon.store.runs import RunError, kept_file
 from daemon.vision.facets import table_of
 from daemon.vision.geometry import StereoRig

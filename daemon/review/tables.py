@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from daemon.events.records import Record
 from daemon.review.digest import Digest, parts_of, residual_mm
-from daemon.store.records import Record
 
 Row = dict[str, Any]
 

@@ -26,10 +26,10 @@ from daemon.events.codes import (
     cause_code,
 )
 from daemon.events.outcomes import NOTHING_TO_PICK, UNFINISHED, Outcome, is_success
+from daemon.events.records import Record
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.review.denied import denied, told_of
 from daemon.review.digest import Cycle, Stop
-from daemon.store.records import Record
 from daemon.vision.health import MEASURES
 
 NOTHING_WRONG = NOTHING_TO_PICK | {Outcome.PICKED}

@@ -4,8 +4,8 @@
 `patience_s` for a stalled disk, and no more until the disk has caught up: a log may not delay moves. Reading and
 quotas are in daemon/store/runs.py.
 
-Lines are {"v": 2, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; kinds and their fields are in
-the table KINDS. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
+Lines are {"v": 2, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; daemon/events/records.py has
+kinds and fields. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
 """
 
 from __future__ import annotations
@@ -38,38 +38,6 @@ LINES_WAITING = 20_000
 LARGEST_KEPT = 256_000_000
 PICTURES_WAITING = 64
 
-KINDS: Mapping[str, str] = {
-    "run_start": "version cell name utc_offset_s config calibration model (files in kept/) limits seed continues"
-    " times_life (how much faster than life a simulated cell runs)",
-    "auto": "on count every_s (what is to be picked from now on; on false: done, or given up)",
-    "left": "run cycle state hand_closed label auto fault (how the daemon before ended; stands until resume)",
-    "holding": "held (what an operator saw in the gripper; null: not known, as where others may have worked it)",
-    "command": "who door text",
-    "state": "from event to",
-    "cycle_start": "cycle target",
-    "look": "cycle stop purpose images{left,right} scene seconds health where world_from_cyclopean whole "
-    "moved{eye,left,right,arm_mm,arm_deg} (a pair of one eye)",
-    "eyes": "alone why (which eye is looked with from now on; null: both)",
-    "estimate": "cycle stop label world_from_part covariance predicted_mm predicted_deg chi2",
-    "decision": "cycle text why",
-    "gained": "cycle look about before after bits_before bits_after expected seconds (what one more look has brought)",
-    "move": "cycle how target speed_pct purpose",
-    "moved": "cycle where joints error_mm error_deg seconds",
-    "held_back": "cycle what (the move or hand told last was taken back as its line was typed: nothing has left)",
-    "release": "cycle label above opened (part, empty or unclear: what the gripper showed above the bin before and "
-    "after it opened; `cycle_end` says picked only for part, then not part)",
-    "refusal": "rule text",
-    "fault": "code text while",
-    "rest": "text (after an alarm that a stop was not confirmed, the arm was seen at rest)",
-    "hand": "closed sent (told before the hand closes, and once it has opened)",
-    "cycle_end": "cycle outcome label stops why grasp predicted",
-    "touch": "off_mm distance_mm corner (the touch test: where the operator saw the finger tips)",
-    "truth": "cycle error_mm error_deg held (simulation only)",
-    "model": "action version labels file (a model taken into use: kept/)",
-    "gap": "lost why (lines or pictures that a full or failing disk did not take)",
-    "clock": "jump_s (somebody set the machine's clock)",
-    "run_end": "why holding (a part in the gripper; null: not known)",
-}
 URGENT = frozenset({"run_start", "left", "holding", "fault", "hand", "cycle_start", "cycle_end", "gap", "run_end"})
 
 

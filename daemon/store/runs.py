@@ -19,9 +19,9 @@ from typing import BinaryIO
 
 import msgspec
 
+from daemon.events.records import LONGEST_LINE, Record, record_of
 from daemon.store.files import LAST_NUMBER
 from daemon.store.outside import PIECE, FileError, open_below, read_below
-from daemon.store.records import LONGEST_LINE, Record, record_of
 from daemon.store.runlog import LARGEST_KEPT
 
 RUN = "run.jsonl"

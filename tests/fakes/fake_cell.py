@@ -26,6 +26,7 @@ from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.values import Facet, FacetView, Part, Recognition, Scene
 from drivers import puma560
 from drivers.simcell import parts
+from tests.fakes.checked_record import checked
 
 PITCH = np.arcsin(75 / 350)
 TOOL_FROM_CYCLOPEAN = frames.rigid(
@@ -100,6 +101,7 @@ class World:
         return self.now_s
 
     def record(self, kind: str, /, **fields: Any) -> None:
+        checked(kind, fields)
         self.records.append({"kind": kind, **fields})
 
     def said(self, kind: str) -> list[dict[str, Any]]:

@@ -20,6 +20,7 @@ from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.order import PickOrder
+from tests.fakes.checked_record import checked
 
 
 @cache
@@ -163,6 +164,7 @@ class FakeLog:
     records: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
 
     def record(self, kind: str, /, **fields: Any) -> None:
+        checked(kind, fields)
         self.records.append((kind, fields))
 
 

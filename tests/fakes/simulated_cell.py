@@ -29,6 +29,7 @@ from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
+from tests.fakes.checked_record import checked
 
 CONFIG = places.HOUSE / "etc" / "facetd.yaml"
 
@@ -43,6 +44,7 @@ class ListLog:
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Keep one record."""
+        checked(kind, fields)
         fields.pop("images", None)
         self.heard(kind, fields)
         self.records.append({"kind": kind, **fields})

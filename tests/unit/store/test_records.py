@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
+from daemon.events.records import record_of
 from daemon.review.cli import told
 from daemon.review.digest import digest
 from daemon.review.pagedata import page_data
 from daemon.review.tables import tables
-from daemon.store.records import record_of
 from daemon.store.runs import read_run
 from tests.fakes.made_run import MadeRun, part
 
@@ -131,10 +131,10 @@ def test_a_line_may_be_a_megabyte_long() -> None:
 
 LOOKS_UP = """
 import sys
-from daemon.store.records import SHAPES, record_of
+from daemon.events.records import SCHEMA, record_of
 ran = set()
 sys.setprofile(lambda frame, event, _: ran.add(frame.f_code.co_filename))
-for kind in (*SHAPES, "command"):
+for kind in (*SCHEMA, "command"):
     try:
         record_of(b'{"kind":"%s"}' % kind.encode())
     except ValueError:

@@ -1,0 +1,27 @@
+"""What a producer writes is held against the schema of records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from daemon.events.codes import CauseCode, DecisionCode
+from daemon.events.outcomes import Outcome
+from daemon.events.records import FIELDS
+
+CODES = {
+    "fault": frozenset(CauseCode),
+    "decision": frozenset({*DecisionCode, *CauseCode}),
+    "cycle_end": frozenset({*DecisionCode, *CauseCode, None}),
+}
+
+
+def checked(kind: str, fields: Mapping[str, Any]) -> None:
+    """Fails where a kind, a field, a code or an outcome is not of the schema: it would be read by nobody."""
+    assert kind in FIELDS, f"a record of a kind that the schema does not have: {kind}"
+    unknown = set(fields) - FIELDS[kind]
+    assert not unknown, f"{kind}: fields that the schema does not have: {sorted(unknown)}"
+    if kind in CODES:
+        assert fields.get("code") in CODES[kind], f"{kind}: no code of the catalogue: {fields.get('code')!r}"
+    if kind == "cycle_end":
+        assert fields["outcome"] in set(Outcome)
