@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from drivers.val2.wire import Where
 
-
 SAID_BY_VAL = (
     ("emergency stop", "emergency_stop"),
     ("e-stop", "emergency_stop"),
