@@ -202,14 +202,14 @@ class HoldingSeen(EventRecord, kw_only=True):
 class CycleStart(EventRecord, kw_only=True):
     """A pick begins."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     target: Annotated[Text, Meta(description="the part asked for; null: any")] = None
 
 
 class StateChanged(EventRecord, kw_only=True):
     """The pick went on to another state."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     from_: Annotated[Text, Meta(description="the state before")] = msgspec.field(default=None, name="from")
     event: Annotated[Text, Meta(description="what left it")] = None
     to: Annotated[Text, Meta(description="the state now")] = None
@@ -218,7 +218,7 @@ class StateChanged(EventRecord, kw_only=True):
 class LookTaken(EventRecord, kw_only=True):
     """A pair of images, and what was seen in it."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     stop: Annotated[Count, Meta(description="number of the look at the part it went for")] = None
     purpose: Annotated[Text, Meta(description="survey, approach, verify, teach, ...")] = None
     images: Annotated[dict[str, str] | None, Meta(description="files, by camera")] = None
@@ -247,7 +247,7 @@ class CamerasInUse(EventRecord, kw_only=True):
 class PoseEstimate(EventRecord, kw_only=True):
     """Where the part is, from the looks so far."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     stop: Annotated[Count, Meta(description="number of the look")] = None
     label: Annotated[Text, Meta(description="the part")] = None
     world_from_part: Annotated[Pose, Meta(description="its pose", extra={"unit": "mm"})] = None
@@ -262,7 +262,7 @@ class PoseEstimate(EventRecord, kw_only=True):
 class DecisionMade(EventRecord, kw_only=True):
     """What the pick decided, and why."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     code: Annotated[
         Text, Meta(description="of daemon/events/codes.py: DecisionCode, or the CauseCode of a skipped part")
     ] = None
@@ -278,7 +278,7 @@ class DecisionMade(EventRecord, kw_only=True):
 class LookGained(EventRecord, kw_only=True):
     """What one more look has brought."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     look: Annotated[Count, Meta(description="number of the look at the table")] = None
     about: Annotated[Text, Meta(description="what was looked at")] = None
     before: Annotated[Text, Meta(description="what it was thought to be")] = None
@@ -292,7 +292,7 @@ class LookGained(EventRecord, kw_only=True):
 class MoveSent(EventRecord, kw_only=True):
     """A move of the arm is sent."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     how: Annotated[Text, Meta(description="joint or straight")] = None
     target: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
     speed_pct: Annotated[Number, Meta(description="of full speed", extra={"unit": "%"})] = None
@@ -303,7 +303,7 @@ class MoveSent(EventRecord, kw_only=True):
 class MoveEnded(EventRecord, kw_only=True):
     """The arm is at rest after a move."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     where: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
     joints: Annotated[list[Finite] | None, Meta(description="the six joints", extra={"unit": "rad"})] = None
     error_mm: Annotated[Number, Meta(description="WHERE against the target", extra={"unit": "mm"})] = None
@@ -314,14 +314,14 @@ class MoveEnded(EventRecord, kw_only=True):
 class MoveTakenBack(EventRecord, kw_only=True):
     """The last move or gripper command was taken back as its line was typed: nothing has left."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     what: Annotated[Text, Meta(description="move or hand")] = None
 
 
 class GripperSet(EventRecord, kw_only=True):
     """The gripper closes, or has opened."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     closed: Annotated[Flag, Meta(description="closes")] = None
     sent: Annotated[Flag, Meta(description="false: dry")] = None
 
@@ -329,7 +329,7 @@ class GripperSet(EventRecord, kw_only=True):
 class MoveRefused(EventRecord, kw_only=True):
     """The guard kept a move from the arm."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     rule: Annotated[Text, Meta(description="the guard's")] = None
     text: Annotated[Text, Meta(description="in words")] = None
 
@@ -337,7 +337,7 @@ class MoveRefused(EventRecord, kw_only=True):
 class FaultRaised(EventRecord, kw_only=True):
     """The arm was stopped; nothing moves until `resume`."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     code: Annotated[Text, Meta(description="of daemon/events/codes.py: CauseCode")] = None
     findings: Annotated[
         list[str] | None, Meta(description="measures of the images beyond their limit, each `name camera`")
@@ -355,7 +355,7 @@ class ArmAtRest(EventRecord, kw_only=True):
 class CycleEnded(EventRecord, kw_only=True):
     """A pick has ended."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     outcome: Annotated[Text, Meta(description="of daemon/events/outcomes.py")] = None
     code: Annotated[Text, Meta(description="of its cause: CauseCode or DecisionCode of daemon/events/codes.py")] = None
     label: Annotated[Text, Meta(description="the part it went for")] = None
@@ -379,7 +379,7 @@ class TouchTest(EventRecord, kw_only=True):
 class TrueGrasp(EventRecord, kw_only=True):
     """What the simulated cell's witness saw; never on a real cell."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     error_mm: Annotated[Number, Meta(description="at the grasp", extra={"unit": "mm"})] = None
     error_deg: Annotated[Number, Meta(description="the same in angle", extra={"unit": "degrees"})] = None
     held: Annotated[Flag, Meta(description="whether the part is held")] = None
@@ -388,7 +388,7 @@ class TrueGrasp(EventRecord, kw_only=True):
 class PartReleased(EventRecord, kw_only=True):
     """The gripper opened above the bin; the outcome is picked only where a part showed before and not after."""
 
-    cycle: Annotated[Count, Meta(description="the pick it belongs to, counted within the run; null or 0: none")] = None
+    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
     label: Annotated[Text, Meta(description="the part")] = None
     above: Annotated[Text, Meta(description="part, empty or unclear: what the gripper showed before it opened")] = None
     opened: Annotated[Text, Meta(description="the same after it had opened")] = None

@@ -13,10 +13,13 @@ from daemon.arm.operators import Interruption, Let, OperatorRefusedError, Refuse
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import StopRefusedError
+from daemon.events.codes import CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build
 from tests.fakes.in_time import lived
 
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
+
+CAMERAS = FaultCause(CauseCode.CAMERA_LOST)
 
 
 class Heard(list):
@@ -60,7 +63,7 @@ async def interrupted(world: World, supervisor: Supervisor, act, name: str = "mo
 
 STOPS = [
     (lambda s: s.stop("by hand"), "stopped by hand", Interruption.STOP),
-    (lambda s: s.fail("cameras", "no pair"), "cameras: no pair", Interruption.ERROR),
+    (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair", Interruption.ERROR),
     (lambda s: s.abort(), None, Interruption.ABORT),
     (lambda s: s.disable(), None, Interruption.ABORT),
     (lambda s: s.close(), None, Interruption.ABORT),
@@ -1166,7 +1169,7 @@ def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
     [
         (lambda s: s.abort(), "aborted by the operator"),
         (lambda s: s.stop("by hand"), "stopped by hand"),
-        (lambda s: s.fail("cameras", "no pair"), "cameras: no pair"),
+        (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair"),
     ],
 )
 def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why):
@@ -1184,7 +1187,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why):
 def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     """Whoever came to say `resume` was told of a stop, and nothing of the drift that had ended the auto before it."""
     world, supervisor, _ = supervised()
-    asyncio.run(supervisor.fail("calibration", "the right eye has turned"))
+    asyncio.run(supervisor.fail("calibration", "the right eye has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
     for who in ("ann", "bob", "bob"):
         asyncio.run(supervisor.stop(f"by {who}"))
     assert supervisor.fault == "calibration: the right eye has turned; then stopped by bob"
@@ -1261,11 +1264,11 @@ def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
     assert f"NOT CONFIRMED: {told}: press" in alarm
 
 
-def test_a_fault_is_recorded_by_the_code_it_begins_with():
+def test_a_fault_is_recorded_by_the_code_of_its_cause():
     world, supervisor, _ = supervised()
-    asyncio.run(supervisor.fail("cameras", "no pair: none came"))
+    asyncio.run(supervisor.fail("cameras", "no pair: none came", CAMERAS))
     assert [(fault["code"], fault["text"]) for fault in world.said("fault")] == [
-        ("cameras", "cameras: no pair: none came")
+        ("camera_lost", "cameras: no pair: none came")
     ]
 
 

@@ -17,6 +17,7 @@ import pytest
 
 from daemon.cell import build as cell
 from daemon.console.context import CommandContext
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.maintenance import journal, watchdog
 from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import CHECK_LIMIT_S, QUOTA_S, Watchdog
@@ -30,6 +31,7 @@ class WatchedCell:
 
     def __init__(self, folder: Path) -> None:
         self.failed: list[str] = []
+        self.causes: list[CauseCode] = []
         self.line_opened_anew = Mock()
         self.camera_fails = False
         self.let = True
@@ -66,8 +68,9 @@ class WatchedCell:
     async def check(self) -> None:
         self.heard_s = time.monotonic()
 
-    async def fail(self, code: str, text: str) -> None:
-        self.failed.append(f"{code}: {text}")
+    async def fail(self, source: str, text: str, cause: FaultCause) -> None:
+        self.failed.append(f"{source}: {text}")
+        self.causes.append(cause.code)
 
 
 @pytest.fixture

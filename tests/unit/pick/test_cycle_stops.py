@@ -8,8 +8,11 @@ import pytest
 from daemon.arm.belief import Source
 from daemon.arm.motion import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.pick.cycle import PickCycle
 from tests.fakes.fake_cell import World, cycle_of, one_part
+
+LOST = FaultCause(CauseCode.CAMERA_LOST)
 
 
 async def during(world: World, cycle: PickCycle, name: str, count: int, act):
@@ -186,7 +189,9 @@ def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_co
     assert asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.disable)).outcome == "aborted"
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "moving", 2, lambda: cycle.supervisor.fail("camera_lost", "left camera is gone")))
+    asyncio.run(
+        during(world, cycle, "moving", 2, lambda: cycle.supervisor.fail("camera_lost", "left camera is gone", LOST))
+    )
     assert cycle.status()["fault"] == "camera_lost: left camera is gone"
 
 

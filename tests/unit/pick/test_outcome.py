@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from daemon.arm.settling import Settling
+from daemon.events.codes import CauseCode, FaultCause
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd, InGripper, Outcome, released
@@ -77,7 +78,11 @@ def test_an_observer_that_finds_the_arm_must_stop_asks_the_supervisor_to(code):
     class Asking(Watching):
         def looked(self, look: Look) -> None:
             if not asking:
-                asking.append(asyncio.create_task(cycle.supervisor.fail(code, "an eye has moved")))
+                asking.append(
+                    asyncio.create_task(
+                        cycle.supervisor.fail(code, "an eye has moved", FaultCause(CauseCode.CAMERA_KNOCKED))
+                    )
+                )
 
     cycle = observed(world, Asking(world))
     end = asyncio.run(cycle.pick())

@@ -6,7 +6,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.pick.grasp import in_the_way
-from daemon.pick.plan import last_stretch, plan_part, regrasp
+from daemon.pick.plan import NoPlan, last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
@@ -20,16 +20,17 @@ def lying(label, rest, turn=0.3, x=520.0, y=0.0):
 def test_a_plan_is_reachable_all_the_way_or_says_why_not():
     shape, pose = shape_of("cube"), lying("cube", 0)
     plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
-    assert not isinstance(plan, str)
+    assert not isinstance(plan, NoPlan)
     none = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda p: bool(p[2, 3] < -200))
-    assert isinstance(none, str)
-    assert "reached" in none
+    assert isinstance(none, NoPlan)
+    assert none.code == "out_of_reach"
+    assert "reached" in none.why
 
 
 def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
     shape, pose = shape_of("cube"), lying("cube", 0)
     plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
-    assert not isinstance(plan, str)
+    assert not isinstance(plan, NoPlan)
     nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
     again = regrasp(shape, nearby, plan, Settings())
     assert again is not None
@@ -46,7 +47,7 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
         away = frames.rotation_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
         beside = frames.apply(lying("pyramid", 0, rng.uniform(0.0, 1.5)), corners) + away * rng.uniform(60.0, 85.0)
         plan = plan_part(shape, pose, [beside], settings, TOOL_FROM_CYCLOPEAN, lambda _: True)
-        if isinstance(plan, str):
+        if isinstance(plan, NoPlan):
             continue
         nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
         alone = regrasp(shape, nearer, replace(plan, neighbours=()), settings)
