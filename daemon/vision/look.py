@@ -8,17 +8,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from daemon.vision import hypotheses, recognition
 from daemon.vision.evidence import all_explained, beside, named_by_segments, with_all_they_show
 from daemon.vision.facets import Table, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
-from daemon.vision.hypotheses import rested
+from daemon.vision.hypotheses import prepare, rested
 from daemon.vision.image import Eyes, open_eyes
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
@@ -52,7 +50,7 @@ def look(
     full = settings or VisionSettings()
     eyes = open_eyes(left, right, rig)
     if known.labels:
-        _make_ready(known)
+        prepare(known)
     began = now()
     brief = by_facets = _by_facets(eyes, full.brief() if known.labels else full, known, table, now)
     naming = brief.seconds
@@ -97,13 +95,6 @@ def look(
     seen = _notes(view, parts, model, pictures)
     notes = (*view.notes, *seen, *depth_doubt(guesses), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
-
-
-@lru_cache(maxsize=2)
-def _make_ready(model: Model) -> None:
-    """Once a model, in use or a candidate: 0.6 s of 64 parts on a desktop's core, which no look's budget can pay."""
-    recognition.made_ready(model.metric)
-    hypotheses.made_ready(model)
 
 
 def _verified(

@@ -31,7 +31,7 @@ from daemon.vision.facets import facets_step_by_step
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import open_eyes
 from daemon.vision.model import MetricModel, Model, relearnt
-from daemon.vision.recognition import made_ready, recognise
+from daemon.vision.recognition import places_of, recognise
 from daemon.vision.recognition.fits import Hypothesis, Way
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Scene
@@ -146,7 +146,7 @@ def table(of: Set) -> None:
         ]
         wrong = [misled(model) for model in learnt]
         for model in (*learnt, *wrong):
-            made_ready(model.metric)
+            places_of(tuple(known.solid for known in model.metric.values()))
         for vigilance in VIGILANCES:
             row, other = (_recognised(of, models, vigilance) for models in (learnt, wrong))
             c = row.counts

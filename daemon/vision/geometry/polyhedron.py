@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import sides_of
 
 FLAT_MM = 0.5  # so far before a facet's plane lie corners that are measured, not exact
@@ -108,7 +107,11 @@ class Polyhedron:
     @cached_property
     def areas_mm2(self) -> Array:
         """(F, 3) outward area vectors of the facets."""
-        return np.array([area_vector(self.corners_mm[ring]) for ring in self.rings]).reshape(-1, 3)
+        here, after, first = self.steps
+        if not len(first):
+            return np.zeros((0, 3))
+        ways = self.corners_mm - self.corners_mm[0]  # far from the origin the products would lose digits
+        return np.asarray(np.add.reduceat(np.cross(ways[here], ways[after]), first) / 2)
 
     @cached_property
     def normals(self) -> Array:
@@ -124,7 +127,11 @@ class Polyhedron:
     @cached_property
     def centres_mm(self) -> Array:
         """(F, 3) means of the facets' corners."""
-        return np.array([self.corners_mm[ring].mean(axis=0) for ring in self.rings]).reshape(-1, 3)
+        here, _, first = self.steps
+        if not len(first):
+            return np.zeros((0, 3))
+        sides = np.diff(first, append=len(here))
+        return np.asarray(np.add.reduceat(self.corners_mm[here], first) / sides[:, None])
 
     @cached_property
     def laid_flat(self) -> Array:

@@ -11,8 +11,8 @@ from daemon.vision.hypotheses.search import (
     guessed_by_facets,
     guessed_in_space,
     guessed_on_table,
-    made_ready,
     nearby,
+    prepare,
 )
 from daemon.vision.hypotheses.support_plane import Ground, flat_on, rested, rests_on
 
@@ -32,10 +32,10 @@ __all__ = [
     "hull",
     "in_sizes",
     "lookalikes",
-    "made_ready",
     "nearby",
     "other_sizes",
     "pixels",
+    "prepare",
     "rested",
     "rests_on",
     "silhouette",

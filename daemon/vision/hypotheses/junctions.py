@@ -24,6 +24,7 @@ from daemon.vision.geometry import Baseline, Eye, Polyhedron
 from daemon.vision.hypotheses.edge_distance_map import DirectedMap, Rays
 from daemon.vision.hypotheses.pose_batch import Posed, Solids
 from daemon.vision.image import SegmentCorners, pairs_within, runs
+from daemon.vision.model import turns_onto_themselves
 
 NEAREST_MM, FARTHEST_MM = 120.0, 1500.0  # where parts may be
 ROW_PX = 2.0  # how far apart the rows may be in which two eyes see a corner
@@ -124,54 +125,67 @@ def _joined(parts: list[CornersInEye]) -> CornersInEye:
     return CornersInEye(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
 
 
-@lru_cache(maxsize=256)
-def taught_corners(solid: Polyhedron) -> tuple[Array, Array, Array]:
-    """Every two edges at every corner of a solid, in either order, those left out that a turn of the solid makes of
-    others, facets and all (a part that was not taught from all round has sides that nobody knows): (K, 4, 4)
-    corner_from_part, x along the first edge, the second in x y; cosines (K,) between them; lengths (K, 2) of both, mm.
+@dataclass(frozen=True, eq=False)
+class TaughtCorners:
+    """Every two edges at every corner of several solids, in either order, those left out that a turn of the solid makes
+    of others: part (N,), the number of the solid; corner_from_part (N, 4, 4), x along the first edge, the second in
+    x y; cosine (N,) between them; lengths_mm (N, 2) of both.
     """
-    every, cosines, lengths = corner_frames(solid)
-    corner_from_part = np.asarray(np.linalg.inv(every), float)
-    seen = solid.corners_mm @ corner_from_part[:, :3, :3].transpose(0, 2, 1) + corner_from_part[:, None, :3, 3]
-    far = np.linalg.norm(seen, axis=2)
-    facets = {frozenset(ring) for ring in solid.facets}
-    found, left = list[int](), np.arange(len(every))
-    while len(left):
-        first = int(left[0])
-        found.append(first)
-        alike = _as_far(far[left], far[first])
-        apart2 = _apart2(seen[left[alike]], seen[first])
-        alike[alike] = near = apart2.min(2).max(1) < ALIKE_MM**2
-        onto = apart2[near].argmin(2)
-        alike[alike] = [{frozenset(to[ring].tolist()) for ring in solid.rings} == facets for to in onto]
-        left = left[~alike]
-    return corner_from_part[found], cosines[found], lengths[found]
+
+    part: Index
+    corner_from_part: Array
+    cosine: Array
+    lengths_mm: Array
+
+
+@lru_cache(maxsize=4)
+def taught_corners(shapes: tuple[Polyhedron, ...]) -> TaughtCorners:
+    """The corners of solids; of a part that was not taught from all round the sides that nobody knows tell its turns
+    apart."""
+    part, triples = list[Index](), list[Index]()
+    for number, (shape, turns) in enumerate(zip(shapes, turns_onto_themselves(shapes, ALIKE_MM), strict=True)):
+        every, count = _edge_pairs(shape), len(shape.corners_mm)
+        codes = (turns.corners[:, every] * (count**2, count, 1)).sum(2)
+        own = np.sort(np.unique(codes.min(0), return_index=True)[1])
+        part.append(np.full(len(own), number))
+        triples.append(every[own])
+    points = [shape.corners_mm[own] for shape, own in zip(shapes, triples, strict=True)]
+    at, one, other = np.concatenate([np.zeros((0, 3, 3)), *points]).transpose(1, 0, 2)
+    from_corner, cosine, lengths = _corner_frames(at, one, other)
+    from_part = from_corner.copy()
+    from_part[:, :3, :3] = turn = from_corner[:, :3, :3].transpose(0, 2, 1)
+    from_part[:, :3, 3] = -(turn @ at[..., None])[..., 0]
+    return TaughtCorners(np.concatenate([np.zeros(0, np.intp), *part]), from_part, cosine, lengths)
+
+
+def _edge_pairs(solid: Polyhedron) -> Index:
+    """(N, 3) every corner with the far ends of two of its edges, in either order."""
+    ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
+    one, other = np.nonzero((ends[:, :1] == ends[:, 0]) & ~np.eye(len(ends), dtype=bool))
+    return np.column_stack([ends[one], ends[other, 1]])
+
+
+def _corner_frames(at: Array, one: Array, other: Array) -> tuple[Array, Array, Array]:
+    """Of corners at points (N, 3) with edges to others (N, 3): part_from_corner (N, 4, 4), the cosine (N,) between both
+    edges, and how long they are (N, 2), mm."""
+    lengths = np.stack([np.linalg.norm(end - at, axis=1) for end in (one, other)], 1)
+    x, to = ((end - at) / lengths[:, k, None] for k, end in enumerate((one, other)))
+    found = np.zeros((len(at), 4, 4))
+    found[:, :3, :3], found[:, :3, 3], found[:, 3, 3] = basis(x, to), at, 1.0
+    return found, (x * to).sum(1), lengths
 
 
 @lru_cache(maxsize=1024)
 def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
     known; the first is none. Where all are seen, these are the solid's symmetries."""
-    every = corner_frames(solid)[0]
-    own = np.flatnonzero((every[:, :3, 3] == solid.corners_mm[seen[0]]).all(1))[0]
+    pairs = _edge_pairs(solid)
+    every = _corner_frames(*solid.corners_mm[pairs].transpose(1, 0, 2))[0]
+    own = np.flatnonzero(pairs[:, 0] == seen[0])[0]
     turns = np.delete(every, own, 0) @ frames.inverse(every[own])
     moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
     near = _apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2
     return np.concatenate([np.eye(4)[None], turns[near]])
-
-
-@lru_cache(maxsize=1024)
-def corner_frames(solid: Polyhedron) -> tuple[Array, Array, Array]:
-    """Every two edges at every corner, in either order: part_from_corner (K, 4, 4), the cosine between them (K,), and
-    how long both are (K, 2), mm."""
-    ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
-    which = np.argwhere((ends[:, :1] == ends[:, 0]) & ~np.eye(len(ends), dtype=bool))
-    ways = solid.corners_mm[ends[:, 1]] - solid.corners_mm[ends[:, 0]]
-    length = np.sqrt((ways * ways).sum(1))
-    x, to = (ways[own] / length[own, None] for own in which.T)
-    found = np.zeros((len(which), 4, 4))
-    found[:, :3, :3], found[:, :3, 3], found[:, 3, 3] = basis(x, to), solid.corners_mm[ends[which[:, 0], 0]], 1.0
-    return found, (x * to).sum(1), length[which]
 
 
 def _apart2(many: Array, one: Array) -> Array:
@@ -183,20 +197,15 @@ def _apart2(many: Array, one: Array) -> Array:
     return found
 
 
-def _as_far(many: Array, one: Array) -> Flags:
-    """(M,) of which sets of distances (M, N) from the origin each has one of (K,) that points so near could have."""
-    known = np.concatenate([[-np.inf], np.sort(one), [np.inf]])
-    after = np.searchsorted(known, many)
-    off = np.minimum(many - known[after - 1], known[after] - many)
-    return np.asarray(off.max(1) < ALIKE_MM + 1e-6)
-
-
-def sorted_by_kind(rows: Array) -> tuple[Array, Index, Index]:
-    """The kinds (U, M) of which rows (K, M) are, the order (K,) that sorts them by kind, and where each begins there
-    (U + 1,)."""
-    kinds, kind = np.unique(rows, axis=0, return_inverse=True)
-    order = np.argsort(kind.reshape(-1), kind="stable")
-    return kinds, order, np.searchsorted(kind.reshape(-1)[order], np.arange(len(kinds) + 1))
+def sorted_by_kind(rows: Index) -> tuple[Index, Index, Index]:
+    """The kinds (U, M) of which rows of whole numbers (K, M) are, the order (K,) that sorts them by kind, and where
+    each begins there (U + 1,)."""
+    low = rows.min(0, initial=0)
+    span = rows.max(0, initial=0) - low + 1
+    code = (rows - low) @ np.append(np.cumprod(span[:0:-1])[::-1], 1)  # sorts as the rows do
+    order = np.argsort(code, kind="stable")
+    begins = np.flatnonzero(np.diff(code[order], prepend=-1))
+    return rows[order[begins]], order, np.append(begins, len(rows))
 
 
 def basis(x: Array, to: Array) -> Array:
@@ -246,20 +255,21 @@ class Kinds:
     begins: Index
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
     """All corners of solids; lengths and angles are of a kind that round to the same."""
-    each = [taught_corners(shape) for shape in shapes]
-    part = np.repeat(np.arange(len(each)), [len(found[1]) for found in each])
-    from_part, cosines, lengths = (np.concatenate([found[k] for found in each]) for k in range(3))
-    angles, which = np.unique((np.arccos(np.clip(cosines, -1, 1)) / ANGLE).round(), return_inverse=True)
-    first_mm, first = np.unique((lengths[:, 0] / LENGTH_MM).round() * LENGTH_MM, return_inverse=True)
-    second_mm = (lengths[:, 1] / LENGTH_MM).round() * LENGTH_MM
-    seconds, second = np.unique(np.stack([which, second_mm], 1), axis=0, return_inverse=True)
-    kinds, order, begins = sorted_by_kind(np.stack([first, second.reshape(-1)], 1))
+    taught = taught_corners(shapes)
+    angles, which = np.unique((np.arccos(np.clip(taught.cosine, -1, 1)) / ANGLE).round(), return_inverse=True)
+    first_mm, first = np.unique((taught.lengths_mm[:, 0] / LENGTH_MM).round(), return_inverse=True)
+    second_mm = (taught.lengths_mm[:, 1] / LENGTH_MM).round().astype(np.intp)
+    seconds, second_order, second_begins = sorted_by_kind(np.stack([which, second_mm], 1))
+    second = np.empty(len(which), np.intp)
+    second[second_order] = np.repeat(np.arange(len(seconds)), np.diff(second_begins))
+    kinds, order, begins = sorted_by_kind(np.stack([first, second], 1))
     return Kinds(
-        part[order], from_part[order], cosines[order], which[order], np.cos(angles * ANGLE), first_mm,
-        seconds[:, 1], seconds[:, 0].astype(np.intp), kinds.astype(np.intp), begins,
+        taught.part[order], taught.corner_from_part[order], taught.cosine[order], which[order],
+        np.cos(angles * ANGLE), first_mm * LENGTH_MM, seconds[:, 1].astype(float) * LENGTH_MM, seconds[:, 0], kinds,
+        begins,
     )  # fmt: skip
 
 

@@ -17,9 +17,9 @@ from daemon.arrays import Array, Index
 from daemon.vision.facets import Table
 from daemon.vision.geometry import Baseline, Polyhedron
 from daemon.vision.hypotheses.edge_distance_map import DirectedMap
-from daemon.vision.hypotheses.junctions import ANGLE, CornersInEye, basis, sorted_by_kind, taught_corners
+from daemon.vision.hypotheses.junctions import ANGLE, CornersInEye, TaughtCorners, basis, sorted_by_kind, taught_corners
 from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.support_plane import rests
+from daemon.vision.hypotheses.support_plane import rests_of
 from daemon.vision.image import SegmentCorners, runs
 
 OFF = np.tan(np.radians(6.0))
@@ -41,45 +41,42 @@ SHARES = np.array([0.1, 0.3, 0.5, 0.7, 0.9], np.float32)
 
 @dataclass(frozen=True, eq=False)
 class RestingCorners:
-    """Every corner of several solids (K,), on every plane that each can rest on: part, corner_from_part (K, 4, 4), its
-    height_mm over the table, both edges' lengths_mm (K, 2), and angles (K, 3): both edges' slopes upwards, and by how
-    much the second points farther round than the first, counter-clockwise from above; sorted by their kinds (U, 3),
-    begins (U + 1,): where each begins.
+    """Every corner of several solids, on every plane that each can rest on (K,): the number (K,) of the corner among
+    those taught, its height_mm over the table, and angles (K, 3): both edges' slopes upwards, and by how much the
+    second points farther round than the first, counter-clockwise from above; sorted by their kinds (U, 3), begins
+    (U + 1,): where each begins.
     """
 
-    part: Index
-    corner_from_part: Array
+    taught: TaughtCorners
+    corner: Index
     height_mm: Array
-    lengths_mm: Array
     angles: Array
     kinds: Array
     begins: Index
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def resting_corners(shapes: tuple[Polyhedron, ...]) -> RestingCorners:
     """Those whose first edge says how the part is turned; angles are of a kind that round to the same."""
-    none = np.zeros(0, np.intp), np.zeros((0, 4, 4)), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3))
-    found: list[tuple[Array | Index, ...]] = [none]
-    for number, shape in enumerate(shapes):
-        planes = rests(shape)
-        corner_from_part, cosines, lengths = taught_corners(shape)
-        k, r = (each.reshape(-1) for each in np.mgrid[: len(cosines), : len(planes)])
-        up = (corner_from_part[k, :3, :3] @ -planes[r, :3, None])[..., 0]
-        corner = -(corner_from_part[:, None, :3, 3] @ corner_from_part[:, :3, :3])[k, 0]
-        second = np.stack([cosines[k], np.sqrt(1 - cosines[k] ** 2), np.zeros(len(k))], 1)
-        across = np.stack([np.zeros(len(k)), np.zeros(len(k)), second[:, 1]], 1)
-        sine = np.clip(np.stack([up[:, 0], (up * second).sum(1)], 1), -1, 1)
-        turn = np.arctan2((up * across).sum(1), second[:, 0] - sine.prod(1))
-        angles = np.concatenate([np.arcsin(sine), turn[:, None]], 1)
-        height = planes[r, 3] - (planes[r, :3] * corner).sum(1)
-        good = np.cos(angles[:, 0]) > LEAST_LEVEL
-        found.append(tuple(a[good] for a in (np.full(len(k), number), corner_from_part[k], height, lengths[k], angles)))
-    part, from_part, height, lengths, angles = (np.concatenate(each) for each in zip(*found, strict=True))
-    kinds, order, begins = sorted_by_kind((angles / ANGLE).round())
-    return RestingCorners(
-        part[order], from_part[order], height[order], lengths[order], angles[order], kinds * ANGLE, begins
-    )
+    taught, planes = taught_corners(shapes), rests_of(shapes)
+    count = np.array([len(each) for each in planes], np.intp)
+    every = np.concatenate([np.zeros((0, 4)), *planes])
+    k, r = runs((np.cumsum(count) - count)[taught.part], count[taught.part])
+    turn, cosine = taught.corner_from_part[:, :3, :3], taught.cosine
+    down = every[r]
+    up = -(turn[k] @ down[:, :3, None])[..., 0]
+    corner = -(taught.corner_from_part[:, None, :3, 3] @ turn)[:, 0]
+    sine_between = np.sqrt(1 - cosine**2)
+    first, second = up[:, 0], up[:, 0] * cosine[k] + up[:, 1] * sine_between[k]
+    slopes = np.clip(np.stack([first, second], 1), -1, 1)
+    round_ = np.arctan2(up[:, 2] * sine_between[k], cosine[k] - slopes.prod(1))
+    angles = np.column_stack([np.arcsin(slopes), round_])
+    good = np.flatnonzero(np.cos(angles[:, 0]) > LEAST_LEVEL)
+    kinds, order, begins = sorted_by_kind((angles[good] / ANGLE).round().astype(np.intp))
+    order = good[order]
+    corners, planes_of = k[order], down[order]
+    height = planes_of[:, 3] - (planes_of[:, :3] * corner[corners]).sum(1)
+    return RestingCorners(taught, corners, height, angles[order], kinds * ANGLE, begins)
 
 
 def guesses_on_table(
@@ -91,7 +88,7 @@ def guesses_on_table(
 ) -> tuple[Posed, int]:
     """Taught corners laid onto the corners that either eye sees, of parts that rest on a table, and how many could."""
     taught = resting_corners(solids.shapes)
-    if not len(taught.part):
+    if not len(taught.corner):
         return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
     turn = geometry.cyclopean_from_baseline
     parts, poses, tests = list[Index](), list[Array](), 0
@@ -101,13 +98,15 @@ def guesses_on_table(
         which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ eye_mm) - table.level_mm)
         tests += len(which)
         from_other = at - [(1 - 2 * k) * geometry.length_mm, 0.0, 0.0]
-        best = _borne(from_other, ways, taught.lengths_mm[which], maps[1 - k])
+        own = taught.corner[which]
+        best = _borne(from_other, ways, taught.taught.lengths_mm[own], maps[1 - k])
+        own = own[best]
         from_corner = np.zeros((len(best), 4, 4))
         from_corner[:, :3, :3] = turn @ basis(ways[0, best], ways[1, best])
         from_corner[:, :3, 3] = at[best] @ turn.T + eye_mm
         from_corner[:, 3, 3] = 1.0
-        parts.append(taught.part[which[best]])
-        poses.append(from_corner @ taught.corner_from_part[which[best]])
+        parts.append(taught.taught.part[own])
+        poses.append(from_corner @ taught.taught.corner_from_part[own])
     return Posed(solids, np.concatenate(parts), np.concatenate(poses)), tests
 
 
@@ -130,7 +129,7 @@ def _possible(corners: CornersInEye, taught: RestingCorners, up: Array, eye_mm: 
     shown = np.linalg.norm(corners.arms, axis=2)[c[of]]
     reach = np.empty_like(shown)
     for edge in (0, 1):
-        along, own = taught.lengths_mm[which, edge] / depth, ways[edge]
+        along, own = taught.taught.lengths_mm[taught.corner[which], edge] / depth, ways[edge]
         shift = np.linalg.norm(own[:, :2] - corners.at[c] * own[:, 2:], axis=1)
         reach[:, edge] = along * shift[of] / np.maximum(1 + along * own[of, 2], BEHIND)
     good = (shown < TOO_LONG * reach + ROOM).all(1)

@@ -34,7 +34,7 @@ from daemon.vision.hypotheses.resting_junctions import guesses_on_table, resting
 from daemon.vision.hypotheses.support_plane import Ground, laid_down
 from daemon.vision.image import Eyes, SegmentCorners, joined, ranks, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import suspected
+from daemon.vision.recognition import places_of, suspected
 from daemon.vision.refine import turned
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
@@ -95,10 +95,11 @@ class Guessed(NamedTuple):
     left_out: tuple[str, ...] = ()
 
 
-def made_ready(model: Model) -> None:
-    """Make what is made once of taught parts, and kept for all looks that guess."""
+def prepare(model: Model) -> None:
+    """Make what is made once of taught parts, and kept for all looks: .5 s of a thousand on a desktop's core."""
     shapes = taught_solids(model).shapes
     if shapes:
+        places_of(shapes)
         corner_kinds(shapes)
         resting_corners(shapes)
 

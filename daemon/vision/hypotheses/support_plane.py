@@ -33,6 +33,8 @@ SAME_TURN = np.cos(np.radians(3.0))
 """Of the normals of planes that are one."""
 LEAST_AREA_MM2 = 25.0
 """Three corners on less are nearly on a line, and say nothing of a plane."""
+MOST_AT_ONCE = 20_000_000
+"""Corners against planes that are held at once, six times over."""
 MOST_CORNERS = 48
 """Of a solid, any three of which it may rest on; one with more rests on its facets."""
 MOST_TILT, MOST_MM = np.radians(25.0), 8.0
@@ -66,23 +68,67 @@ class Ground:
 @lru_cache(maxsize=256)
 def rests(solid: Polyhedron) -> Array:
     """(R, 4) the planes that a solid can rest on: unit outward normal n and level d, n . corner <= d everywhere."""
-    corners = solid.corners_mm
-    if len(corners) > MOST_CORNERS:
-        normal, own = solid.normals, (solid.normals * solid.centres_mm).sum(1)
-    else:
-        a, b, c = np.array(list(combinations(corners, 3))).reshape(-1, 3, 3).transpose(1, 0, 2)
-        across = np.cross(b - a, c - a)
-        twice = np.linalg.norm(across, axis=1, keepdims=True)
-        wide = twice[:, 0] > 2 * LEAST_AREA_MM2
-        normal = across[wide] / twice[wide]
-        normal = np.concatenate([normal, -normal])
-        own = (normal * np.concatenate([a[wide]] * 2)).sum(1)
-    levels = (normal @ corners.T).max(1, initial=-np.inf)
-    left, found = np.column_stack([normal, levels])[levels < own + FLAT_MM], list[Array]()
-    while len(left):
-        found.append(left[0])
-        left = left[1:][left[1:, :3] @ left[0, :3] < SAME_TURN]
-    return np.array(found).reshape(-1, 4)
+    return _rests_of_as_many((solid,))[0]
+
+
+@lru_cache(maxsize=4)
+def rests_of(shapes: tuple[Polyhedron, ...]) -> list[Array]:
+    """The same of several solids, those that have as many corners together."""
+    found = [np.zeros((0, 4))] * len(shapes)
+    counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
+    for count in np.unique(counts).tolist():
+        alike = np.flatnonzero(counts == count)
+        each = max(MOST_AT_ONCE // count**4, 1)
+        for first in range(0, len(alike), each):
+            own = alike[first : first + each].tolist()
+            for k, planes in zip(own, _rests_of_as_many([shapes[k] for k in own]), strict=True):
+                found[k] = planes
+    return found
+
+
+def _rests_of_as_many(shapes: Sequence[Polyhedron]) -> list[Array]:
+    """The planes of solids that have as many corners as each other: those through three corners that none lies beyond,
+    one of those that are turned alike."""
+    corners = np.stack([shape.corners_mm for shape in shapes])
+    if corners.shape[1] > MOST_CORNERS:
+        return [_on_facets(shape) for shape in shapes]
+    a, b, c = corners[:, list(combinations(range(corners.shape[1]), 3))].transpose(2, 0, 1, 3)
+    across = np.cross(b - a, c - a)
+    twice = np.linalg.norm(across, axis=2)
+    wide = twice > 2 * LEAST_AREA_MM2
+    normals = across / np.where(wide, twice, 1.0)[..., None]
+    own = (normals * a).sum(2)
+    levels_mm = normals @ corners.transpose(0, 2, 1)
+    found = []
+    for k in range(len(shapes)):
+        ends = levels_mm[k].max(1, initial=-np.inf), -levels_mm[k].min(1, initial=np.inf)
+        kept = [
+            np.flatnonzero(wide[k] & (end < way * own[k] + FLAT_MM)) for way, end in zip((1, -1), ends, strict=True)
+        ]
+        planes = [
+            np.column_stack([way * normals[k, which], end[which]])
+            for way, end, which in zip((1, -1), ends, kept, strict=True)
+        ]
+        found.append(_turned_apart(np.concatenate(planes)))
+    return found
+
+
+def _on_facets(solid: Polyhedron) -> Array:
+    """The planes of a solid's facets that no corner lies beyond."""
+    levels_mm = (solid.corners_mm @ solid.normals.T).max(0)
+    kept = levels_mm < (solid.normals * solid.centres_mm).sum(1) + FLAT_MM
+    return _turned_apart(np.column_stack([solid.normals, levels_mm])[kept])
+
+
+def _turned_apart(planes: Array) -> Array:
+    """Of planes (N, 4) the first of those that are turned alike."""
+    alike = planes[:, :3] @ planes[:, :3].T >= SAME_TURN
+    left, found = np.ones(len(planes), bool), list[int]()
+    for k in range(len(planes)):
+        if left[k]:
+            found.append(k)
+            left &= ~alike[k]
+    return planes[found]
 
 
 def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
@@ -160,7 +206,7 @@ def _turns(one: Array, to: Array) -> Array:
 @lru_cache(maxsize=8)
 def _side_by_side(shapes: tuple[Polyhedron, ...]) -> Array:
     """(P, R, 3) the normals of the rests of several solids; what one has less of is filled up with none."""
-    each = [rests(shape) for shape in shapes]
+    each = rests_of(shapes)
     found = np.zeros((len(each), max([1, *map(len, each)]), 3))
     for normals, own in zip(found, each, strict=True):
         normals[: len(own)] = own[:, :3]

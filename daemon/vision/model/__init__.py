@@ -1,7 +1,7 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
 from daemon.vision.model.aspects import Aspect, aspects, spread
-from daemon.vision.model.correspond import Correspondence, correspondences, spread_from, symmetries
+from daemon.vision.model.correspond import Correspondence, correspondences, spread_from
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
     FacetLibrary,
@@ -24,8 +24,10 @@ from daemon.vision.model.model import (
 )
 from daemon.vision.model.regularise import regularise
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
+from daemon.vision.model.symmetry import EXACT_MM, symmetries, turns_onto_themselves
 
 __all__ = [
+    "EXACT_MM",
     "FEATURES",
     "LARGEST_NUMBER",
     "MATRIX_SIZE",
@@ -54,6 +56,7 @@ __all__ = [
     "spread",
     "spread_from",
     "symmetries",
+    "turns_onto_themselves",
     "type_facet",
     "type_number",
     "types_of",

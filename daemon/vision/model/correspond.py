@@ -1,7 +1,7 @@
 """Which taught facet each seen facet may be: every numbering under which shared edges stay shared.
 
 In: two solids (corners only as indices). Out: correspondences of facets and corners. No lengths, no angles: those
-judge afterwards (geometry/rigid_fit.py), but where a solid is laid onto itself.
+judge afterwards (geometry/rigid_fit.py).
 """
 
 from __future__ import annotations
@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from daemon.arrays import Array, Index
-from daemon.vision.geometry import Polyhedron, fit_poses
+from daemon.arrays import Index
+from daemon.vision.geometry import Polyhedron
 
 Place = tuple[int, int]  # (facet, turn) or (facet, edge)
-EXACT_MM = 0.01
-"""How far distances between corners may differ that a drawing made the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,27 +61,6 @@ def spread_from(
             found.setdefault(tuple(laid.corners), laid)
     most = max((c.explained for c in found.values()), default=0)
     return tuple(c for c in found.values() if may_add or c.explained == most)
-
-
-@lru_cache(maxsize=4096)
-def symmetries(solid: Polyhedron) -> tuple[Index, Array]:
-    """The turns that take a solid onto itself to EXACT_MM: (S, K) the corner that takes each one's place, and (S, 4, 4)
-    the turns; the first is none. A solid that was measured has no other: what its corners differ by tells its turns
-    apart; nor has one whose facets do not all hang together, which only a file says.
-    """
-    corners = solid.corners_mm
-    apart = np.linalg.norm(corners[:, None] - corners, axis=2)
-    onto = [
-        laid.corners
-        for laid in correspondences(solid, solid)
-        if laid.explained == len(solid.facets) and np.abs(apart[laid.corners][:, laid.corners] - apart).max() < EXACT_MM
-    ]
-    every = np.array(sorted(corners.tolist() for corners in onto) or [range(len(corners))], np.intp)
-    even = np.tile(np.eye(3), (len(corners), 1, 1))
-    turns = fit_poses(
-        corners, even, corners[every], np.zeros((*every.shape, 3, 3)), np.ones(every.shape, bool), 0.0
-    ).poses
-    return every, turns
 
 
 def _starts(seen: Polyhedron, taught: Polyhedron, *, every: bool) -> list[int]:

@@ -1,6 +1,6 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
-from daemon.vision.recognition.fits import fitted, made_ready
+from daemon.vision.recognition.fits import fitted, places_of
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.recognition.recognise import (
     Recognised,
@@ -20,7 +20,7 @@ __all__ = [
     "Standing",
     "fitted",
     "joined",
-    "made_ready",
+    "places_of",
     "recalled",
     "recognise",
     "recognise_group",

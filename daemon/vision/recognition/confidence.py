@@ -60,7 +60,7 @@ def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[
     stranger, noise2 = by_chance(seen, best, model)
     odds = list[float]()
     for h in fits:
-        as_many = len(symmetries(model.metric[h.label].solid)[0])
+        as_many = len(symmetries(model.metric[h.label].solid).corners)
         odds.append(as_many * float(np.exp((best.chi2 - h.chi2) / (2 * noise2))))
     stranger *= STRANGER / (1 - STRANGER)
     total = sum(odds) + stranger

@@ -13,15 +13,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
-from daemon.vision.model import Correspondence, MetricModel, symmetries
+from daemon.vision.model import EXACT_MM, Correspondence, MetricModel, symmetries, turns_onto_themselves
 
 Way = tuple[str, Correspondence]
-Place = tuple[str, tuple[int, int]]  # a part's facet, and by how many corners it is turned
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
 SURE = 3.0  # how many predicted errors a distance may be off
@@ -76,31 +76,28 @@ def fitted(
 def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
     """Every taught facet, in every turn, that a lone seen one may be by the distances between its corners: those near,
     or where there is none those that are not far."""
-    places, off, _ = _places(seen, 0, metric)
+    places, off, labels = _places(seen, 0, metric)
     near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := np.flatnonzero(off < SPREAD * reach))), ())
-    return [(label, _alone(seen, metric[label].solid, *place)) for label, place in (places[k] for k in near)]
-
-
-def made_ready(metric: Mapping[str, MetricModel]) -> None:
-    """Make what is made once of taught parts, and kept for all looks that ask for their facets."""
-    labels, solids = tuple(metric), tuple(known.solid for known in metric.values())
-    for sides in {len(ring) for solid in solids for ring in solid.facets}:
-        _every_place(labels, solids, sides)
+    found = []
+    for part, facet, turn in places.which[near].tolist():
+        found.append((labels[part], _alone(seen, metric[labels[part]].solid, facet, turn)))
+    return found
 
 
 def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> list[tuple[str, Array]]:
     """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
     part, and its pose (4, 4)."""
-    places, off, corners = _places(seen, 0, metric)
+    places, off, labels = _places(seen, 0, metric)
     near = np.flatnonzero(off < SPREAD * rms_mm)
     if not len(near):
         return []
-    taught, ring = corners[near], seen.rings[0]
+    taught, ring = places.corners_mm[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
     poses = np.tile(np.eye(4), (len(near), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotation, shift
-    return [(places[near[k]][0], poses[k]) for k in np.argsort(rms, kind="stable").tolist() if rms[k] < rms_mm]
+    part = places.which[near, 0].tolist()
+    return [(labels[part[k]], poses[k]) for k in np.argsort(rms, kind="stable").tolist() if rms[k] < rms_mm]
 
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
@@ -110,46 +107,55 @@ def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Corre
     return Correspondence((facet,), corners)
 
 
-def _places(seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]) -> tuple[list[Place], Array, Array]:
+class _Places(NamedTuple):
+    """Facets that have as many sides as each other: which (N, 3), the number of the part, its facet, and by how many
+    corners that is turned; its corners_mm (N, sides, 3) from there on, and the distances (N, pairs) between them."""
+
+    which: Index
+    corners_mm: Array
+    spans_mm: Array
+
+
+def _places(seen: Polyhedron, facet: int, metric: Mapping[str, MetricModel]) -> tuple[_Places, Array, tuple[str, ...]]:
     """Every taught facet, in every turn, that has as many sides as a seen one (N of them); by how much their corners'
-    distances from each other differ at most, beyond what they may have been measured wrongly, mm; and the corners
-    (N, sides, 3) that take the place of the seen ones."""
-    ring = seen.rings[facet]
-    places, spans, corners = _every_place(tuple(metric), tuple(known.solid for known in metric.values()), len(ring))
+    distances from each other differ at most, beyond what they may have been measured wrongly, mm; and the labels of
+    the parts."""
+    ring, labels = seen.rings[facet], tuple(metric)
+    places = places_of(tuple(known.solid for known in metric.values())).get(len(ring))
+    if places is None:
+        return _Places(np.zeros((0, 3), np.intp), *np.zeros((2, 0, len(ring), 3))), np.zeros(0), labels
     wanted = _distances(seen.corners_mm[ring])
     variance = seen.covariance_mm2[ring].reshape(-1, 9)[:, ::4].sum(1)
     one, other = _pairs(len(ring))
-    excess = np.abs(spans - wanted) - SURE * np.sqrt(variance[one] + variance[other])
-    return places, excess.max(1), corners
+    excess = np.abs(places.spans_mm - wanted) - SURE * np.sqrt(variance[one] + variance[other])
+    return places, excess.max(1), labels
 
 
-@lru_cache(maxsize=64)
-def _every_place(
-    labels: tuple[str, ...], solids: tuple[Polyhedron, ...], sides: int
-) -> tuple[list[Place], Array, Array]:
-    """Every facet with so many sides of each solid, in each turn, of those that turns of the solid take onto each other
-    one; the distances between its corners from there on, and these (N, sides, 3)."""
-    places, corners = list[Place](), [np.zeros((0, sides, 3))]
-    for label, solid in zip(labels, solids, strict=True):
-        own = _own_places(solid, sides)
-        places += [(label, place) for place in own]
-        corners += [solid.corners_mm[np.roll(solid.rings[g], -turn)][None] for g, turn in own]
-    found = np.concatenate(corners)
-    one, other = _pairs(sides)
-    return places, np.sqrt(((found[:, one] - found[:, other]) ** 2).sum(2)), found
-
-
-@lru_cache(maxsize=4096)
-def _own_places(solid: Polyhedron, sides: int) -> list[tuple[int, int]]:
-    """(facet, turn) of each facet of a solid with so many sides."""
-    every = symmetries(solid)[0]
-    return [
-        (g, turn)
-        for g, ring in enumerate(solid.rings)
-        if len(ring) == sides
-        for turn in range(sides)
-        if [ring[turn], ring[(turn + 1) % sides]] == min(every[:, [ring[turn], ring[(turn + 1) % sides]]].tolist())
-    ]
+@lru_cache(maxsize=4)
+def places_of(solids: tuple[Polyhedron, ...]) -> dict[int, _Places]:
+    """By number of sides every facet of solids in each turn, of those that turns of its solid take onto each other one;
+    made once of all that is taught."""
+    found: dict[int, list[tuple[Index, Array]]] = {}
+    for number, (solid, turns) in enumerate(zip(solids, turns_onto_themselves(solids, EXACT_MM), strict=True)):
+        here, after, first = solid.steps
+        sides = np.diff(first, append=len(here))
+        facet = np.repeat(np.arange(len(first)), sides)
+        codes = turns.corners[:, here] * len(solid.corners_mm) + turns.corners[:, after]
+        own = np.flatnonzero(codes.argmin(0) == 0)
+        for count in np.unique(sides).tolist():
+            flags = own[sides[facet[own]] == count]
+            begin = first[facet[flags]]
+            turn = flags - begin
+            corners = solid.corners_mm[here[begin[:, None] + (turn[:, None] + np.arange(count)) % count]]
+            which = np.stack([np.full(len(flags), number), facet[flags], turn], 1)
+            found.setdefault(count, []).append((which, corners))
+    places = dict[int, _Places]()
+    for count, each in found.items():
+        corners = np.concatenate([corners for _, corners in each])
+        one, other = _pairs(count)
+        spans = np.sqrt(((corners[:, one] - corners[:, other]) ** 2).sum(2))
+        places[count] = _Places(np.concatenate([which for which, _ in each]), corners, spans)
+    return places
 
 
 def _distances(corners: Array) -> Array:
@@ -180,7 +186,7 @@ def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...], taught: Polyhe
         for h in others
         if h is not best and h.label == best.label and h.explained == best.explained and h.chi2 < best.chi2 + EQUAL_CHI2
     ]
-    return (np.stack([best.pose, *same])[:, None] @ symmetries(taught)[1]).reshape(-1, 4, 4)
+    return (np.stack([best.pose, *same])[:, None] @ symmetries(taught).motions).reshape(-1, 4, 4)
 
 
 def _matched(

@@ -87,6 +87,6 @@ def _laid(seen: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Co
 
 def _of_equals(way: Correspondence, solid: Polyhedron) -> tuple[int, ...]:
     """The corners of the way, of all that a turn of the solid takes onto it the first."""
-    turned = symmetries(solid)[0][:, way.corners]
+    turned = symmetries(solid).corners[:, way.corners]
     turned[:, way.corners < 0] = -1
     return tuple(min(turned.tolist()))

@@ -22,12 +22,11 @@ from daemon.vision.draw import draw_scene
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.hypotheses.junctions import corner_kinds, taught_corners
 from daemon.vision.hypotheses.resting_junctions import resting_corners
-from daemon.vision.hypotheses.support_plane import rests
+from daemon.vision.hypotheses.support_plane import rests_of
 from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
-from daemon.vision.model.correspond import symmetries
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.fits import _every_place
+from daemon.vision.recognition.fits import places_of
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from tests.fakes import drawn, rendered
@@ -168,7 +167,7 @@ def test_a_look_ends_by_its_budget_and_says_so(model: Model) -> None:
 def test_what_is_made_once_a_model_is_not_on_the_first_looks_budget(model: Model) -> None:
     """Of 64 parts it took most of a second: the first look at a part found nothing, and the next one named it."""
     fresh = {name: replace(known, solid=replace(known.solid)) for name, known in model.metric.items()}
-    made, kept = [], (symmetries, taught_corners, rests, corner_kinds, resting_corners, _every_place)
+    made, kept = [], (taught_corners, rests_of, corner_kinds, resting_corners, places_of)
 
     def clock() -> float:
         made.append(sum(one.cache_info().misses for one in kept))

@@ -111,7 +111,7 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     best = np.inf
     for k, place, one, other in zip(which, at, *ways, strict=True):
         from_corner = frames.rigid(turned @ resting_junctions.basis(one[None], other[None])[0], turned @ place + eye_mm)
-        off = frames.apply(from_corner @ taught.corner_from_part[k], solid.corners_mm)
+        off = frames.apply(from_corner @ taught.taught.corner_from_part[taught.corner[k]], solid.corners_mm)
         best = min(best, np.linalg.norm(off[:, None] - frames.apply(where, solid.corners_mm), axis=2).min(1).max())
     assert best < 2.5  # a degree of slope or bearing over the length of a part, and which of two sides it is
 
@@ -228,7 +228,7 @@ def test_how_long_an_edge_may_show_is_seen_in_perspective(by: float, fewest: int
     for k in range(len(corners.at)):
         one = corners.chosen(np.array([k]))
         which, at, ways = resting_junctions._possible(one, taught, GEOMETRY.cyclopean_from_baseline.T @ up, above_mm)
-        ends = at[:, None] + taught.lengths_mm[which][..., None] * ways.transpose(1, 0, 2)
+        ends = at[:, None] + taught.taught.lengths_mm[taught.corner[which]][..., None] * ways.transpose(1, 0, 2)
         reach = np.linalg.norm(ends[..., :2] / ends[..., 2:] - one.at, axis=2)
         longest = 1.02 * resting_junctions.TOO_LONG * reach + resting_junctions.ROOM  # angles are a degree off
         assert (np.linalg.norm(one.arms, axis=2) < longest).all()

@@ -44,7 +44,7 @@ COUNTS = [("cube", 2), ("pyramid", 9), ("triangular_prism", 6), ("pentagonal_pri
 @pytest.mark.parametrize(("name", "count"), COUNTS)
 def test_a_solid_has_each_kind_of_corner_once(name: str, count: int) -> None:
     """48 ordered pairs of edges by 24 turns of a cube, 36 by 4, 36 by 6, 60 by 10."""
-    assert len(taught_corners(shape(name))[0]) == count
+    assert len(taught_corners((shape(name),)).part) == count
 
 
 def test_a_solid_taught_from_one_side_has_no_turn_that_takes_a_known_side_where_none_is_known() -> None:
@@ -53,8 +53,8 @@ def test_a_solid_taught_from_one_side_has_no_turn_that_takes_a_known_side_where_
     whole = shape("cube")
     corner = next(iter(whole.facets[0]))
     known = exact(whole.corners_mm, [ring for ring in whole.facets if corner in ring])
-    assert len(taught_corners(known)[0]) > len(taught_corners(whole)[0])
-    from_part, _, _ = taught_corners(known)
+    assert len(taught_corners((known,)).part) > len(taught_corners((whole,)).part)
+    from_part = taught_corners((known,)).corner_from_part
     for one in range(len(from_part)):
         for other in range(one):
             turn = np.linalg.inv(from_part[other]) @ from_part[one]
@@ -92,7 +92,8 @@ def test_a_part_that_is_known_in_part_looks_alike_where_what_is_seen_does() -> N
 
 def test_a_corner_knows_how_long_its_edges_are() -> None:
     body = shape("pyramid")
-    _, cosines, lengths = taught_corners(body)
+    taught = taught_corners((body,))
+    cosines, lengths = taught.cosine, taught.lengths_mm
     edges = np.linalg.norm(np.diff(body.corners_mm[body.lines[0]], axis=1)[:, 0], axis=1)
     assert np.allclose(np.unique(lengths.round(6)), np.unique(edges.round(6)))
     square = np.abs(cosines) < 1e-9  # only the corners of its foot

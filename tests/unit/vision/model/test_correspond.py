@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model.correspond import Correspondence, correspondences, symmetries
+from daemon.vision.model.correspond import Correspondence, correspondences
+from daemon.vision.model.symmetry import EXACT_MM, symmetries, turns_onto_themselves
 from tests.fakes.solids import CUBE, KNOWN, L_BASE, PENTAGONAL, PYRAMID, TETRAHEDRON, TRIANGULAR, Body, prism
 
 BODIES = {**KNOWN, "tetrahedron": TETRAHEDRON, "l_block": prism(L_BASE, 40.0)}
@@ -138,8 +139,31 @@ def test_a_part_that_was_measured_has_no_symmetry() -> None:
     assert len(symmetries(exact(CUBE.corners_mm + off, CUBE.facets))[0]) == 1
 
 
-def test_facets_that_do_not_hang_together_have_no_turn_but_none() -> None:
+def test_facets_that_do_not_hang_together_have_the_turns_that_take_them_onto_each_other() -> None:
     """A model file may say so; recognising with it was a ValueError."""
     every, turns = symmetries(exact(CUBE.corners_mm, (CUBE.facets[0], CUBE.facets[1])))
-    assert every.tolist() == [list(range(8))]
-    assert turns == pytest.approx(np.eye(4)[None], abs=1e-9)
+    assert len(every) == 8
+    assert every[0].tolist() == list(range(8))
+    assert turns[0] == pytest.approx(np.eye(4), abs=1e-9)
+
+
+def test_of_many_solids_each_has_its_own_turns() -> None:
+    """Large and small, with as many corners as another or not; each alone has the same."""
+    solids = [solid_of(body) for body in (CUBE, PYRAMID, CUBE, TRIANGULAR, PENTAGONAL, BODIES["l_block"])]
+    together = turns_onto_themselves(solids, EXACT_MM)
+    for solid, turns in zip(solids, together, strict=True):
+        alone = symmetries(solid)
+        assert np.array_equal(alone.corners, turns.corners)
+        assert alone.motions == pytest.approx(turns.motions, abs=1e-12)
+
+
+def test_what_is_nearly_alike_is_as_far_as_is_asked() -> None:
+    off = np.random.default_rng(3).normal(0, 0.1, CUBE.corners_mm.shape)
+    (near,) = turns_onto_themselves([exact(CUBE.corners_mm + off, CUBE.facets)], 1.5)
+    assert len(near.corners) == 24
+
+
+def test_a_facet_that_is_not_known_tells_turns_apart() -> None:
+    """By its corners alone a cube of three faces turns as a whole one does."""
+    known = exact(CUBE.corners_mm, [ring for ring in CUBE.facets if 0 in ring])
+    assert len(symmetries(known).corners) == 3

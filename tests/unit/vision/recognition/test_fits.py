@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.model.correspond import spread_from, symmetries
+from daemon.vision.model.correspond import spread_from
 from daemon.vision.model.merge import MetricModel
+from daemon.vision.model.symmetry import symmetries
 from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
@@ -44,7 +45,7 @@ def test_the_true_part_in_its_true_pose_is_among_them_and_fits_as_predicted(labe
     seen = seen_of(KNOWN[label], where, np.random.default_rng(seed))
     same = [h for h in hypotheses(seen, TAUGHT) if h.label == label and h.explained == len(seen.facets)]
     taught, there = TAUGHT.metric[label].solid, frames.apply(where, KNOWN[label].corners_mm)
-    turns = symmetries(taught)[1]
+    turns = symmetries(taught).motions
     off = [min(np.abs(frames.apply(h.pose @ turn, taught.corners_mm) - there).max() for turn in turns) for h in same]
     true = same[int(np.argmin(off))]
     assert min(off) < 6.0
