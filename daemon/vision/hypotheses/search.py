@@ -34,7 +34,7 @@ from daemon.vision.hypotheses.resting_junctions import guesses_on_table, resting
 from daemon.vision.hypotheses.support_plane import Ground, laid_down
 from daemon.vision.image import Eyes, SegmentCorners, joined, ranks, segment_corners
 from daemon.vision.model import Model
-from daemon.vision.recognition import places_of, suspected
+from daemon.vision.recognition import kinds_of, places_of, suspected
 from daemon.vision.refine import turned
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
@@ -100,6 +100,7 @@ def prepare(model: Model) -> None:
     shapes = taught_solids(model).shapes
     if shapes:
         places_of(shapes)
+        kinds_of(shapes)
         corner_kinds(shapes)
         resting_corners(shapes)
 
@@ -130,10 +131,9 @@ def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:
 
 def _by_facets(search: Search) -> tuple[Posed, Array]:
     """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
-    likely = [one for group in search.unnamed for facet in group.facets for one in suspected(facet, search.model)]
-    solids = taught_solids(search.model)
-    part = np.array([solids.labels.index(label) for label, _ in likely], np.intp)
-    posed = Posed(solids, part, np.array([pose for _, pose in likely]).reshape(-1, 4, 4))
+    found = [suspected(facet, search.model) for group in search.unnamed for facet in group.facets]
+    part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
+    posed = Posed(taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)]))
     middles = posed.middles_mm()
     return posed, np.stack([middles, np.zeros_like(middles)], 1)
 

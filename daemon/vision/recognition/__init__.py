@@ -1,5 +1,6 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
+from daemon.vision.recognition.confidence import kinds_of
 from daemon.vision.recognition.fits import fitted, places_of
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.recognition.recognise import (
@@ -20,6 +21,7 @@ __all__ = [
     "Standing",
     "fitted",
     "joined",
+    "kinds_of",
     "places_of",
     "recalled",
     "recognise",

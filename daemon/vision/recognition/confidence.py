@@ -37,20 +37,26 @@ def ways_tried(seen: Polyhedron, metric: Mapping[str, MetricModel], types: Seque
     """In how many ways taught parts could be laid onto what is seen: the places of its rarest edge between two facets,
     or of a lone facet. types: of the seen facets; only taught facets of the same types are places then.
     """
-    places = [_places(known.solid, bool(types)) for known in metric.values()]
+    places = kinds_of(tuple(known.solid for known in metric.values()))
     kinds = tuple(types) or tuple(str(len(ring)) for ring in seen.facets)
     pairs = [(kinds[f], kinds[g]) for f, g in seen.seams]
     if not pairs:
-        return min(len(ring) * sum(p[kind,] for p in places) for kind, ring in zip(kinds, seen.facets, strict=True))
-    return min(sum(p[pair] for p in places) for pair in pairs)
+        return min(len(ring) * places[kind,] for kind, ring in zip(kinds, seen.facets, strict=True))
+    return min(places[pair] for pair in pairs)
 
 
-@lru_cache(maxsize=1024)
-def _places(solid: Polyhedron, typed: bool) -> Counter[tuple[str, ...]]:
-    """How many facets of each type, or number of sides, a taught part has, and how many pairs of them share an edge."""
-    kinds = solid.types if typed else [str(len(ring)) for ring in solid.facets]
-    pairs = [(kinds[a], kinds[b]) for f, g in solid.seams for a, b in ((f, g), (g, f))]
-    return Counter([*((kind,) for kind in kinds), *pairs])
+@lru_cache(maxsize=4)
+def kinds_of(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
+    """How many facets of each type, and of each number of sides, solids have together, and how many pairs of them share
+    an edge."""
+    found = Counter[tuple[str, ...]]()
+    for solid in solids:
+        pairs = {(min(pair), max(pair)) for pair in solid.beside.tolist() if min(pair) >= 0}
+        for kinds in (solid.types, [str(len(ring)) for ring in solid.facets]):
+            if kinds:
+                found.update((kind,) for kind in kinds)
+                found.update((kinds[a], kinds[b]) for f, g in pairs for a, b in ((f, g), (g, f)))
+    return found
 
 
 def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[float]:

@@ -84,20 +84,21 @@ def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
     return found
 
 
-def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> list[tuple[str, Array]]:
+def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
     """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
-    part, and its pose (4, 4)."""
-    places, off, labels = _places(seen, 0, metric)
+    numbers (N,) of the parts, and their poses (N, 4, 4)."""
+    places, off, _ = _places(seen, 0, metric)
     near = np.flatnonzero(off < SPREAD * rms_mm)
     if not len(near):
-        return []
+        return np.zeros(0, np.intp), np.zeros((0, 4, 4))
     taught, ring = places.corners_mm[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
     poses = np.tile(np.eye(4), (len(near), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotation, shift
-    part = places.which[near, 0].tolist()
-    return [(labels[part[k]], poses[k]) for k in np.argsort(rms, kind="stable").tolist() if rms[k] < rms_mm]
+    best = np.argsort(rms, kind="stable")
+    best = best[rms[best] < rms_mm]
+    return places.which[near[best], 0], poses[best]
 
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:

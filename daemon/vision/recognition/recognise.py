@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from daemon.arrays import Array, Flags
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets import weld
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise, type_number, types_of
@@ -116,8 +116,9 @@ def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
     return all(float(newell_normal(g.corners_mm) @ (middle - g.corners_mm.mean(0))) > HOLLOW_MM for g in beside)
 
 
-def suspected(facet: Facet, model: Model) -> list[tuple[str, Array]]:
-    """Every taught part and pose (4, 4) that a facet may belong to, measured well or not; the nearest first."""
+def suspected(facet: Facet, model: Model) -> tuple[Index, Array]:
+    """Every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or not; the
+    nearest first."""
     return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 

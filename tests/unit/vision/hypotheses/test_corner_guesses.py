@@ -82,7 +82,13 @@ def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(
     ("taught", "corners", "most"),
-    [(4, 800, (4000, 16)), (64, 800, (12800, 64)), (4, 50, (4000, 80)), (64, 50, (12800, 256))],
+    [
+        (4, 800, (4000, 16)),
+        (64, 800, (12800, 64)),
+        (4, 50, (4000, 80)),
+        (64, 50, (12800, 256)),
+        (1000, 800, (20000, 100)),
+    ],
 )
 def test_more_may_be_guessed_where_more_is_taught_and_at_a_corner_where_those_are_few(
     taught: int, corners: int, most: tuple[int, int]
