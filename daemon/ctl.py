@@ -60,16 +60,19 @@ OFFLINE: dict[str, str] = {
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 OWN: dict[str, tuple[str, str]] = {
-    "console": ("console", "a prompt with completion and history (control-C stops the arm)"),
+    "console": ("console", "a prompt for commands, with completion and history; control-C stops the arm"),
     "script": (
         "script FILE",
-        "commands from a file (- for stdin), one a line; ends at the first not done; a stop on stdin waits for none",
+        "run commands from a file (- for stdin), one a line, up to the first that fails; a stop on stdin acts at once",
     ),
     "commission": (
         "commission [STEP]",
-        "from a known arm to the first pick, every check in order; goes on where it was left",
+        "commission a cell, check by check, up to the first pick; continues where it ended last time",
     ),
-    "completion": ("completion bash|zsh", 'Tab for your shell: eval "$(facetctl completion bash)" in ~/.bashrc'),
+    "completion": (
+        "completion bash|zsh",
+        'Tab completion for your shell: eval "$(facetctl completion bash)" in ~/.bashrc',
+    ),
 }
 """The tool's own words: how they are used, what they do."""
 BOTH = ("train", "calibrate", "cameras", "model", "doctor", "bundle")
@@ -91,7 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         _write_no_more()
         with contextlib.suppress(OSError):
-            print(f"facetctl: what it has to say cannot be written: {error.strerror or error}", file=sys.stderr)
+            print(f"facetctl: output cannot be written: {error.strerror or error}", file=sys.stderr)
     return NOT_DONE
 
 
@@ -413,7 +416,7 @@ def _in_turn(link: DaemonLink, script: str, lines: Iterable[str], stopped: Calla
 
 
 def _left_out(script: str, number: int, why: str, status: int) -> int:
-    print(f"facetctl: {script}:{number}: {why}; the rest is left out", file=sys.stderr)
+    print(f"facetctl: {script}:{number}: {why}; the rest was not run", file=sys.stderr)
     return status
 
 
@@ -438,13 +441,13 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
     except (FacetdError, OSError) as error:
         print(f"facetctl: {error}", file=sys.stderr)
         return NOT_UNDERSTOOD
-    text = f"Version {version} is in use from the next start of facetd on."
+    text = f"Version {version} is in use from the next start of facetd."
     return show({"text": text, "data": {"version": version}, "status": DONE}, as_json)
 
 
 def _without_daemon(command: str, as_json: bool) -> int:
     """doctor and bundle when no daemon runs."""
-    from daemon.commands.keeping import doctor_answer
+    from daemon.commands.maintaining import doctor_answer
     from daemon.config import load_config
     from daemon.maintenance import bundle, doctor
     from daemon.store import places

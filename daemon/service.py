@@ -148,11 +148,13 @@ class Service:
             calibration = load_calibration(config.calibration)
             sections.check_hand_eye(config, calibration)
             if context.cycle.status()["doing"]:
-                raise ConfigError(f"{config.path}: not taken over while busy; say `reload` when nothing is being done")
+                raise ConfigError(
+                    f"{config.path}: not reloaded while a job is running; `reload` again when it has ended"
+                )
             moved = _moved((old, context.calibration), (config, calibration))
             if moved:
                 if context.cycle.supervisor.let:
-                    disabled = f"The arm is no longer enabled: {', '.join(moved)} changed."
+                    disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
             context.config, context.calibration = config, calibration
@@ -163,17 +165,17 @@ class Service:
             answered = who
         except FacetdError as error:
             if disabled:
-                disabled = f"The arm is no longer enabled; nothing else has changed: the reload was refused: {error}"
-            journal.tell("reload", f"refused, the old configuration stays: {error}", journal.ERROR)
+                disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {error}"
+            journal.tell("reload", f"refused, the configuration is unchanged: {error}", journal.ERROR)
             raise
         finally:
             if disabled:
                 context.notices.tell(disabled, by=answered)
             journal.notify("READY=1")
         late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
-        text = f"The configuration is taken over. {disabled}".rstrip()
+        text = f"The configuration is reloaded. {disabled}".rstrip()
         if late:
-            text += f" Only after a restart: {', '.join(late)}."
+            text += f" Takes effect after a restart: {', '.join(late)}."
         context.record_start(reloaded=True)
         journal.tell("reload", text)
         return text
@@ -300,7 +302,7 @@ class Service:
 
     def _on_trouble(self, source: str, text: str | None) -> None:
         if text is None:
-            journal.tell("trouble_over", f"{source}: well again", journal.NOTICE)
+            journal.tell("trouble_over", f"{source}: OK again", journal.NOTICE)
         else:
             journal.tell("trouble", text, journal.WARNING)
             self._notice(f"TROUBLE {text}")

@@ -117,5 +117,5 @@ class Hold:
 
     def _answer(self, yes: bool) -> None:
         if self.waiting is None or self.waiting.answer.done():
-            raise RefusedError("no move waits for an answer")
+            raise RefusedError("no move is waiting for confirmation")
         self.waiting.answer.set_result(yes)

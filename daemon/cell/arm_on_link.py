@@ -149,7 +149,7 @@ class ArmOnLink:
         self._heard()
 
     async def prove_stop(self) -> None:
-        """See that the controller takes the word that stops the arm. Raises StopRefusedError, LinkError."""
+        """See that the controller accepts the stop word. Raises StopRefusedError, LinkError."""
         self.beliefs.void(Change.STOPPED)
         with _refusals():
             await self.link.prove_stop()

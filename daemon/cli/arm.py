@@ -76,13 +76,11 @@ def _identify(args: argparse.Namespace) -> int:
         with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
             known = asyncio.run(_meet(args.port, args.baud, args.pendant, file))
     except FileExistsError:
-        return _told(
-            f"{args.out / 'transcript.jsonl'} is there already; name another folder with --out", NOT_UNDERSTOOD
-        )
+        return _told(f"{args.out / 'transcript.jsonl'} exists already; name another folder with --out", NOT_UNDERSTOOD)
     except OSError as error:
         return _told(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
     except EXPECTED as error:
-        return _told(f"{error}\nAll of it is in {args.out / 'transcript.jsonl'}", NOT_DONE)
+        return _told(f"{error}\nThe transcript is {args.out / 'transcript.jsonl'}", NOT_DONE)
     return _keep(known, args.out, args.lengths)
 
 
@@ -115,7 +113,7 @@ async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquai
 
     person = Person(_tell, partial(_ask, wants_stop=wants_stop), wants_stop)
     _listen(wants_stop)
-    print("control-C stops the arm at any moment, and so does `stop`.", flush=True)
+    print("Control-C or `stop` stops the arm at any moment.", flush=True)
     bauds = BAUDS if baud is None else (baud,)
     return await introduce(port, serial_port, person, write, bauds, pendant)
 
@@ -143,7 +141,7 @@ async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
             return said
         if is_yes(said) or is_no(said):
             return "yes" if is_yes(said) else "no"
-        question = f"`{said}` is neither: yes or no?"
+        question = f"`{said}` is not an answer. Answer yes or no."
 
 
 async def _typed(wants_stop: asyncio.Event) -> str:
@@ -187,8 +185,8 @@ def _replay(args: argparse.Namespace) -> int:
     except ValueError as error:
         return _told(f"{args.transcript}: {error}", NOT_UNDERSTOOD)
     if torn:
-        print("its last line lost its end, and is left out")
-    print("\n".join(differences) or "today's driver says the same, word for word")
+        print("the last line of the transcript is incomplete and was left out")
+    print("\n".join(differences) or "today's driver sends the same, byte for byte")
     return NOT_DONE if differences else DONE
 
 

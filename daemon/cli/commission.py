@@ -60,7 +60,7 @@ def commission(
             shown = step.do(talk)
         except NotProvenError as error:
             talk.person.tell(
-                f"  NOT PROVEN: {error}\n  To do: {step.mend}.\n  Then `facetctl commission` goes on here."
+                f"  NOT PROVEN: {error}\n  To do: {step.mend}.\n  Then continue here: `facetctl commission`."
             )
             return False
         talk.person.tell(f"  proven: {shown}")
@@ -93,7 +93,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD
     if all_proven:
-        print(f"The cell picks. {path} says what was proven when; docs/operate/README.md leads on.", flush=True)
+        print(f"The cell picks. {path} records each proof. Continue with docs/operate/README.md.", flush=True)
     return DONE if all_proven else NOT_DONE
 
 
@@ -103,7 +103,9 @@ def _tell(text: str) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="facetctl commission", description=__doc__.splitlines()[0])
-    parser.add_argument("step", nargs="?", choices=[step.name for step in STEPS], help="do it and all behind it again")
+    parser.add_argument(
+        "step", nargs="?", choices=[step.name for step in STEPS], help="repeat this step and all after it"
+    )
     parser.add_argument("--board", default="9x6", help="the calibration board's inner corners (9x6)")
     parser.add_argument("--square-mm", type=decimal, default=16.0, help="its squares, measured (16)")
     parser.add_argument("--board-mm", type=decimal, default=4.0, help="how thick it is (4)")
@@ -122,7 +124,7 @@ def _kept(path: Path) -> dict[str, StepProof]:
             return {}
         raise
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        raise FileError(f"{path}: {error}; move it away to begin anew") from None
+        raise FileError(f"{path}: {error}; move it away to start again") from None
 
 
 def _keep(path: Path, proofs: Mapping[str, StepProof]) -> None:

@@ -81,9 +81,9 @@ class CommissioningSession:
         """The person's yes. Raises NotProvenError."""
         said = self.person.answer(f"{question} [y/n]")
         while said.strip() and not (is_yes(said) or is_no(said)):
-            said = self.person.answer(f"`{said.strip()}` is neither: {question} [y/n]")
+            said = self.person.answer(f"`{said.strip()}` is not y or n. {question} [y/n]")
         if not is_yes(said):
-            raise NotProvenError(f"no yes to: {question}")
+            raise NotProvenError(f"not confirmed: {question}")
 
     def enable(self) -> None:
         """Let the arm move; a fault that stands is for the person to put right first. Raises NotProvenError."""
@@ -103,11 +103,11 @@ class CommissioningSession:
         while True:  # what is said while they think of their answer is not lifted by it
             status = self._status()
             if status["paused"] and not may_go_on:
-                self.need("Somebody has said `pause`: the arm is held. May it go on?")
+                self.need("The arm is paused by another operator. Resume it?")
                 may_go_on = True
             elif status["fault"] not in (None, known):
                 known = status["fault"]
-                self.need(f"A fault stands: {known}. Is what led to it put right?")
+                self.need(f"A fault is active: {known}. Is its cause removed?")
             else:
                 break
         if status["fault"] is not None or status["paused"]:
@@ -136,22 +136,22 @@ class CommissioningSession:
 def _arm(talk: CommissioningSession) -> str:
     where = talk.said("where")
     if where["status"] != DONE and ASKS in where["text"]:
-        talk.need(f"It was just switched on: {where['text']}. Shall it be answered Y to all it asks?")
+        talk.need(f"The controller was just switched on: {where['text']}. Answer Y to all its questions?")
         talk.do("robot power-up")
         where = talk.said("where")
     if where["status"] != DONE:
         raise NotProvenError(where["text"])
     x, y, z = (row[3] for row in where["data"]["world_from_tool"][:3])
-    talk.need(f"The controller says that the tool is at x {x:.0f}, y {y:.0f}, z {z:.0f} mm. Can that be?")
+    talk.need(f"The controller reports the tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm. Is that plausible?")
     return f"the tool is at {x:.0f}, {y:.0f}, {z:.0f} mm"
 
 
 def _stop(talk: CommissioningSession) -> str:
     talk.need(
-        "Everybody out of the arm's reach, a hand on the emergency stop? The arm is enabled next; it does not move."
+        "Is everybody out of the arm's reach, a hand on the emergency stop? The arm is enabled next, and stays at rest."
     )
     talk.enable()
-    return "the controller takes the word that stops the arm"
+    return "the controller accepts the stop word"
 
 
 def _doctor(talk: CommissioningSession) -> str:
@@ -169,7 +169,7 @@ def _zero(talk: CommissioningSession) -> None:
         if NO_POWER not in done["text"].lower():
             raise NotProvenError(done["text"])
         fault = talk.fault_told(done["text"])
-        talk.need(f"{done['text']}. Switch arm power on. Is it on?")
+        talk.need(f"{done['text']}. Switch arm power on. Is it on now?")
         talk.clear(fault)
 
 
@@ -187,7 +187,7 @@ def _survey(talk: CommissioningSession) -> None:
 
 
 def _light(talk: CommissioningSession) -> str:
-    talk.need("Board or parts on the table, the light as it will be? The arm moves for the first time, step by step.")
+    talk.need("Are board or parts on the table, in the usual light? The arm moves for the first time, step by step.")
     if talk.simulated:
         talk.do(f"scatter {talk.order.part}")
     talk.do("step on")
@@ -204,24 +204,24 @@ def _light(talk: CommissioningSession) -> str:
 
 def _stereo(talk: CommissioningSession) -> str:
     talk.need(
-        f"The board of {talk.order.calibrate} mm flat on the table, nothing else in the arm's way? The arm moves next."
+        f"Is the board of {talk.order.calibrate} mm flat on the table, and the way of the arm free? The arm moves next."
     )
     _survey(talk)
     found = talk.do(f"calibrate stereo {talk.order.calibrate}")
     talk.hand_eye = found["hand_eye"]
-    return f"the eyes agree to {found['stereo']['rms_px']:.2f} px"
+    return f"the cameras agree to {found['stereo']['rms_px']:.2f} px"
 
 
 def _hand_eye(talk: CommissioningSession) -> str:
     found = talk.hand_eye
     if found is None or _doubtful(found):
-        talk.need("The board still on the table? The arm moves next.")
+        talk.need("Is the board still on the table? The arm moves next.")
         _survey(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
     told = f"known to {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
-    told += f", the arm off its word by {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
+    told += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
     if _doubtful(found):
-        raise NotProvenError(f"{told}, wanted is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
+        raise NotProvenError(f"{told}; the limit is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
     return told
 
 
@@ -230,7 +230,7 @@ def _doubtful(found: dict[str, Any]) -> bool:
 
 
 def _verify(talk: CommissioningSession) -> str:
-    talk.need("The board still on the table? The arm moves next.")
+    talk.need("Is the board still on the table? The arm moves next.")
     _survey(talk)
     found = talk.do(f"calibrate verify {talk.order.calibrate}")
     return (
@@ -239,7 +239,7 @@ def _verify(talk: CommissioningSession) -> str:
 
 
 def _table(talk: CommissioningSession) -> str:
-    talk.need("The board still on the table? The finger tips go over its first corner next.")
+    talk.need("Is the board still on the table? The finger tips move above its first corner next.")
     _survey(talk)
     found = talk.do(f"calibrate touch {talk.order.calibrate}")
     low, high = (z - talk.order.board_mm for z in found["board_z_mm"])
@@ -250,16 +250,16 @@ def _table(talk: CommissioningSession) -> str:
 
 
 def _workspace(talk: CommissioningSession) -> str:
-    talk.need("The table clear? The arm goes to home, bin and survey next.")
+    talk.need("Is the table clear? The arm moves to home, bin and survey next.")
     talk.enable()
     places = [name for name in talk.do("places")["places"] if PLACES.fullmatch(name)]
     for place in places:
         talk.do(f"go {place}")
-    return f"{', '.join(places)} are reached, and the ways between them are clear of what the guard knows"
+    return f"{', '.join(places)} are reachable, and the guard allows the paths between them"
 
 
 def _gripper(talk: CommissioningSession) -> str:
-    talk.need("Nothing between the fingers? They close and open next.")
+    talk.need("Is nothing between the fingers? They close and open next.")
     talk.enable()
     for word in ("close", "open"):
         talk.do(f"hand {word}")
@@ -269,17 +269,17 @@ def _gripper(talk: CommissioningSession) -> str:
 
 def _teach(talk: CommissioningSession) -> str:
     part = talk.order.part
-    talk.need(f"One {part}, alone, where the cameras see it from `go survey`? The arm moves next.")
+    talk.need(f"Is one {part} alone in view of the cameras at `go survey`? The arm moves next.")
     _survey(talk)
     kept: list[str] = []
     for _ in range(TEACHING_TRIES):
         done = talk.said(f"teach {part}")
         talk.person.tell(f"  {done['text']}")
         if done["status"] != DONE:
-            talk.need("Once more?")
+            talk.need("Try again?")
             continue
         kept.append(done["data"]["view"])
-        if not talk.person.answer("Turn it and show another side, or is it enough? [more/enough]").startswith("m"):
+        if not talk.person.answer("Turn the part for another view, or is this enough? [more/enough]").startswith("m"):
             break
     if not kept:
         raise NotProvenError(done["text"])
@@ -293,14 +293,14 @@ def _pick(talk: CommissioningSession) -> str:
     if talk.simulated:
         talk.do(f"scatter {part}")
     else:
-        talk.need(f"One {part} on the table, any way it lies? The arm moves next.")
+        talk.need(f"Is one {part} on the table, in any pose? The arm moves next.")
     talk.enable()
     for _ in range(PICKING_TRIES):
         done = talk.said(f"pick {part}")
         if done["status"] == DONE:
             return str(done["text"]).splitlines()[0]
         talk.person.tell(f"  {done['text']}")
-        talk.need("Once more?")
+        talk.need("Try again?")
     raise NotProvenError(done["text"])
 
 
@@ -317,35 +317,35 @@ class CommissioningStep:
 
 
 STEPS = (
-    CommissioningStep("arm", "the line, the dialect and arm.yaml are this arm's",
-         "what you see: docs/operate/trouble.md; `facetctl arm identify` when the arm is another", _arm, None),
-    CommissioningStep("camera", "both cameras deliver, and the rest of the cell is well",
-         "what stands behind `mend` above; `facetctl stream` while the daemon is stopped shows the pictures",
+    CommissioningStep("arm", "serial line, dialect and arm.yaml belong to this arm",
+         "look it up in docs/operate/trouble.md; for another arm: `facetctl arm identify`", _arm, None),
+    CommissioningStep("camera", "both cameras deliver images, and the rest of the cell is in order",
+         "do what the BAD lines say; `facetctl stream` shows the images while the daemon is stopped",
          _doctor, None),
     CommissioningStep("stop", "the arm can be stopped before it is ever moved",
-         "arm.dialect.abort_word: which word does the manual name?", _stop, None),
+         "set arm.dialect.abort_word to the word that the manual of the controller names", _stop, None),
     CommissioningStep("light", "the images are good enough to measure in",
-         "light evenly from above, turn the lens until edges are sharp, wipe it; a refused move names its rule",
+         "light evenly from above, focus and clean the lenses; a refused move names its rule",
          _light, None),
-    CommissioningStep("stereo", "how both cameras see: lenses, and where they sit to each other",
-         "the board flat and whole in both images; its square by a caliper; a rough hand_eye in calibration.yaml",
+    CommissioningStep("stereo", "the calibration of both cameras",
+         "put the board whole in both images; measure its square; give a rough hand_eye in calibration.yaml",
          _stereo),
-    CommissioningStep("hand-eye", "where the cameras sit on the hand",
-         "tighten the bracket; arm.flange_from_tool as the hand is; more turn between poses: lay the board nearer",
+    CommissioningStep("hand-eye", "the position of the cameras on the arm",
+         "tighten the bracket; correct arm.flange_from_tool; put the board nearer, so that the poses differ more",
          _hand_eye),
-    CommissioningStep("verify", "known lengths and one place come out the same from new poses",
-         "what stands behind FAILED; then `facetctl commission stereo`", _verify, ("calibration",)),
+    CommissioningStep("verify", "known lengths and one point measure the same from new poses",
+         "correct what the FAILED lines say; then `facetctl commission stereo`", _verify, ("calibration",)),
     CommissioningStep("table",
-         "the finger tips are where TOOL says, and the guard keeps clear of the table that is there",
+         "the finger tips are where TOOL says, and the table is where the guard assumes it",
          "arm.flange_from_tool as the hand is, then `facetctl commission stereo`; the board's thickness (--board-mm); "
          "pick.limits.table_z_mm, then `facetctl reload`", _table, ("calibration",)),
-    CommissioningStep("workspace", "home, bin and surveys are within reach and box, each way swept",
+    CommissioningStep("workspace", "home, bin and survey places are reachable, and the paths between them are free",
          "the refusal names the rule: pick.limits, pick.home, pick.bin, pick.surveys in facetd.yaml; `facetctl reload`",
          _workspace, ("calibration",)),
-    CommissioningStep("gripper", "OPENI and CLOSEI move the hand, and the right way round",
+    CommissioningStep("gripper", "OPENI opens and CLOSEI closes the gripper",
          "air, valves, the wires to the controller's hand outputs", _gripper),
-    CommissioningStep("teach", "the first part is known",
-         "turn it so that three faces show; mend the light; alone in view", _teach),
-    CommissioningStep("pick", "all of it together: seen, named, reached, held, put into the bin",
-         "`facetctl review latest` says why", _pick, ("calibration", "model")),
+    CommissioningStep("teach", "the first part is taught",
+         "turn the part so that three faces are visible; improve the light; show it alone", _teach),
+    CommissioningStep("pick", "everything together: recognise, reach, grasp, put into the bin",
+         "see the cause: `facetctl review latest`", _pick, ("calibration", "model")),
 )  # fmt: skip

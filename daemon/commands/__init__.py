@@ -5,7 +5,8 @@ from __future__ import annotations
 from daemon.commands import (
     calibrating,
     camera_selection,
-    keeping,
+    controller_terminal,
+    maintaining,
     models,
     moving,
     observing,
@@ -27,6 +28,7 @@ def every_command(kind: str = "real") -> list[ConsoleCommand]:
         *teaching.COMMANDS,
         *models.COMMANDS,
         *calibrating.COMMANDS,
-        *keeping.COMMANDS,
+        *controller_terminal.COMMANDS,
+        *maintaining.COMMANDS,
         *hand.get(kind, ()),
     ]

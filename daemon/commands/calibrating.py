@@ -32,17 +32,8 @@ from daemon.calibration.stereo import StereoError, StereoResult
 from daemon.cell import sections
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    NOT_DONE,
-    NOT_UNDERSTOOD,
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    one_of,
-)
-from daemon.errors import FacetdError
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, FacetdError
 from daemon.pick.pose_fusion import Doubt
 from daemon.quantities import decimal, whole
 from daemon.store.calibrations import CONFIGURED
@@ -64,17 +55,17 @@ and tilted; looks at one part are near each other, and what errs with the pose e
          further=lambda context, word: map(str, (CONFIGURED, *context.config.calibrations.numbers())) if word == "use"
          else ())  # fmt: skip
 async def calibrate(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Find out how the cameras see and where they sit.
+    """Calibrate the cameras and the hand-eye, or verify them.
 
-    stereo    both eyes and hand-eye, from one tour of some 28 poses (about ten minutes on a real arm)
-    camera    the same in a cell with one camera
-    by-hand   both eyes, from a board that you hold; nothing moves, you are told which view is missing
-    hand-eye  where the cameras sit on the hand; the eyes stay as they are
+    stereo    both cameras and hand-eye, from a tour of 28 poses (about ten minutes on a real arm)
+    camera    the same for a cell with one camera
+    by-hand   both cameras, from a board that you hold; nothing moves, messages say which view is missing
+    hand-eye  where the cameras are on the arm; their own calibration stays
     verify    8 new poses: errors in mm and px, passed or failed
-    touch     the gripper goes over a corner of the board, you say how far off it is
-    list      the calibrations made here, and the one the configuration names (0); use N goes back to one
-    Lay the board flat where all of it is in view, `enable` the arm. Inner corners and square: 9x6 16 unless said.
-    With `step on`, each move waits for your yes.
+    touch     the gripper moves above a corner of the board; you type how far off it is
+    list      the calibrations made here, and that of facetd.yaml (0); `use N` takes one into use
+    First put the board flat where all of it is in view, and `enable` the arm. CxR: inner corners (9x6), SQUARE_MM:
+    size of a square (16).
     """
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
     if kind in KEPT:
@@ -86,7 +77,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     hand = context.hardware.hand
     if hand is not None:
         hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
-        await frontend.say("(simulated) A hand lays the board on the table.")
+        await frontend.say("(simulated) The board is placed on the table.")
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, frontend)
@@ -108,15 +99,17 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
     """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
     one = sections.alone(context.config)
     if context.hardware.eyes.alone != one:
-        raise CommandError(f"calibrate {kind}: one eye is away; mend it and say `cameras both` first", NOT_DONE)
+        raise CommandError(
+            f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`", NOT_DONE
+        )
     wrong = {"stereo": "camera", "by-hand": "camera"} if one else {"camera": "stereo"}
     if kind in wrong:
         cameras = "one camera" if one else "two cameras"
         raise CommandError(f"calibrate {kind}: this cell has {cameras}: `calibrate {wrong[kind]}`", NOT_DONE)
     if one == "right":
-        raise CommandError("calibrate: the one camera of a cell is its left one: name it cameras.left", NOT_DONE)
+        raise CommandError("calibrate: a cell with one camera has it as cameras.left: change facetd.yaml", NOT_DONE)
     if one and kind != "camera" and context.calibration.alone is None:
-        raise CommandError("calibrate: the calibration in use is of two eyes: `calibrate camera` first", NOT_DONE)
+        raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first", NOT_DONE)
 
 
 def _session(context: CommandContext, board: Board) -> Session:
@@ -161,7 +154,7 @@ async def _solved(
         "warning": hand_eye.warning,
     }
     lines += [_moved(before, after), *await _taken_over(context, before, after, frontend)]
-    lines.append("Residuals are not accuracy: `calibrate verify` measures that from new poses.")
+    lines.append("Residuals are not accuracy. Measure accuracy from new poses: `calibrate verify`.")
     return CommandResult("\n".join(lines), data)
 
 
@@ -171,7 +164,7 @@ async def _eyes_alone(context: CommandContext, board: Board, frontend: Frontend)
     before = context.calibration
     after, stereo = await asyncio.to_thread(solve_stereo, views, board, before)
     lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, frontend)]
-    lines.append("Now `calibrate hand-eye`: the eyes' common frame has moved a little under the old one.")
+    lines.append("Next: `calibrate hand-eye` (the common frame of the cameras has changed).")
     return CommandResult(
         "\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas}
     )
@@ -189,7 +182,9 @@ async def _taken_over(
         used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
             calibrations.use(used)
-            raise CommandError(f"meanwhile another one was; `calibrate use {number}` goes over to it")
+            raise CommandError(
+                f"another calibration was taken into use meanwhile; `calibrate use {number}` takes this one"
+            )
         return lambda: calibrations.use(used)
 
     try:
@@ -197,8 +192,11 @@ async def _taken_over(
     except FacetdError as error:
         if number == CONFIGURED:
             raise
-        raise CommandError(f"kept as calibration {number}, and not taken into use: {error}") from None
-    return [taken, f"Kept as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` goes back."]
+        raise CommandError(f"stored as calibration {number}, not in use: {error}") from None
+    return [
+        taken,
+        f"Stored as calibration {number}, {calibrations.path(number)}; `calibrate use {used}` switches back.",
+    ]
 
 
 def _list(context: CommandContext, words: list[str]) -> CommandResult:
@@ -249,21 +247,21 @@ def _hand_eye_lines(result: HandEyeResult) -> list[str]:
 
 def arm_line(found: ArmDoubt, reckoned: Doubt) -> str:
     """How well the arm keeps its word, beside what the configuration says of it."""
-    told = f"the arm: off its word by {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
+    told = f"arm accuracy: {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
     if found.mm <= ARM_WORSE * reckoned.arm_mm and found.deg <= ARM_WORSE * reckoned.arm_deg:
         return told
     here = f"pick: {{doubt: {{arm_mm: {found.mm:.2f}, arm_deg: {found.deg:.3f}}}}}"
     return (
-        f"{told}; errors are predicted as if by {reckoned.arm_mm:g} and {reckoned.arm_deg:g}: "
-        f"write `{here}` into the configuration, or see whether the arm is worn"
+        f"{told}; pick.doubt assumes {reckoned.arm_mm:g} and {reckoned.arm_deg:g}: "
+        f"write `{here}` into facetd.yaml, or check the arm for wear"
     )
 
 
 def _moved(before: Calibration, after: Calibration) -> str:
     if before.tool_from_cyclopean is None or after.tool_from_cyclopean is None:
-        return "There was no hand-eye before."
+        return "This is the first hand-eye calibration."
     mm, turn = frames.size(frames.difference(after.tool_from_cyclopean, before.tool_from_cyclopean))
-    return f"Since the old calibration the hand-eye has changed by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
+    return f"The hand-eye has changed since the calibration before by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
 def _verified(views: list[View], board: Board, calibration: Calibration) -> CommandResult:
@@ -274,7 +272,7 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Comm
         f"the same corner comes out {found.spread_mm:.2f} mm apart in the world (hand-eye and arm together).",
         *(f"FAILED {failure}" for failure in found.failures),
     ]
-    lines.append("PASSED" if found.passed else "Not fit for picking.")
+    lines.append("PASSED" if found.passed else "Do not pick with this calibration.")
     return CommandResult("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
 
 
@@ -297,14 +295,16 @@ async def _touch(context: CommandContext, view: View, board: Board, frontend: Fr
         if len(off) != 2:
             raise ValueError
     except ValueError:
-        raise CommandError("expected two numbers in mm; nothing was recorded", NOT_UNDERSTOOD) from None
+        raise CommandError(
+            "expected two numbers in mm, such as 0.5 -0.3; nothing was recorded", NOT_UNDERSTOOD
+        ) from None
     distance = float(np.linalg.norm(off))
     context.log.record("touch", off_mm=off.tolist(), distance_mm=distance, corner=corner.tolist())
-    verdict = "good" if distance <= 1.0 else "not fit for picking: calibrate hand-eye, check the TOOL transform"
+    verdict = "good" if distance <= 1.0 else "do not pick: `calibrate hand-eye`, check arm.flange_from_tool"
     lines = [
         f"{distance:.2f} mm off: {verdict}.",
         f"The board's face is at z {heights_mm.min():.1f} to {heights_mm.max():.1f} mm; "
-        f"the table is told to be at {table_mm:g}.",
+        f"pick.limits.table_z_mm is {table_mm:g}.",
     ]
     data = {"off_mm": off.tolist(), "board_z_mm": [heights_mm.min(), heights_mm.max()], "table_z_mm": table_mm}
     return CommandResult("\n".join(lines), data, 0 if distance <= 1.0 else NOT_DONE)

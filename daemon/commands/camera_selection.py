@@ -8,61 +8,53 @@ from __future__ import annotations
 from daemon.arm import EyeName
 from daemon.cell.eye_trial import ailments, distrust
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    NOT_DONE,
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.errors import NOT_DONE
 
 WORDS = ("left", "right", "both")
 USAGE = "cameras [left|right|both]"
 OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
-COST = "each look then takes two pictures and a move of 40 to 120 mm between them: picks take about a third longer"
+COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
 CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
 """Codes of the faults that a camera may be to blame for."""
 
 
 @command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: not words)
 async def cameras(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Which eyes are looked with.
+    """Choose the cameras in use: both, or one alone.
 
-    left or right: that one alone, where the other is torn off, dark or frozen; the arm moves it between two
-    pictures. both: again with both, once their pictures show that the calibration still holds.
-    Without a word it tries each and says what is wrong; nothing moves.
+    left, right   that camera alone, when the other is missing, dark or frozen; the arm moves it between two images
+    both          both again, after a test that they still agree with the calibration
+    Without a word both cameras are tested and shown; nothing moves.
     """
     if not words:
         return await _told(context)
     word = one_of(words, 0, WORDS, "word", USAGE)
     no_more(words, 1, USAGE)
     if context.hardware.kind == "recorded" or context.calibration.alone is not None:
-        raise CommandError("this cell looks as it was made to; there is nothing to change to")
+        raise CommandError("this cell has a fixed choice of cameras")
     if word == "both":
         hardware, supervisor = context.hardware, context.cycle.supervisor
         trial = distrust(hardware.eyes, context.calibration.rig, hardware.clock)
         wrong = await supervisor.run("try both eyes", trial, moves=False)
         if wrong is not None:
-            raise CommandError(f"both eyes are not trusted yet: {wrong}", NOT_DONE)
-        await context.look_with(None, "both eyes show one scene, as calibrated")
-        return CommandResult("Looking with both eyes.", {"alone": None})
+            raise CommandError(f"both cameras cannot be used yet: {wrong}", NOT_DONE)
+        await context.look_with(None, "both cameras agree with the calibration")
+        return CommandResult("Using both cameras.", {"alone": None})
     alone: EyeName = "left" if word == "left" else "right"
     wrong = (await _ailments(context)).get(alone)
     if wrong is not None:
-        raise CommandError(f"the {alone} eye cannot be looked with: {wrong}", NOT_DONE)
-    await context.look_with(alone, "an operator said so")
+        raise CommandError(f"the {alone} camera cannot be used: {wrong}", NOT_DONE)
+    await context.look_with(alone, "chosen by an operator")
     context.one_eye_allowed = True
-    return CommandResult(f"Looking with the {alone} eye alone: {COST}. `cameras both` goes back.", {"alone": alone})
+    return CommandResult(f"Using the {alone} camera alone: {COST}. `cameras both` switches back.", {"alone": alone})
 
 
 async def _told(context: CommandContext) -> CommandResult:
     wrong = {} if context.calibration.alone is not None else await _ailments(context)
     used = context.hardware.eyes.alone
-    lines = ["Looking with both eyes." if used is None else f"Looking with the {used} eye alone."]
-    lines += [f"The {eye} eye: {why}" for eye, why in wrong.items()]
+    lines = ["Using both cameras." if used is None else f"Using the {used} camera alone."]
+    lines += [f"{eye} camera: {why}" for eye, why in wrong.items()]
     return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong)})
 
 
@@ -91,16 +83,18 @@ async def offered(context: CommandContext, fault: str, frontend: Frontend) -> st
     left = await remaining(context, fault)
     if left is None:
         knocked = "knocked" in fault and context.hardware.eyes.alone is None
-        return "Was one eye knocked? `cameras left` or `cameras right` goes on with the other." if knocked else None
+        return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if knocked else None
     alone, why = left
-    told = f"The {OTHER[alone]} eye does not see: {why}. The {alone} one does; {COST}."
+    told = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."
     if not frontend.asks:
-        return f"{told} `cameras {alone}` goes on with it."
-    if not await yes_or_no(frontend, f"{told} Go on with the {alone} eye alone? [y/n]"):
-        raise CommandError(f"The fault stands: {fault}. Mend the {OTHER[alone]} eye and say `resume`.", NOT_DONE)
-    await context.look_with(alone, f"{OTHER[alone]} eye: {why}")
+        return f"{told} `cameras {alone}` uses it."
+    if not await yes_or_no(frontend, f"{told} Use the {alone} camera alone? [y/n]"):
+        raise CommandError(
+            f"The fault is not cleared: {fault}. Repair the {OTHER[alone]} camera, then `resume`.", NOT_DONE
+        )
+    await context.look_with(alone, f"{OTHER[alone]} camera: {why}")
     context.one_eye_allowed = True
-    return f"Looking with the {alone} eye alone. `cameras both` goes back, once the {OTHER[alone]} one is mended."
+    return f"Using the {alone} camera alone. Once the {OTHER[alone]} camera is repaired: `cameras both`."
 
 
 COMMANDS = (cameras,)

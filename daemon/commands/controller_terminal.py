@@ -10,14 +10,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine
+from functools import partial
 from typing import Any
 
 from daemon.arm import Change
 from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
 from daemon.cell.no_arm import CellError
+from daemon.commands.step_mode import with_questions
 from daemon.console.context import ANSWERABLE, CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend
-from daemon.console.phrases import is_yes
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of
+from daemon.console.phrases import is_yes, plural
 from daemon.console.stop_words import means_stop
 from daemon.errors import FacetdError
 
@@ -26,25 +28,90 @@ YES = (b"Y", b"y")
 """How a line begins that a controller takes for a yes."""
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
-GREETING = "The controller's own terminal; the daemon stands aside. Control-] comes back, control-C stops the arm."
-ASKED = "this may move the arm, and no guard sees where it goes. Send it? [y/n]"
-NO_TURNING_OVER = "the next way of the arm would be another than facetd looks along (turn its joints over by DO DRIVE)"
+GREETING = "The controller's own terminal. Control-] returns, control-C stops the arm."
+ASKED = "this may move the arm, and the guard does not check it. Send it? [y/n]"
+NO_TURNING_OVER = "it changes the arm configuration, which facetd does not know (turn the joints by DO DRIVE instead)"
 POLL_S = 0.2
 """How often it is looked whether there is still a line to the controller."""
 ANSWER_AFTER_S = 0.3
 """A key that comes sooner after the question was on its way before it was read."""
 
 
+NOT_OF_POWER_UP = (
+    "`{}` is not a known power-up question (arm.dialect.power_up_asks). A yes may move the arm, and the arm is not "
+    "enabled. `stop` answers N and ends the program that asks"
+)
+ROBOT = ("power-up", "cal", "monitor")
+ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
+
+
+@command(ROBOT_USAGE, "move", most=None, choices=ROBOT)
+async def robot(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Talk to the controller of the arm directly.
+
+    power-up       answer the questions that the controller asks after power-up (Y Y unless you give others)
+    cal            calibrate the arm: it finds its zero; `enable` first
+    monitor TEXT   send one line and show the answer
+    monitor        the controller's own terminal, every line logged; control-] returns, control-C and `stop` stop
+    A line that may move the arm must be confirmed. `pause` and `stop` work; the guard does not check where it goes.
+    """
+    what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
+    arm, supervisor = context.hardware.robot, context.cycle.supervisor
+    by_hand = partial(supervisor.by_hand, ask=frontend.asks)
+    text = " ".join(words[1:])
+    if what == "power-up":
+        question = arm.question
+        if question is None:
+            raise CommandError("the controller asks no power-up question")
+        replies = words[1:] or ["Y", "Y"]
+        for reply in replies:
+            arm.check_typable(reply)
+        if arm.asks_whether_to_move:
+            if not (supervisor.enabled or supervisor.by_hand_only):
+                raise CommandError(NOT_OF_POWER_UP.format(question))
+
+            async def answered() -> list[str]:
+                context.cycle.beliefs.void(Change.GRIPPER_TYPED)
+                return await arm.power_up(replies)
+
+            said = await with_questions(context, by_hand("power-up", answered), frontend)
+        else:
+            said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
+        return _replies([question, *said])
+    if what == "cal":
+        no_more(words, 1, "robot cal")
+        reply = context.config.values.arm.calibrate_answer
+        said = await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), frontend)
+        return _replies([*said, f"(answered {reply}) The arm is calibrated and at rest."])
+    if not text:
+        return await monitor(context, frontend)
+    arm.check_typable(text)
+    if turns_over(text):
+        raise CommandError(f"{text}: {NO_TURNING_OVER}; not sent")
+
+    async def typed() -> list[str]:
+        note_hand(context, text)
+        return await arm.monitor(text)
+
+    if moves_the_arm(text):
+        return _replies(await with_questions(context, by_hand(text, typed), frontend))
+    return _replies(await supervisor.converse(text, typed, moves=False))
+
+
+def _replies(lines: list[str]) -> CommandResult:
+    return CommandResult("\n".join(lines) or "(no answer)", {"lines": lines})
+
+
 async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
     """Talk to the controller until control-]. Raises CommandError where the frontend is no terminal."""
     if not frontend.asks:
-        raise CommandError("only at a terminal; from here one line at a time: robot monitor TEXT", 2)
+        raise CommandError("only at a terminal; here send one line at a time: robot monitor TEXT", 2)
     await frontend.say(GREETING)
     try:
         return await context.cycle.supervisor.converse("monitor", lambda: _monitored(context, frontend), moves=True)
     except ANSWERABLE as error:
         fault = context.cycle.status()["fault"]
-        raise CommandError(f"the controller's terminal has ended: {fault or error}") from error
+        raise CommandError(f"the controller's terminal was closed: {fault or error}") from error
 
 
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
@@ -60,7 +127,9 @@ async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResu
                 typist.typed(keys, send)
 
         await _while_connected(context, frontend.terminal(typed))
-    return CommandResult(f"\nBack from the controller's terminal: {typist.lines} lines typed.", {"lines": typist.lines})
+    return CommandResult(
+        f"\nBack at the console; {plural(typist.lines, 'line')} sent to the controller.", {"lines": typist.lines}
+    )
 
 
 async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any, None]) -> None:
@@ -71,7 +140,7 @@ async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any,
         while not left.done():
             await asyncio.wait([left], timeout=POLL_S)
             if not context.hardware.robot.connected:
-                raise CellError("the line to the controller is gone")
+                raise CellError("the serial line to the controller is lost")
         left.result()
     finally:
         left.cancel()
@@ -188,7 +257,7 @@ class Typist:
             supervisor.may_move_by_hand()
         except FacetdError as refused:
             return f"the arm may not move now: {refused}"
-        return "moves are held: say `resume`" if supervisor.hold.paused else None
+        return "motion is paused: `resume`" if supervisor.hold.paused else None
 
     def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
         send(SPOIL)
@@ -217,3 +286,6 @@ def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
     if works_the_hand(text):
         context.cycle.beliefs.void(Change.GRIPPER_TYPED)
+
+
+COMMANDS = (robot,)

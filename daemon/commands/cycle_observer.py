@@ -71,7 +71,7 @@ class CycleObserver:
                 return
             supervisor.resume(stops)
             await context.begin_auto(pick_order.count, pick_order.every_s)
-            context.notices.tell(f"Going on with the {left[0]} eye alone, as allowed (pick.auto_degrade): {left[1]}")
+            context.notices.tell(f"Auto continues with the {left[0]} camera alone (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, end: CycleEnd) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""

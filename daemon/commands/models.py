@@ -8,8 +8,6 @@ from typing import Any
 from daemon.commands.teaching import describe_alike, describe_sufficiency, sufficiency_json
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
-    NOT_DONE,
-    NOT_UNDERSTOOD,
     CommandError,
     CommandResult,
     Frontend,
@@ -20,6 +18,7 @@ from daemon.console.interpreter import (
     yes_or_no,
 )
 from daemon.console.phrases import at_utc, plural
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.model_store import ModelStore
 from daemon.teaching.sufficiency import alike
 from daemon.teaching.trainer import ViewVerdict
@@ -30,9 +29,9 @@ MODEL_USAGE = "model list | model use N|latest"
 
 @command("train", "change", first=True)
 async def train(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Make a model of all views; `accept` puts it into use.
+    """Train a model on all views; `accept` puts it into use.
 
-    It is a candidate: the model in use is not touched, unless there was none.
+    The new model is a candidate; the model in use stays in use. The first model of all is used at once.
     """
     trained = await asyncio.to_thread(context.trainer.train)
     wrong = [v for v in trained.verdicts if not v.right]
@@ -47,12 +46,12 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
     data["seconds"] = round(trained.seconds, 2)
     lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
     data["parts"] = {judgement.label: sufficiency_json(judgement) for judgement in judged}
-    lines.append("`try` looks with it; `accept` puts it into use.")
+    lines.append("`try` tests it, `accept` puts it into use.")
     first = context.trainer.model_store.current is None and not context.trainer.model.labels
     if first and not wrong:
         version = context.trainer.accept(trained.version)
         context.use_model("first", version)
-        lines[-1] = f"There was no model yet: version {version} is in use from now on."
+        lines[-1] = f"This is the first model: version {version} is in use now."
         data["accepted"] = True
     return CommandResult("\n".join(lines), data, NOT_DONE if wrong else 0)
 
@@ -61,24 +60,24 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
 async def accept(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Put the candidate model into use.
 
-    The one that you were shown last, by `train`, `try`, `status` or `model`. It says which parts could be taken for
-    each other, and from what is seen of them.
+    It takes the candidate that you saw last, by `train`, `try`, `status` or `model`, and shows which parts could be
+    confused with each other.
     """
     model_store = context.trainer.model_store
     candidate, shown = model_store.candidate, frontend.shown
     if candidate is None and model_store.current is not None:
-        raise CommandError(f"version {model_store.current} is in use and no other waits; `train` makes a candidate")
+        raise CommandError(f"version {model_store.current} is in use and there is no candidate; `train` makes one")
     if shown not in (None, candidate):
         frontend.shown = candidate
         raise CommandError(
-            f"not accepted: you were shown version {shown}, and the candidate is version {candidate} by now: "
-            f"`try` looks with it, `accept` once more takes it, `model use {shown}` the other"
+            f"not accepted: you saw version {shown}, but the candidate is now version {candidate}: "
+            f"`try` tests it, `accept` again takes it, `model use {shown}` takes the other"
         )
     await _not_amid_a_pick(context, frontend)
     pairs = [] if candidate is None else alike(await asyncio.to_thread(context.trainer.judge_version, candidate))
     version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
-    lines = [f"Version {version} is in use; `rollback` goes back.", *([describe_alike(pairs)] if pairs else [])]
+    lines = [f"Version {version} is in use; `rollback` switches back.", *([describe_alike(pairs)] if pairs else [])]
     data = [{"labels": two.labels, "facets": two.facets, "viewpoints": two.viewpoints} for two in pairs]
     return CommandResult("\n".join(lines), {"version": version, "alike": data})
 
@@ -91,17 +90,17 @@ async def rollback(context: CommandContext, words: list[str], frontend: Frontend
     version = await asyncio.to_thread(context.trainer.rollback)
     context.use_model("rollback", version)
     frontend.shown = context.trainer.model_store.candidate
-    return CommandResult(f"Version {version} is in use again; the other one is the candidate.", {"version": version})
+    return CommandResult(f"Version {version} is in use again; the one before is the candidate.", {"version": version})
 
 
 @command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",),
          looks=lambda words: words[:1] in ([], ["list"]),
          further=lambda context, word: _versions(context) if word == "use" else ())  # fmt: skip
 async def model(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Which models there are, and take one of them into use.
+    """List the models; take one into use.
 
-    Every version that was ever trained here is kept; `model use 3` takes the third, `latest` the newest. The
-    one in use before is what `rollback` goes back to.
+    Every version is kept. `model use 3` takes version 3, `model use latest` the newest. `rollback` returns to the
+    version in use before.
     """
     word = one_of(words, 0, MODEL_WORDS, "word", MODEL_USAGE) if words else "list"
     store = context.trainer.model_store
@@ -117,17 +116,17 @@ async def model(context: CommandContext, words: list[str], frontend: Frontend) -
     await _not_amid_a_pick(context, frontend)
     await asyncio.to_thread(context.trainer.take, version)
     context.use_model("use", version)
-    return CommandResult(f"Version {version} is in use; `rollback` goes back.", {"version": version})
+    return CommandResult(f"Version {version} is in use; `rollback` switches back.", {"version": version})
 
 
 def version_named(store: ModelStore, word: str) -> int:
     """A version's number, or `latest`. Raises CommandError."""
     known = store.versions()
     if not known:
-        raise CommandError("no model was trained here yet: `teach`, then `train`")
+        raise CommandError("no model is trained yet: `teach`, then `train`")
     version = known[-1] if word == "latest" else number(word, "N", 1, 9999)
     if version not in known:
-        raise CommandError(f"there is no version {version}; `model list` shows which there are", NOT_UNDERSTOOD)
+        raise CommandError(f"there is no version {version}; `model list` lists the versions", NOT_UNDERSTOOD)
     return version
 
 
@@ -141,7 +140,7 @@ def list_of(store: ModelStore) -> CommandResult:
         rows.append(f"{version:>4}  {at_utc(told.trained):<16}  {state:<9}  {told.knows}")
         data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
     if not rows:
-        return CommandResult("No model was trained here yet: `teach`, then `train`.", {"models": []})
+        return CommandResult("No model is trained yet: `teach`, then `train`.", {"models": []})
     return CommandResult("\n".join([f"{'':>4}  {'trained (UTC)':<16}  {'':<9}  knows", *rows]), {"models": data})
 
 
@@ -156,9 +155,11 @@ async def _not_amid_a_pick(context: CommandContext, frontend: Frontend) -> None:
         return
     what = "auto is on" if state["auto"] else "a pick is under way"
     if not frontend.asks:
-        raise CommandError(f"{what}: the next part would be picked with another model; wait, or `auto off` first")
+        raise CommandError(
+            f"{what}: the next part would be picked with another model; wait for the end, or `auto off` first"
+        )
     if not await yes_or_no(frontend, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
-        raise CommandError("the model stays")
+        raise CommandError("cancelled; the model is unchanged")
 
 
 def _describe_verdict(verdict: ViewVerdict) -> str:

@@ -10,9 +10,6 @@ from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
-    DONE,
-    NOT_DONE,
-    NOT_UNDERSTOOD,
     CommandError,
     CommandResult,
     Frontend,
@@ -23,38 +20,39 @@ from daemon.console.interpreter import (
     yes_or_no,
 )
 from daemon.console.notices import NoticeLevel
-from daemon.console.phrases import cut_off, plural
+from daemon.console.phrases import NO, YES, cut_off, plural
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.outcome import CycleEnd, Outcome
 
 MOST_PICKS = 1_000_000
-HELD = "Moves are held: `resume` lets them go."
+HELD = "Motion is paused: `resume` continues."
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
 
 
 @command("enable", "move", first=True)
 async def enable(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Let the arm move, once its stop was seen to work.
+    """Enable the arm, after its stop is tested.
 
-    The word that stops the arm (arm.dialect.abort_word) is typed, once each time the line was opened; a
-    controller that does not take it is not enabled. A stop or `disable`, at whatever frontend, voids an `enable`
-    that was asked for before it. Without a hand-eye calibration only `robot` may move the arm, after a yes.
+    facetd sends the stop word (arm.dialect.abort_word) once after each opening of the serial line. It does not
+    enable an arm whose controller rejects that word. A `stop` or `disable` from any console cancels an earlier
+    `enable`. Without a hand-eye calibration the arm is enabled for `robot` only, and you are asked first.
     """
     if context.hardware.kind == "recorded":
-        raise CommandError("this cell is recorded: there is no arm to move")
+        raise CommandError("this cell is a recording: it has no arm to move")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
     let = Let.ALL if _eyes_on_hand(context) else await _by_hand_only(context, frontend)
     try:
         await supervisor.prove_stop()
     except StopRefusedError as refused:
-        raise CommandError(f"not enabled: {refused}: mend arm.dialect.abort_word, and restart facetd") from None
+        raise CommandError(f"not enabled: {refused}: correct arm.dialect.abort_word and restart facetd") from None
     if let is Let.ALL and not _eyes_on_hand(context):
-        raise CommandError("not enabled: meanwhile a calibration without hand_eye was taken over")
+        raise CommandError("not enabled: the calibration was replaced by one without hand_eye meanwhile")
     supervisor.enable(asked, let)
     fault = context.cycle.status()["fault"]
-    may = "The arm may move." if let is Let.ALL else "`robot` may move the arm; nothing else may."
-    return CommandResult(may + (f" First the fault must go: {fault}; say `resume`." if fault else ""))
+    may = "The arm is enabled." if let is Let.ALL else "The arm is enabled for `robot` only."
+    return CommandResult(may + (f" Clear the fault first: `resume` ({fault})." if fault else ""))
 
 
 def _eyes_on_hand(context: CommandContext) -> bool:
@@ -66,7 +64,9 @@ async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Let:
     """Asked where no move could be guarded. Raises CommandError on anything but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
-        raise CommandError(f"{lack} (a ruler's guess will do to calibrate with); for `robot cal` enable at a console")
+        raise CommandError(
+            f"{lack} (measure one with a ruler to calibrate with); to use `robot cal`, enable at a console"
+        )
     if not await yes_or_no(frontend, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
     return Let.BY_HAND
@@ -74,17 +74,17 @@ async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Let:
 
 @command("disable", "move", at_once=True)
 async def disable(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Do not let the arm move; stop it where it does."""
-    return _stopped(await context.cycle.supervisor.disable(), "The arm does not move until `enable`.")
+    """Disable the arm; stop it if it moves."""
+    return _stopped(await context.cycle.supervisor.disable(), "The arm is disabled; `enable` lets it move again.")
 
 
 @command("stop", "move", most=None, at_once=True, aliases=("halt",), first=True)
 async def stop(context: CommandContext, _: list[str], frontend: Frontend) -> CommandResult:
     """Stop the arm now; nothing moves until `resume`.
 
-    Heard before all else, at every frontend, whatever runs or is asked there; `sto`, `STOP!` and `halt` do as well,
-    as does control-C. The word that stops the arm is typed until two WHERE agree that it is at rest. Where that
-    is in doubt you are told to press the emergency stop, and it goes on being typed. Drops what waits.
+    Works at every console and at any moment, before anything else. `sto`, `STOP!`, `halt` and control-C do the
+    same. facetd repeats the stop word until two WHERE answers agree that the arm is at rest. If it cannot confirm
+    that, it tells you to press the emergency stop, and keeps trying. Commands that wait are dropped.
     """
     return _stopped(await context.cycle.supervisor.stop(f"by {frontend.who}"), "Stopped. Nothing moves until `resume`.")
 
@@ -96,13 +96,12 @@ def _stopped(alarm: str | None, text: str) -> CommandResult:
 
 @command("resume", "move", at_once=True)
 async def resume(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Go on after `pause`; clear a fault.
+    """Continue after `pause`, or clear a fault.
 
-    After a fault nothing goes on by itself: say `pick`, `auto on` or `auto resume`. Where an auto was cut
-    off, and at a frontend that can ask, it is asked whether to take it up now; answered no, the fault stands.
-    After a camera's fault each eye is tried; where one is left, it is asked whether to go on with that alone.
-    Not heard while a stop is under way: until the arm was seen at rest; nor within a second of a `pause` that
-    somebody else says: it may have been meant for one of before. Does not enable the arm.
+    Clearing a fault starts nothing: use `pick`, `auto on` or `auto resume` then. If an auto was interrupted, you
+    are asked whether to enable the arm and continue it; after n the fault is cleared and nothing moves.
+    After a camera fault both cameras are tested; if one works, you are asked whether to use it alone.
+    Refused while the arm is being stopped, and within one second of somebody else's `pause`.
     """
     supervisor = context.cycle.supervisor
     not_behind_a_pause(context, frontend)
@@ -110,10 +109,12 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
     if before["fault"] is None:
         supervisor.resume()
         return CommandResult(
-            "Going on." if before["paused"] else "Nothing to resume: no fault stands, nothing is paused."
+            "Motion resumed."
+            if before["paused"]
+            else "Nothing to resume: no fault is active, and motion is not paused."
         )
     supervisor.not_while_stopping("resume")
-    lines = [f"The fault is cleared: {before['fault']}."]
+    lines = [f"Fault cleared: {before['fault']}."]
     told = await camera_selection.offered(context, str(before["fault"]), frontend)
     lines += [] if told is None else [told]
     if before["holding"] is None and frontend.asks:
@@ -121,61 +122,68 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         if held is not None:
             supervisor.not_after(stops, "resume")
             if supervisor.fault is None or context.cycle.status()["holding"] is not None:
-                raise CommandError("meanwhile somebody else went on: `status` tells what is taken to be in the gripper")
+                raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
     if known and pick_order is not None and frontend.asks and _eyes_on_hand(context):
         left = cut_off(pick_order.count)
-        if not await yes_or_no(frontend, f"{left}. Let the arm move and go on? [y/n]"):
-            lines[0] = f"The fault stands: {before['fault']}. `resume` asks again."
-            lines.append(f"{left}: `auto resume` takes it up after that, `auto off` gives it up.")
-            return CommandResult("\n".join(lines), status=NOT_DONE)
+        agreed = await yes_or_no(frontend, f"{left}. Enable the arm and continue? [y/n]")
+        if agreed is None:
+            raise CommandError(f"not resumed, the fault is still active: {before['fault']}; `resume` asks again")
+        if not agreed:
+            return _cleared(context, lines, stops, pauses)
         await supervisor.prove_stop()
         if not _eyes_on_hand(context):
-            raise CommandError("the fault stands: meanwhile a calibration without hand_eye was taken over")
+            raise CommandError("not resumed: the calibration was replaced by one without hand_eye meanwhile")
         if context.cycle.pick_order != pick_order:
-            raise CommandError("meanwhile somebody else took up or gave up what was left of the auto")
+            raise CommandError("another operator resumed or cancelled the interrupted auto meanwhile")
         supervisor.resume(stops, pauses)
         supervisor.enable(stops)
         try:
             await context.begin_auto(pick_order.count, pick_order.every_s)
         except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
-            return CommandResult("\n".join([*lines, f"{left}, and does not go on: {refused}; then say `auto resume`."]))
-        lines.append("Going on; `auto off` ends it after a part.")
+            return CommandResult("\n".join([*lines, f"{left}, and was not resumed: {refused}; then `auto resume`."]))
+        lines.append("Auto resumed; `auto off` ends it after the current part.")
         return CommandResult("\n".join([*lines, HELD] if supervisor.hold.paused else lines))
+    return _cleared(context, lines, stops, pauses)
+
+
+def _cleared(context: CommandContext, lines: list[str], stops: int, pauses: int) -> CommandResult:
+    """The fault is no more, and nothing moves; what to type next. stops, pauses: as many as there had been before."""
+    supervisor, pick_order = context.cycle.supervisor, context.cycle.pick_order
     supervisor.resume(stops, pauses)
-    if not known:
-        lines.append("Is a part in the gripper? Say `holding yes` or `holding no` before the next pick.")
+    if context.cycle.status()["holding"] is None:
+        lines.append("Report whether a part is in the gripper before the next pick: `holding yes` or `holding no`.")
     if not context.cycle.status()["enabled"]:
-        lines.append("The arm does not move until `enable`; then `pick` or `auto on` go on.")
+        lines.append("The arm is disabled: `enable`, then `pick` or `auto on`.")
     if supervisor.hold.paused:
         lines.append(HELD)
     if pick_order is not None:
-        lines.append(f"{cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up.")
+        lines.append(f"{cut_off(pick_order.count)}: `auto resume` continues it, `auto off` cancels it.")
     return CommandResult("\n".join(lines))
 
 
 @command("pause", "move", at_once=True)
 async def pause(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Hold before the next move of arm or hand."""
+    """Pause before the next move of arm or gripper."""
     context.cycle.supervisor.hold.pause(frontend.who)
-    return CommandResult("Holding before the next move; `resume` goes on.")
+    return CommandResult("Pausing before the next move; `resume` continues.")
 
 
 @command("abort", "move", at_once=True)
 async def abort(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Stop the arm, give the part up; leaves no fault."""
-    done = "Stopped; the part is given up." if context.cycle.status()["doing"] else "Nothing was being done."
+    """Stop the arm and cancel the job; leaves no fault."""
+    done = "Stopped; the job is cancelled." if context.cycle.status()["doing"] else "No job was running."
     return _stopped(await context.cycle.supervisor.abort(), done)
 
 
 @command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels, first=True)
 async def pick(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Bring one part to the bin.
+    """Pick one part, and put it into the bin.
 
-    Without LABEL the one that is known best of all in reach (pick.order). It looks, goes nearer and looks again
-    until the error at the grasp is small enough, grasps, lifts, and looks whether it has the part. A part that
-    has no name or cannot be reached is left alone, and told. control-C or `stop` stops it.
+    Without LABEL it picks the part in reach that is recognised with the most confidence (pick.order). The arm looks,
+    moves closer and looks again until the predicted error at the grasp is small enough. Then it grasps, lifts
+    and checks that it holds the part. It skips parts that it cannot recognise or reach, and reports them.
     """
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
@@ -188,9 +196,10 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
 async def auto(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Pick until the table is empty, or N parts.
 
-    auto on returns at once; auto wait tells each part as it is picked, until the end.
-    With `every S` an empty table is looked at again after S seconds instead of ending.
-    auto resume picks what is left of an auto that a stop, a fault or a restart cut off.
+    auto on       start, at most N parts; with `every S` look again every S seconds when the table is empty
+    auto off      end after the current part; after an interruption: cancel what is left
+    auto wait     show each part as it is picked, until the end
+    auto resume   continue an auto that a stop, a fault or a restart interrupted
     """
     word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
     if word in ("on", "resume"):
@@ -198,23 +207,23 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
         await context.begin_auto(count, every_s)
         what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
         what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
-        told = f"Picking, {what}; `auto off` ends it after a part, `status` tells how far it is."
+        told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
         return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
         was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
         context.cycle.auto_off()
         if not was_on:
-            return CommandResult("What was left of the auto is given up." if left else "No auto is on.")
-        return CommandResult("No further part is picked after this one.")
+            return CommandResult("The interrupted auto is cancelled." if left else "Auto is not running.")
+        return CommandResult("Auto ends after the current part.")
     if not context.cycle.status()["auto"]:
-        raise CommandError("no auto is on; `auto on` begins one")
+        raise CommandError("auto is not running; `auto on` starts it")
     ends = await with_questions(context, _auto_told(context, frontend), frontend)
     picked = sum(end.outcome == "picked" for end in ends)
     done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry")
     said = describe_end(ends[-1]) + "\n" if ends and not done else ""
     data = {"picked": picked, "ends": [end_json(e) for e in ends]}
-    return CommandResult(f"{said}{plural(picked, 'part')} picked.", data, DONE if done else NOT_DONE)
+    return CommandResult(f"{said}{context.auto_end(ends)}", data, DONE if done else NOT_DONE)
 
 
 async def _auto_told(context: CommandContext, frontend: Frontend) -> list[CycleEnd]:
@@ -236,16 +245,16 @@ async def hand(context: CommandContext, words: list[str], frontend: Frontend) ->
     word = one_of(words, 0, ("open", "close"), "word", hand.usage)
     await with_questions(context, context.cycle.hand(word == "close"), frontend)
     if context.cycle.status()["dry"]:
-        return CommandResult("Planned, and not sent: `dry` is on.")
+        return CommandResult("Dry run: planned, not sent.")
     return CommandResult("The gripper is open." if word == "open" else "The gripper is closed.")
 
 
 @command("holding yes|no", "move", most=1, choices=("yes", "no"))
 async def holding(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Say whether a part is in the gripper.
+    """Report whether a part is in the gripper.
 
-    Asked for where a stop, a fault or a restart came between closing and opening the hand. After yes the next
-    pick first puts the part into the bin.
+    Needed after a stop, a fault or a restart between closing and opening the gripper. After `holding yes` the
+    next pick first puts the part into the bin.
     """
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
     context.cycle.supervisor.between_jobs("what is in the gripper is said")
@@ -257,38 +266,38 @@ def _take_word(context: CommandContext, held: bool) -> str:
     context.cycle.holding(held)
     context.log.record("holding", held=held)
     if held:
-        return "The next pick first puts it into the bin."
+        return "The next pick first puts the part into the bin."
     by_word = context.cycle.belief.empty_unproven
-    return "The gripper is taken as empty" + ("; the next pick opens it over the bin all the same." if by_word else ".")
+    return "The gripper is assumed empty" + ("; the next pick opens it above the bin anyway." if by_word else ".")
 
 
 @command("step on|off", "move", most=1, at_once=True, choices=("on", "off"))
 async def step(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Show each move of arm and hand and wait for a yes before it is sent.
+    """Confirm each move of arm and gripper before it is sent.
 
-    One that waits as you say `step off` still does: `confirm` sends it.
+    A move that waits when you type `step off` still waits: `confirm` sends it.
     """
     on = _on_or_off(words, step.usage)
     if on is None:
         return _how_it_is("step", bool(context.cycle.status()["step"]))
     context.cycle.supervisor.hold.step(on)
     if on:
-        return CommandResult("Every move is shown and waits for `confirm` or `refuse`.")
+        return CommandResult("Step mode is on: each move waits for `confirm` (y) or `refuse` (n).")
     pending = context.cycle.status()["pending"]
-    still = "" if pending is None else f" This one still does: {pending}; `confirm` sends it, `refuse` gives it up."
-    return CommandResult(f"Moves no longer wait.{still}")
+    still = "" if pending is None else f" This move still waits: {pending}; `confirm` sends it, `refuse` cancels it."
+    return CommandResult(f"Step mode is off.{still}")
 
 
-@command("confirm", "move", at_once=True)
+@command("confirm", "move", at_once=True, aliases=YES)
 async def confirm(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Yes to the move that waits."""
+    """Confirm the waiting move: it is sent."""
     not_too_soon(context)
     return decide(context, True)
 
 
-@command("refuse", "move", at_once=True)
+@command("refuse", "move", at_once=True, aliases=NO)
 async def refuse(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """No to the move that waits."""
+    """Refuse the waiting move: the job is cancelled."""
     return decide(context, False)
 
 
@@ -299,7 +308,9 @@ async def dry(context: CommandContext, words: list[str], _: Frontend) -> Command
     if on is None:
         return _how_it_is("dry", bool(context.cycle.status()["dry"]))
     context.cycle.supervisor.dry(on)
-    return CommandResult("Moves are planned, guarded and logged, but not sent." if on else "Moves are sent again.")
+    return CommandResult(
+        "Dry run is on: moves are planned, guarded and logged, not sent." if on else "Dry run is off: moves are sent."
+    )
 
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
@@ -353,7 +364,7 @@ def _cut_off(context: CommandContext, words: list[str]) -> tuple[int | None, flo
     no_more(words, 1, AUTO_USAGE)
     pick_order = context.cycle.pick_order
     if pick_order is None:
-        raise CommandError("no auto was cut off; say `auto on`")
+        raise CommandError("no interrupted auto to resume; `auto on` starts one")
     return pick_order.count, pick_order.every_s
 
 

@@ -14,10 +14,11 @@ from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of, version
+from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.maintenance.doctor import mend_of
+from daemon.maintenance.journal import fault_line
 from daemon.pick.find import in_all
 from daemon.pick.looking import Look
 from daemon.pick.world import WorldModel
@@ -31,7 +32,7 @@ MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 @command("status", at_once=True, first=True)
 async def status(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """How things stand, what is being done, what is wrong."""
+    """Show the state of the cell, the running job, faults and troubles."""
     state = context.cycle.status()
     model = context.trainer.model
     model_store = context.trainer.model_store
@@ -42,16 +43,16 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         f"doing     {_doing(context, state)}",
         f"model     {in_use}; knows {', '.join(model.labels)}"
         if model.labels
-        else "model     none: `teach`, then `train`",
+        else "model     none yet: `teach`, then `train`",
         f"so far    {_counted(state)}; up {up}; facetd {version()}",
         f"run       {context.run_log.folder}",
     ]
     pick_order = context.cycle.pick_order
     if pick_order is not None and not state["auto"]:
-        lines.insert(2, f"left      {cut_off(pick_order.count)}: `auto resume` takes it up, `auto off` gives it up")
+        lines.insert(2, f"auto      {cut_off(pick_order.count)}: `auto resume` continues it, `auto off` cancels it")
     candidate = frontend.shown = model_store.candidate
     if candidate is not None:
-        lines.insert(3, f"candidate version {candidate}, not in use: `try` it, then `accept`")
+        lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
     left_out: Any = state["skipped"]
     lines += map(_left_out, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
@@ -71,21 +72,21 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
 
 def _standing(state: dict[str, Any]) -> str:
     if state["fault"]:
-        moves = "being stopped, not seen at rest yet" if state.get("stopping") else "nothing moves until `resume`"
-        return f"FAULT: {state['fault']} ({moves})"
+        moves = "stopping: not confirmed at rest yet" if state.get("stopping") else "nothing moves until `resume`"
+        return f"{fault_line(state['fault'])} ({moves})"
     by_hand = state.get("by_hand_only")
-    words = ["enabled" if state["enabled"] else "enabled for `robot` only" if by_hand else "the arm is not enabled"]
+    words = ["arm enabled" if state["enabled"] else "arm enabled for `robot` only" if by_hand else "arm disabled"]
     words += [word for word in ("paused", "dry", "step") if state.get(word)]
     return ", ".join(words)
 
 
 def _to_do(state: dict[str, Any]) -> list[str]:
-    """What a fault asks for before `resume`, and a hand of which nobody knows what it holds."""
+    """What to do before `resume`, and about the gripper."""
     lines = []
     if state["fault"] and (mend := mend_of(state["fault"])):
-        lines.append(f"to mend   {mend}")
+        lines.append(f"to do     {mend}")
     if not state["doing"] and state["holding"] is None:
-        lines.append("gripper   nobody knows whether it holds a part: `holding yes` or `holding no`")
+        lines.append("gripper   content unknown: report it by `holding yes` or `holding no`")
     if not state["doing"] and state["holding"]:
         lines.append("gripper   holds a part: the next pick first puts it into the bin")
     return lines
@@ -94,7 +95,7 @@ def _to_do(state: dict[str, Any]) -> list[str]:
 def _left_out(part: dict[str, Any]) -> str:
     """A part that the last pick or auto left alone."""
     x, y, z = part["at"]
-    return f"left out  {part['label']} at {x:.0f}, {y:.0f}, {z:.0f} mm: {part['why']}"
+    return f"skipped   {part['label']} at world x {x:.0f} y {y:.0f} z {z:.0f} mm: {part['why']}"
 
 
 def _counted(state: dict[str, Any]) -> str:
@@ -118,13 +119,13 @@ def _doing(context: CommandContext, state: dict[str, Any]) -> str:
 
 @command("look [around [N]]", "move", most=2, choices=("around",), first=True, looks=lambda words: not words)
 async def look(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """See what the cameras see; nothing moves.
+    """Look once and show the result; nothing moves.
 
-    With one eye the arm moves it by 40 to 120 mm between two pictures, and back: it must be enabled, and the hand
-    above what lies on the table.
-    look around moves the arm: it looks from where it stands and then from up to N places more (3), each the one
-    that is expected to settle most for its time, until all has a name and two sides more show nothing new. It
-    tells look by look what was thought before and what is known now. The arm stays where it looked last.
+    Positions are in the camera frame, of `look around` in the world frame.
+    With one camera the arm moves it by 40 to 120 mm between two images, and back. Enable the arm first, and keep the
+    gripper above the parts.
+    look around   looks from here and from up to N more places (3), until everything is recognised and two more
+                  sides show nothing new. Each look says what changed. The arm stays where it looked last.
     """
     if words:
         one_of(words, 0, ("around",), "word", look.usage)
@@ -143,7 +144,9 @@ def around_told(known: WorldModel, columns: int) -> CommandResult:
         x, y, z = part.centre
         name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
         why = "" if part.named else f": {part.taken_for.reason}"
-        lines += textwrap.wrap(f"{name} at {x:.0f}, {y:.0f}, {z:.0f} mm{why}", columns - 1, subsequent_indent="  ")
+        lines += textwrap.wrap(
+            f"{name} at world x {x:.0f} y {y:.0f} z {z:.0f} mm{why}", columns - 1, subsequent_indent="  "
+        )
     end = f"{plural(len(known.looks), 'look')}: {in_all(known.found)}."
     lines += textwrap.wrap(end, columns - 1, subsequent_indent="  ")
     data = {"looks": len(known.looks), "gained": [vars(g) for g in known.gained]}
@@ -154,15 +157,13 @@ def around_told(known: WorldModel, columns: int) -> CommandResult:
 async def look_of(context: CommandContext, frontend: Frontend, purpose: str) -> Look:
     """A look; with one eye it moves the arm, which not every frontend may. Raises CommandError."""
     if context.hardware.eyes.alone is not None and frontend.may == "look":
-        raise CommandError(
-            f"with one eye a look moves the arm: this {frontend.name} may only look; use another frontend"
-        )
+        raise CommandError(f"with one camera a look moves the arm, and this {frontend.name} is read-only ({RIGHTS})")
     return await with_questions(context, context.cycle.look(purpose), frontend)
 
 
 @command("try")
 async def try_now(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Recognise now, with the candidate model if there is one, with reasons."""
+    """Look once with the candidate model and show the reasons."""
     candidate = frontend.shown = context.trainer.model_store.candidate
     recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
     seen = await look_of(context, frontend, "try")
@@ -181,14 +182,14 @@ async def try_now(context: CommandContext, words: list[str], frontend: Frontend)
 
 @command("where")
 async def where(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Ask the controller where the arm is."""
+    """Show the position of the arm, as its controller reports it."""
     reading = await context.cycle.where()
     x, y, z = reading.world_from_tool[:3, 3]
     a = reading.world_from_tool[:3, 2]
     joints = np.degrees(reading.joints_rad)
     tilt = np.degrees(np.arccos(np.clip(-a[2], -1.0, 1.0)))
     lines = [
-        f"tool  x {x:.2f}  y {y:.2f}  z {z:.2f} mm; the hand leans {tilt:.1f} degrees from straight down",
+        f"world x {x:.2f}  y {y:.2f}  z {z:.2f} mm; tilted {tilt:.1f} degrees from straight down",
         "joints " + "  ".join(f"{angle:.2f}" for angle in joints) + " degrees",
     ]
     return CommandResult(
@@ -198,7 +199,7 @@ async def where(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("parts")
 async def parts(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """The parts that have a name here, and how well each is known."""
+    """List the parts, their views and what is known of each."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
     for label in context.parts:
@@ -212,7 +213,7 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
         rows.append((label, f"{plural(stored, 'view')}, {known}"))
         data[label] = {"views": stored, "taught": metric is not None}
     return CommandResult(
-        table(rows, frontend.columns) or "no part is named in parts.yaml and none was taught", {"parts": data}
+        table(rows, frontend.columns) or "no part is in parts.yaml and none is taught; `teach LABEL`", {"parts": data}
     )
 
 
@@ -239,11 +240,11 @@ def describe_part(part: Part) -> str:
     found = part.recognition
     x, y, z = part.cyclopean_from_part[:3, 3]
     beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
-    at = f"at {z:.0f} mm, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
+    at = f"{z:.0f} mm from the camera, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
     name = f"{found.label} ({100 * found.confidence:.1f} %)"
     if found.label == "unknown":
         name = "unknown" + (f", perhaps {' or '.join(found.candidates)}" if found.candidates else "")
-    return f"{name} {at}: {', '.join(describe_facet(facet) for facet in part.facets)}"
+    return f"{name}, {at}: {', '.join(describe_facet(facet) for facet in part.facets)}"
 
 
 def describe_facet(facet: Facet) -> str:

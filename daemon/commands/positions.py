@@ -11,18 +11,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import (
-    NOT_DONE,
-    NOT_UNDERSTOOD,
-    CommandError,
-    CommandResult,
-    Frontend,
-    command,
-    no_more,
-    one_of,
-    yes_or_no,
-)
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.console.phrases import at_utc, plural
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.quantities import decimal, shown
 from daemon.store.named_places import NamedPlaces
 
@@ -58,12 +49,12 @@ def all_places(context: CommandContext) -> list[str]:
 
 @command(JOG_USAGE, "move", most=3, choices=tuple(AXES), further=lambda _, __: ())
 async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Move the hand a little, straight, from where it is.
+    """Move the gripper by a small distance or angle.
 
     jog z -5          5 mm down, along the world's z
-    jog z 5 tool      5 mm forward, along the hand's own z (out of the gripper)
-    jog rz 10 tool    turn by 10 degrees about it; rx ry rz turn about the point between the fingers
-    At most 100 mm or 30 degrees at a time. Guarded, held by `pause` and `step`, and stopped like every move.
+    jog z 5 tool      5 mm forward, along the z axis of the tool (out of the gripper)
+    jog rz 10 tool    turn by 10 degrees about that axis; rx ry rz turn about the point between the fingers
+    At most 100 mm or 30 degrees at a time. Guard, `pause`, `step` and `stop` work as for every move.
     """
     axis = one_of(words, 0, AXES, "axis", JOG_USAGE)
     number, unit = AXES[axis]
@@ -74,7 +65,7 @@ async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> 
         context, context.cycle.jog(partial(_moved, number, unit, distance, frame), purpose), frontend
     )
     if context.cycle.status()["dry"]:
-        return CommandResult("Planned, and not sent: `dry` is on.")
+        return CommandResult("Dry run: planned, not sent.")
     x, y, z = pose[:3, 3]
     return CommandResult(f"At x {x:.1f}  y {y:.1f}  z {z:.1f} mm.", {"world_from_tool": pose.tolist()})
 
@@ -87,7 +78,7 @@ def _distance(word: str, unit: str) -> float:
     if not 0 < abs(distance) <= LONGEST[unit]:
         found = shown(word) or "nothing"
         raise CommandError(
-            f"DISTANCE: expected up to {LONGEST[unit]:g} {unit} either way, found {found}", NOT_UNDERSTOOD
+            f"DISTANCE: expected a number up to {LONGEST[unit]:g} {unit}, + or -, found {found}", NOT_UNDERSTOOD
         )
     return distance
 
@@ -108,24 +99,24 @@ def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: A
 
 @command("go PLACE", "move", most=1, choices=all_places)
 async def go(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Move to home, bin, a survey place, or one that was named with `here`."""
+    """Move to home, bin, a survey place, or a place named by `here`."""
     place = one_of(words, 0, all_places(context), "place", go.usage)
     named = kept(context).now()
     if place in named and place in context.cycle.places():
         raise CommandError(
-            f"{place} is a place in facetd.yaml, and another was named so: `places drop {place}`, name that otherwise"
+            f"{place} is a place of facetd.yaml and a named one: `places drop {place}`, then name that one differently"
         )
     work = context.cycle.move_to(named[place], place) if place in named else context.cycle.go(place)
     await with_questions(context, work, frontend)
     dry = context.cycle.status()["dry"]
-    return CommandResult(f"Planned to {place}, and not sent: `dry` is on." if dry else f"At {place}.")
+    return CommandResult(f"Dry run: planned to {place}, not sent." if dry else f"At {place}.")
 
 
 @command("here NAME", "change", most=1, choices=lambda context: kept(context).now())
 async def here(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Name the place where the arm is now, for `go NAME`.
 
-    A place of that name is kept in its history (`places NAME`).
+    A place that had this name before stays in its history (`places NAME`).
     """
     if not words:
         raise CommandError(f"NAME is missing: {here.usage}", NOT_UNDERSTOOD)
@@ -138,16 +129,14 @@ async def here(context: CommandContext, words: list[str], frontend: Frontend) ->
     before = kept(context).now().get(name)
     if before is not None and frontend.asks:
         apart = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]))
-        if not await yes_or_no(
-            frontend, f"{name} is {apart:.1f} mm from here so far. Name this place {name} instead? [y/n]"
-        ):
-            return CommandResult("Nothing is changed.", status=NOT_DONE)
+        if not await yes_or_no(frontend, f"{name} is {apart:.1f} mm from here. Replace it by this place? [y/n]"):
+            return CommandResult("Nothing was changed.", status=NOT_DONE)
         off_mm, turned = frames.size(frames.difference(await context.cycle.rest(), pose))
         if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
-            raise CommandError(f"the arm has moved since it was asked: say `here {name}` once more")
+            raise CommandError(f"the arm has moved since the question: repeat `here {name}`")
     kept(context).keep(name, pose, frontend.who)
     x, y, z = pose[:3, 3]
-    return CommandResult(f"{name} is x {x:.1f}  y {y:.1f}  z {z:.1f} mm; `go {name}` comes back here.", {"place": name})
+    return CommandResult(f"{name} is x {x:.1f}  y {y:.1f}  z {z:.1f} mm; `go {name}` returns here.", {"place": name})
 
 
 @command(
@@ -159,12 +148,12 @@ async def here(context: CommandContext, words: list[str], frontend: Frontend) ->
     further=lambda context, word: kept(context).now() if word == "drop" else (),
 )
 async def places(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """The places there are; what one was before; drop one."""
+    """List the places; show the history of one; delete one."""
     named = kept(context)
     if words[:1] == ["drop"]:
         name = one_of(words, 1, named.now(), "named place", PLACES_USAGE)
         named.keep(name, None, frontend.who)
-        return CommandResult(f"{name} is no longer a place.", {"dropped": name})
+        return CommandResult(f"{name} is deleted.", {"dropped": name})
     no_more(words, 1, PLACES_USAGE)
     if words:
         one_of(words, 0, {one.name for one in named.history()}, "named place", PLACES_USAGE)

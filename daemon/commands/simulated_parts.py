@@ -16,7 +16,7 @@ def _hand(context: CommandContext, label: str | None = None) -> SimulatedHand:
     """The hand; label: a part that it must have. Raises CommandError."""
     hand = context.hardware.hand
     if hand is None:
-        raise CommandError("this cell is real: put the part there yourself")
+        raise CommandError("this cell is real: place the part by hand")
     if label is not None and label not in hand.labels:
         raise CommandError(f"the simulated cell has no {label}; it has {', '.join(hand.labels)}")
     return hand
@@ -25,13 +25,13 @@ def _hand(context: CommandContext, label: str | None = None) -> SimulatedHand:
 def show(context: CommandContext, label: str) -> str:
     """Hold the part before the cameras in the next of its characteristic views; gives a line about it."""
     view = _hand(context, label).show(label, len(context.trainer.model_store.views(label)))
-    return f"(simulated) A hand shows the {label}, characteristic view {view + 1}."
+    return f"(simulated) The {label} is shown, characteristic view {view + 1}."
 
 
 def lay(context: CommandContext, label: str) -> str:
     """Lay the part alone amid the table; gives a line about it."""
     _hand(context, label).lay(label)
-    return f"(simulated) A hand lays the {label} on the table."
+    return f"(simulated) The {label} is placed on the table."
 
 
 async def know_drawings(context: CommandContext) -> dict[str, str]:
@@ -46,7 +46,7 @@ async def know_drawings(context: CommandContext) -> dict[str, str]:
 async def place(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(simulated) hold a part before the cameras.
 
-    Any part that was taught from a drawing is there as well as the cell's own.
+    Also a part that was taught from a drawing.
     """
     label = one_of(words, 0, _hand(context).labels, "part", place.usage)
     view = _hand(context).show(label, number(words[1], "VIEW", 1, 9) - 1 if len(words) > 1 else 0)
@@ -55,7 +55,7 @@ async def place(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("scatter [LABEL...]", most=None, choices=lambda context: _hand(context).labels)
 async def scatter(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """(simulated) strew parts over the table."""
+    """(simulated) scatter parts over the table."""
     labels = [one_of(words, k, _hand(context).labels, "part", scatter.usage) for k in range(len(words))]
     labels = labels or list(USUAL)
     _hand(context).scatter(labels)
@@ -66,13 +66,13 @@ async def scatter(context: CommandContext, words: list[str], _: Frontend) -> Com
 async def next_pair(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(recorded) show the next pair."""
     if not context.hardware.eyes.step():
-        raise CommandError("these cameras are not recorded pairs")
+        raise CommandError("this cell does not play recorded pairs")
     return CommandResult("The next pair is shown.")
 
 
 @command("clear")
 async def clear(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """(simulated) take all parts away."""
+    """(simulated) remove all parts."""
     _hand(context).clear()
     return CommandResult("The table is empty.")
 

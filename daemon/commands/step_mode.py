@@ -37,7 +37,7 @@ async def with_questions(context: CommandContext, work: Awaitable[T], frontend: 
                 told = state["cycle"], state["stop"]
                 await frontend.say(_progress(state))
             if state.get("state") == "paused" and not held:
-                await frontend.say("Held before the next move: `resume` lets it go.")
+                await frontend.say("Paused before the next move: `resume` continues.")
             held = state.get("state") == "paused"
             waiting = context.cycle.supervisor.hold.waiting
             if waiting is not None and frontend.asks:
@@ -60,7 +60,9 @@ class PendingMoveReminder:
             return None
         self._told = waiting, now_s
         return (
-            None if waiting is None else f"Waits for a yes: {waiting.text}; `confirm` sends it, `refuse` gives it up."
+            None
+            if waiting is None
+            else f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
         )
 
 
@@ -100,7 +102,7 @@ def not_too_soon(context: CommandContext) -> None:
     yes to one move, the slower would send the next."""
     hold = context.cycle.supervisor.hold
     if hold.waiting is not None and hold.pending_s < READ_S:
-        raise CommandError(f"not sent, as it has only just come up: {hold.waiting.text}; `confirm` sends it")
+        raise CommandError(f"not sent, this move came up less than 1 s ago: {hold.waiting.text}; `confirm` sends it")
 
 
 def not_behind_a_pause(context: CommandContext, frontend: Frontend) -> None:
@@ -108,18 +110,18 @@ def not_behind_a_pause(context: CommandContext, frontend: Frontend) -> None:
     was for another one, or for a fault."""
     hold = context.cycle.supervisor.hold
     if hold.paused and hold.paused_s < READ_S and hold.paused_by != frontend.who:
-        raise CommandError(f"not let go: {hold.paused_by} has only just said `pause`; `resume` lets it go")
+        raise CommandError(f"not resumed: {hold.paused_by} paused less than 1 s ago; `resume` again to continue")
 
 
 def decide(context: CommandContext, yes: bool) -> CommandResult:
     """Yes or no to the move that waits. Raises CommandError where none does."""
     hold = context.cycle.supervisor.hold
     if hold.waiting is None:
-        raise CommandError("no move waits for an answer")
+        raise CommandError("no move is waiting for confirmation")
     if yes:
         hold.confirm()
     else:
         hold.refuse()
     if yes and context.cycle.status()["paused"]:
-        return CommandResult("Agreed to, and not sent yet: moves are held; `resume` lets them go.")
-    return CommandResult("Agreed to." if yes else "Not sent; the job is given up.")
+        return CommandResult("Move confirmed, not sent yet: motion is paused. `resume` sends it.")
+    return CommandResult("Move confirmed." if yes else "Move not sent; the job is cancelled.")

@@ -14,8 +14,9 @@ import numpy as np
 from daemon.arm import RefusedError
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import NOT_DONE, CommandError, CommandResult, Frontend, number, yes_or_no
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, number, yes_or_no
 from daemon.console.phrases import plural
+from daemon.errors import NOT_DONE
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, CircledPart, NoThingError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looking import Look
@@ -36,8 +37,8 @@ def places_asked(words: list[str]) -> int:
 async def learnt(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
     """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
     seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.eyes.alone is None else 2.0)
-    told = f"The arm goes to {count} places round the {label}, some 300 mm from it: about {seconds:.0f} s"
-    if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it at any moment. May it? [y/n]"):
+    told = f"The arm moves to {count} places around the {label}, 300 mm from it: about {seconds:.0f} s"
+    if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it. Move the arm? [y/n]"):
         return None
     trainer = context.trainer
     sight = Recogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
@@ -46,7 +47,7 @@ async def learnt(context: CommandContext, label: str, count: int, frontend: Fron
     except NoThingError as error:
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
     if context.cycle.status().get("dry"):
-        raise RefusedError(f"dry: {plural(count, 'place')} would be gone to, and nothing is learnt")
+        raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")
     found = await asyncio.to_thread(_fused, context, thing, looks)
     try:
         part = learnt_round(found, context.cycle.settings.limits.table_z_mm, trainer.library)
@@ -69,12 +70,12 @@ def beside_drawing(part: WalkedRound, drawn: Polyhedron | None) -> tuple[list[st
     beside = deviations(part.solid, drawn)
     known = [one for one in beside if one is not None]
     if not known:
-        return ["It cannot be laid onto its drawing: is it that part?"], [None] * len(beside)
+        return ["It does not fit its drawing. Check that it is this part."], [None] * len(beside)
     worst = max(one.off_mm for one in known)
-    lines = [f"Beside its drawing: {plural(len(known), 'side')} found again, corners at most {worst:.2f} mm off."]
+    lines = [f"Compared with its drawing: {plural(len(known), 'side')} matched, corners at most {worst:.2f} mm off."]
     for k, one in enumerate(beside):
         if one is None:
-            lines.append(f"  side {k + 1}: the drawing has none like it")
+            lines.append(f"  side {k + 1}: not in the drawing")
             continue
         lines.append(
             f"  side {k + 1}: {one.off_mm:.2f} mm; lengths within {one.length_mm:.2f} mm, "
@@ -101,13 +102,13 @@ def _told(part: WalkedRound, looks: int) -> list[str]:
         lengths = " ".join(f"{mm:.1f}" for mm in sides)
         lines.append(f"  side {k + 1}: {kind} {lengths} mm, seen from {plural(places, 'place')}")
     if part.lain:
-        lines.append(f"Never seen: what it lay on ({plural(part.lain, 'edge')} end at the table).")
+        lines.append(f"Not seen: the side it lies on ({plural(part.lain, 'edge')} end at the table).")
     for k, count in part.open_edges:
-        lines.append(f"Never seen: what lies beyond {plural(count, 'edge')} of side {k + 1}.")
+        lines.append(f"Not seen: what is beyond {plural(count, 'edge')} of side {k + 1}.")
     if part.left_out:
-        lines.append(f"Left out: {plural(part.left_out, 'side')} not seen well enough, or a shadow's.")
+        lines.append(f"Left out: {plural(part.left_out, 'side')} not seen well enough, or shadows.")
     if solid.open_edges:
-        lines.append("Turn it over and walk round again, to know it from all sides.")
+        lines.append("To learn all sides: turn it over and repeat.")
     return lines
 
 
@@ -115,7 +116,7 @@ def answered(
     label: str, view: str, stl: str, part: WalkedRound, lines: list[str], data: dict[str, Any]
 ) -> CommandResult:
     """What is said once it is kept."""
-    told = [f"Kept as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
+    told = [f"Stored as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
     values = {
         "kept": True,
         "view": view,

@@ -14,8 +14,6 @@ from daemon.commands import simulated_parts, teach_around
 from daemon.commands.observing import describe_facet, drawn, look_of
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
-    NOT_DONE,
-    NOT_UNDERSTOOD,
     CommandError,
     CommandResult,
     Frontend,
@@ -27,6 +25,7 @@ from daemon.console.interpreter import (
 )
 from daemon.console.phrases import at_utc, plural
 from daemon.console.text_layout import table
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
@@ -55,14 +54,13 @@ def _numbers(context: CommandContext, label: str) -> list[str]:
 @command("teach LABEL [--mesh FILE | --around [PLACES]]", "change", most=None, choices=lambda context: context.parts,
          first=True, further=lambda _, __: ("--mesh", "--around"))  # fmt: skip
 async def teach(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Keep what is seen as that part.
+    """Teach a part, from the cameras or from its drawing.
 
-    Show the part alone. What is seen is drawn and you are asked whether it is right.
-    Then you are told which sides are still unseen and what it could be taken for.
-    With --mesh FILE.stl or FILE.obj [mm|cm|m|inch] the part is learnt from its drawing, without being
-    shown: every characteristic view of it, and its exact shape. The file is read where you sit.
-    With --around the arm walks round it, to 6 to 12 places (10), as it lies alone amid the table: the whole part but
-    for what it lies on, an STL of it, and how far it is from its drawing where there is one. Asked first.
+    Show the part alone. The screen shows a drawing of what is seen; confirm it. Then you see which sides are
+    still unknown and which parts it could be confused with.
+    --mesh FILE.stl or FILE.obj [mm|cm|m|inch]   learn the exact shape from a drawing, a file on your computer
+    --around [PLACES]   the arm looks at the part from 6 to 12 places (10) as it lies alone on the table, and learns
+    all of it except the side it lies on. Writes an STL; compares it with the drawing if there is one. Asks first.
     """
     if "--mesh" in words:
         return await _teach_drawing(context, words, frontend)
@@ -89,16 +87,18 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
     apart, elsewhere = apart_from(group, others)
     await frontend.say(_shown(label, facets, sides, (apart, elsewhere), frontend.columns))
     if any(len(other.facets) > 1 for other in others) and not frontend.asks:
-        raise CommandError(f"{len(others) + 1} separate things are seen; show the {label} alone, evenly lit")
+        raise CommandError(f"{len(others) + 1} separate objects are in view; show the {label} alone, evenly lit")
     named = _named_otherwise(seen, label)
     if named:
-        await frontend.say(f"The model in use takes this for {named}.")
+        await frontend.say(f"The model in use recognises this as {named}.")
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}, alone and whole? [y/n]"):
-        return CommandResult("Not kept. Turn it or light it better, and say `teach` again.", {"kept": False}, NOT_DONE)
+        return CommandResult(
+            "Not stored. Turn the part or improve the light, then `teach` again.", {"kept": False}, NOT_DONE
+        )
     note = teaching_note(frontend.who, _digest(context), table, facets, moved)
     view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
     verdict, data = await _sufficiency(context, label)
-    text = f"Kept as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
+    text = f"Stored as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
     data |= {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], "apart": len(apart)}
     return CommandResult(text, data)
 
@@ -119,18 +119,18 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
         if hand is not None:
             hand.put_back()
     if part is None:
-        return CommandResult("Not walked round, and nothing is kept.", {"kept": False}, NOT_DONE)
+        return CommandResult("Cancelled; nothing is stored.", {"kept": False}, NOT_DONE)
     lines, beside = teach_around.beside_drawing(part, context.trainer.drawings().get(label))
     if lines:
         await frontend.say("\n".join(lines))
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}? [y/n]"):
         return CommandResult(
-            "Not kept. Light it better or go to more places, and say it again.", {"kept": False}, NOT_DONE
+            "Not stored. Improve the light or use more places, then repeat.", {"kept": False}, NOT_DONE
         )
     note = {"who": frontend.who, "calibration": _digest(context), "places": count}
     view = await asyncio.to_thread(context.trainer.store_round, label, part.solid, note)
     verdict, data = await _sufficiency(context, label)
-    more = [verdict, "`train` makes a candidate with it."]
+    more = [verdict, "Next: `train`."]
     return teach_around.answered(label, view.name, str(view.mesh), part, more, {"beside_drawing": beside, **data})
 
 
@@ -148,43 +148,43 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
         await asyncio.to_thread(solid_drawn, name, content, unit, context.trainer.library)
         label = await _label(context, words[:at], frontend, shown=False)
         odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
-        if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Keep it all the same? [y/n]")):
-            raise CommandError(f"not kept: {odd}")
+        if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
+            raise CommandError(f"not stored: {odd}")
         view = await asyncio.to_thread(context.trainer.store_mesh, label, name, content, unit, {"who": frontend.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
-    lines = [f"Kept as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
+    lines = [f"Stored as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
     unmade = (await simulated_parts.know_drawings(context)).get(label)
     if unmade is not None:
         lines.append(f"The simulated cell cannot show it: {unmade}.")
     elif context.hardware.hand is not None:
-        lines.append(f"The simulated cell has it: `show {label}`, or `scatter {label}` onto the table.")
-    lines.append("`train` makes a candidate with it.")
+        lines.append(f"In the simulated cell: `show {label}`, or `scatter {label}` onto the table.")
+    lines.append("Next: `train`.")
     return CommandResult("\n".join(lines), {"kept": True, "view": view.name, **data})
 
 
 @command("untaught")
 async def untaught(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """Parts never shown, views not in use yet."""
+    """List parts that are not taught, and views not in use yet."""
     missing, waiting = context.trainer.untaught(), context.trainer.waiting()
-    lines = [f"Never shown: {', '.join(missing)}." if missing else "Every part of parts.yaml was shown."]
+    lines = [f"Not taught yet: {', '.join(missing)}." if missing else "Every part of parts.yaml is taught."]
     if waiting:
         names = ", ".join(view.name for view in waiting)
-        lines.append(f"Taught, and not in use yet: {names}; `train`, then `accept`.")
+        lines.append(f"Taught, not in use yet: {names}; `train`, then `accept`.")
     return CommandResult("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
 
 
 @command("views [LABEL]", most=1, choices=with_views)
 async def views(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """The views that were taught."""
+    """List the taught views."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
     found = context.trainer.model_store.views(label)
     rows = [(view.name, view.damage or _taught(view.note)) for view in found]
     data = [{"view": view.name, **{k: v for k, v in view.note.items() if k != ROUND}} for view in found]
-    return CommandResult(table(rows, frontend.columns) or "No view is stored: `teach LABEL`.", {"views": data})
+    return CommandResult(table(rows, frontend.columns) or "No view is stored yet: `teach LABEL`.", {"views": data})
 
 
 @command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
@@ -195,13 +195,13 @@ async def forget(context: CommandContext, words: list[str], frontend: Frontend) 
     what = f"view {label}/{which}" if which else f"all views of {label}"
     if which and str(which) not in (there := _numbers(context, label)):
         raise CommandError(f"there is no {what}; of {label} there are {', '.join(there)}")
-    if frontend.asks and not await yes_or_no(frontend, f"Remove {what} for good? [y/n]"):
-        return CommandResult("Nothing is removed.", {"removed": 0}, NOT_DONE)
+    if frontend.asks and not await yes_or_no(frontend, f"Delete {what} permanently? [y/n]"):
+        return CommandResult("Nothing was removed.", {"removed": 0}, NOT_DONE)
     removed = context.trainer.model_store.drop_views(label, which)
     await simulated_parts.know_drawings(context)
     if not removed:
         raise CommandError(f"there is no {what}")
-    text = f"{plural(removed, 'view')} removed. The model in use stays as it is; `train` makes one without."
+    text = f"{plural(removed, 'view')} deleted. The model in use is unchanged; `train` makes one without."
     return CommandResult(text, {"removed": removed})
 
 
@@ -219,15 +219,15 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
     close = difflib.get_close_matches(label, context.parts, 1)
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})."
     if context.hardware.hand is not None and shown:
-        way = f"The simulated cell has no other to show: teach {label} --mesh FILE"
+        way = f"The simulated cell cannot show it: teach {label} --mesh FILE"
     elif not frontend.asks:
-        way = "A new one: at a console, where it can be asked about, or by a line in parts.yaml"
+        way = "To add a new part, teach it at a console or add it to parts.yaml"
     else:
         way = ""
     if way:
         raise CommandError(f"{label}: no such part{hint} {way}", NOT_UNDERSTOOD)
     if not await yes_or_no(frontend, f"{label} is not in parts.yaml{hint} Teach it as a new part? [y/n]"):
-        raise CommandError("not taught")
+        raise CommandError("cancelled; nothing was taught")
     return label
 
 
@@ -254,7 +254,7 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
         return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
     if judged.turn_away is not None:
         place, kind = judged.turn_away
-        lines.append(f"  To show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
+        lines.append(f"  Show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
     told: dict[str, int] = {}
     for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
@@ -264,7 +264,7 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
         told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
     for text, directions in list(told.items())[:3]:
         count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
-        lines.append(f"  {text} ({count}); a look from elsewhere settles it.")
+        lines.append(f"  {text} ({count}); a second look from another side decides.")
     return "\n".join(lines)
 
 
@@ -277,7 +277,7 @@ def describe_alike(pairs: Sequence[Alike]) -> str:
     ]
     if len(pairs) > MOST_ALIKE:
         told.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more by less")
-    return f"Could be taken for each other: {'; '.join(told)}. A look from elsewhere settles it."
+    return f"Could be taken for each other: {'; '.join(told)}. A second look from another side decides."
 
 
 def _counted(kinds: Sequence[str]) -> str:
@@ -319,7 +319,7 @@ def _shown(
     lines = [drawn(outlines, columns)]
     lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
     if elsewhere:
-        lines.append(f"and {plural(len(elsewhere), 'facet')} of something else beside it")
+        lines.append(f"and {plural(len(elsewhere), 'facet')} of another object")
     if apart:
         lines.append(_describe_apart(label, len(apart)))
     return "\n".join(lines)

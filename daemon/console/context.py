@@ -26,7 +26,7 @@ from daemon.errors import FacetdError
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
-from daemon.pick.outcome import CycleEnd
+from daemon.pick.outcome import CycleEnd, Outcome
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.trainer import Trainer
@@ -67,6 +67,8 @@ class CommandContext:
     one_eye_allowed: bool = False
     """An operator let this daemon go on with one eye after a fault of the other."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
+    _auto_count: int | None = None
+    """How many parts were asked for; None: all."""
 
     @property
     def parts(self) -> list[str]:
@@ -94,19 +96,37 @@ class CommandContext:
         self.cycle.supervisor.between_jobs("eyes are changed")
         await self.cycle.supervisor.run("change eyes", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
-        self.troubles.tell("eyes", None if alone is None else f"looking with the {alone} eye alone: {why}")
+        self.troubles.tell("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Pick in the background. Raises RefusedError where that may not begin; an auto that is on stays the one that
         `auto_ends` waits for."""
         begun = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
         begun.add_done_callback(self._auto_ended)
+        self._auto_count = count
         self._auto = begun
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:
-            picked = sum(end.outcome == "picked" for end in auto.result())
-            self.notices.tell(f"Auto has ended: {plural(picked, 'part')} picked.", NoticeLevel.OUTCOMES)
+            self.notices.tell(f"Auto has ended: {self.auto_end(auto.result())}", NoticeLevel.OUTCOMES)
+
+    def auto_end(self, ends: list[CycleEnd]) -> str:
+        """How many parts the last auto picked, and why it ended: `2 parts picked; the table is empty.`"""
+        picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._auto_count
+        outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
+        if (fault := self.cycle.supervisor.fault) is not None:
+            because = fault
+        elif count is not None and picked >= count:
+            because = "that is as many as requested"
+        elif outcome == Outcome.EMPTY:
+            because = "the table is empty"
+        elif outcome in (Outcome.PICKED, Outcome.PLACED):
+            because = "ended by `auto off`"
+        elif outcome is None:
+            because = "stopped before the first pick"
+        else:
+            because = f"the last one ended as {outcome}" + (f": {why}" if why else "")
+        return f"{plural(picked, 'part')} picked; {because}."
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end; what became of each part. Empty where there was none."""

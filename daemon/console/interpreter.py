@@ -23,10 +23,7 @@ from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import WITHDRAW, means_stop
 from daemon.console.text_layout import by_pages, fold, prose, table
-from daemon.errors import DONE as DONE
-from daemon.errors import NOT_DONE as NOT_DONE
-from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
-from daemon.errors import FacetdError, printable
+from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, printable
 from daemon.maintenance import journal
 from daemon.quantities import shown, whole
 
@@ -95,6 +92,7 @@ Further = Callable[[CommandContext, str], Iterable[str]]
 Looks = Callable[[list[str]], bool]
 HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
+RIGHTS = "deploy/README.md, Who may do what"
 MOST_ASKED = 5
 """How often a question is put that is answered by something else."""
 OF_THE_SHELL = (
@@ -194,7 +192,7 @@ def command(
 def first_screen(commands: Iterable[ConsoleCommand]) -> str:
     """Ten lines for whoever has just come, on any terminal."""
     lines = [f"{c.name:<{FIRST_WIDTH}}{c.summary.partition(',')[0].partition(';')[0]}" for c in commands if c.first]
-    return "\n".join([*lines, "help all every command, by pages", "help WORD all about one of them"])
+    return "\n".join([*lines, "help all every command, page by page", "help WORD one command in full"])
 
 
 def every_line(commands: Iterable[ConsoleCommand], columns: int = 80) -> str:
@@ -254,16 +252,12 @@ class Interpreter:
         return answer
 
     def at_once(self, text: str) -> bool:
-        """Whether a line is for now, even while the last command is still being done."""
+        """Whether a line is for now, even while the last command is still running."""
         words = text.split()
         command = self._meant(words)
         if command is None or isinstance(command.at_once, bool):
             return command is not None and command.at_once is True
         return len(words) > 1 and words[1] in command.at_once
-
-    def is_stop(self, text: str) -> bool:
-        """Whether a line, whatever it is typed for, is to stop the arm."""
-        return means_stop(text)
 
     def withdraws(self, text: str) -> bool:
         """Whether a line, whatever it is typed for, is to stop the arm or takes its leave to move: it answers no
@@ -310,28 +304,28 @@ class Interpreter:
         if name in self.commands:
             return self.commands[name]
         if name in ("quit", "exit", "bye", "logout"):
-            raise CommandError("this console stays open; there is nothing to leave")
+            raise CommandError("the serial console stays open; there is nothing to close")
         if name == "facetctl":
-            raise CommandError("here without `facetctl`: the command alone", NOT_UNDERSTOOD)
+            raise CommandError("type the command without `facetctl`", NOT_UNDERSTOOD)
         name = JOBS.get(name, name)
         if name in OF_THE_SHELL:
-            raise CommandError(f"{word}: not of this console; in the shell: `facetctl {name}`", NOT_UNDERSTOOD)
+            raise CommandError(f"{word}: not a console command; run it in a shell: `facetctl {name}`", NOT_UNDERSTOOD)
         begun = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
         if len(begun) == 1:
             return self.commands[begun[0]]
         close = begun or difflib.get_close_matches(name, self.commands, 3, 0.6)
-        hint = f"did you mean {either(close)}?" if close else "`help` lists what there is"
+        hint = f"did you mean {either(close)}?" if close else "`help all` lists every command"
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
     def _check_rights(self, command: ConsoleCommand, grade: Grade, frontend: Frontend) -> None:
         if grade != "look" and frontend.may == "look" and command.name not in ("stop", "pause", *WITHDRAW):
-            raise CommandError(f"{command.name}: this {frontend.name} may only look; use another frontend", NOT_DONE)
+            raise CommandError(f"{command.name}: not permitted: this {frontend.name} is read-only ({RIGHTS})", NOT_DONE)
 
     def _names(self, _: CommandContext) -> Iterable[str]:
         return ("all", *self.commands)
 
     async def _help(self, _: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-        """This screen, all commands, or all about one."""
+        """Show this screen, all commands, or one command."""
         every = {c.name: c.summary for c in self.commands.values()}
         if not words:
             return CommandResult(first_screen(self.commands.values()), {"commands": every})
@@ -355,13 +349,19 @@ def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usag
     """The word at a place, which must be one of the choices. Raises CommandError with what was probably meant."""
     known = sorted(choices)
     if len(words) <= place:
-        listed = f"; known: {', '.join(known)}" if known and not all(word in usage for word in known) else ""
+        listed = f"; choose from: {', '.join(known)}" if known and not all(word in usage for word in known) else ""
         raise CommandError(f"{what} is missing: {usage}{listed}", NOT_UNDERSTOOD)
     word = words[place]
     if word in known:
         return word
     close = difflib.get_close_matches(word, known, 1) or [k for k in known if k.startswith(word)]
-    hint = f"did you mean {close[0]}?" if len(close) == 1 else f"known: {', '.join(known) or 'none'}"
+    hint = (
+        f"did you mean {close[0]}?"
+        if len(close) == 1
+        else f"choose from: {', '.join(known)}"
+        if known
+        else "there is none yet"
+    )
     raise CommandError(f"{word}: no such {what}; {hint}", NOT_UNDERSTOOD)
 
 
@@ -386,7 +386,7 @@ async def yes_or_no(frontend: Frontend, question: str) -> bool | None:
         answer = (await frontend.ask(question)).strip()
         if not answer or is_yes(answer) or is_no(answer):
             return None if not answer else is_yes(answer)
-        await frontend.say(f"`{answer}` was not done: the question stands; y or n.")
+        await frontend.say(f"Ignored: `{answer}`. Answer y or n.")
     return None
 
 
@@ -397,7 +397,8 @@ def either(names: list[str]) -> str:
 
 def _own_fault(error: Exception, before: str = "") -> CommandResult:
     journal.tell("trouble", traceback.format_exc(), journal.ERROR)
-    told = f"{before}a fault in facetd itself: {type(error).__name__}: {_one_line(error)}; please send a `bundle`"
+    told = f"{before}internal error in facetd: {type(error).__name__}: {_one_line(error)}"
+    told += "; run `bundle` and send the file to the maintainer"
     return CommandResult(told, {"error": told, "why": "internal"}, NOT_DONE)
 
 

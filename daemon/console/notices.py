@@ -70,7 +70,7 @@ class Notices:
             try:
                 frontend.notice(text)
             except Exception as error:  # one frontend that fails keeps none of the others from hearing it
-                journal.tell("trouble", f"a notice was not shown: {type(error).__name__}: {error}", journal.WARNING)
+                journal.tell("trouble", f"notice not shown: {type(error).__name__}: {error}", journal.WARNING)
 
     @property
     def asked(self) -> bool:
@@ -89,7 +89,7 @@ class Notices:
     @contextlib.contextmanager
     def stopping(self, frontend: object, who: str) -> Iterator[None]:
         """While a stop by this operator is under way: the answer there says so, and the notice of it would again."""
-        self._stopping.append((frontend, (f"FAULT stopped by {who}", f"FAULT stopped by control-C of {who}")))
+        self._stopping.append((frontend, (f"STOPPED by {who}", f"STOPPED by control-C of {who}")))
         try:
             yield
         finally:

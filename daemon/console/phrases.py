@@ -33,29 +33,34 @@ def millimetres(lengths: Iterable[float]) -> str:
 def cut_off(count: int | None) -> str:
     """What a stopped or restarted daemon has not picked yet; None: all that lies there."""
     if count is None:
-        return "`auto on` was cut off before the table was empty"
-    return f"`auto on` was cut off with {plural(count, 'part')} still to pick"
+        return "`auto on` was interrupted before the table was empty"
+    return f"`auto on` was interrupted with {plural(count, 'part')} still to pick"
 
 
 def as_left(left: Standing) -> str:
     """What an operator must know of how the daemon before ended, and do."""
-    what = f"run {left.run} " + ("ended" if left.ended else f"was cut off in state {left.state or 'unknown'}")
+    what = f"the previous run, {left.run}, " + (
+        "ended" if left.ended else f"was interrupted in state {left.state or 'unknown'}"
+    )
     if left.damage:
-        what = f"{left.damage}: nobody knows how the daemon before ended"
+        what = f"{left.damage}: how the previous run ended is unknown"
     if left.fault is not None:
         what += f", with a fault: {left.fault}"
     if left.hand_closed:
-        what += f", with {f'the {left.label}' if left.label else 'a part'} perhaps in the gripper"
+        what += f", possibly with {f'the {left.label}' if left.label else 'a part'} in the gripper"
     if left.auto is not None:
         what += f"; {cut_off(left.auto.count)}"
-    return f"{what}: look at the cell, then say `resume`"
+    return f"{what}: check the cell, then `resume`"
+
+
+YES, NO = ("y", "yes", "ja", "j"), ("n", "no", "nein")
 
 
 def is_yes(answer: str) -> bool:
     """Whether an operator said yes."""
-    return answer.strip().lower() in ("y", "yes", "ja", "j")
+    return answer.strip().lower() in YES
 
 
 def is_no(answer: str) -> bool:
     """Whether an operator said no: where neither will do for the other, something else typed is no answer."""
-    return answer.strip().lower() in ("n", "no", "nein")
+    return answer.strip().lower() in NO

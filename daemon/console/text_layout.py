@@ -71,7 +71,7 @@ def table(rows: list[tuple[str, str]], columns: int) -> str:
     width = 0 if columns < NARROW else max((len(word) for word, _ in rows if len(word) <= 24), default=0)
     lines = []
     for word, said in rows:
-        beside, *below = textwrap.wrap(said, max(columns - width - 2, NARROWEST)) or [""]
+        beside, *below = textwrap.wrap(said, max(columns - width - 2, NARROWEST), break_on_hyphens=False) or [""]
         if len(word) <= width:
             lines.append(f"{word:<{width}}  {beside}")
         else:

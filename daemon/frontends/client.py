@@ -39,6 +39,8 @@ STOP_ANSWER_S = 2.0
 """A stop that is not answered by then sends its operator to the emergency stop."""
 LATE_ANSWER_S = 5.0
 """So long after that an answer is still waited for: a daemon that does not hang has one within 4 s."""
+MOST_FILES = 200
+"""Files that are offered for a name that is being typed."""
 CONNECT_S = 2.0
 """How long a daemon may take to take somebody in: one that hangs does not, once its queue is full."""
 EMERGENCY = "PRESS THE EMERGENCY STOP"
@@ -135,9 +137,7 @@ class DaemonLink:
             try:
                 message = next(messages, None)
                 if message is None:
-                    raise DaemonUnreachableError(
-                        "the daemon ended before it answered; `facetctl status` tells if it is back"
-                    )
+                    raise DaemonUnreachableError("the daemon ended before it answered; check it: `facetctl status`")
                 done = message.get("done", done)
                 self._stops = max(0, self._stops - ("stopped" in message))
                 if self._stops == 0 and ("stopped" in message or (takes_leave(text) and done is not None)):
@@ -245,7 +245,7 @@ def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any
     """The answer to a fetch: a file that one of these commands itself names, and no other."""
     try:
         if not any(path in _words(text) for text in commands):
-            raise FileError(f"{path}: not sent: the command does not name it")
+            raise FileError(f"{path}: not sent: the command does not name this file")
         content = read_file(Path(path).expanduser(), LONGEST_FILE)
     except FileError as error:
         yield {"no_file": str(error)}
@@ -253,6 +253,20 @@ def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any
     for start in range(0, max(len(content), 1), PIECE):
         piece = base64.b64encode(content[start : start + PIECE]).decode()
         yield {"file": piece, "more": start + PIECE < len(content)}
+
+
+def files_begun(typed: str) -> list[str] | None:
+    """Every line that the typed one may become, where a file's name is being typed behind --mesh; else None."""
+    before, space, begun = typed.rpartition(" ")
+    if not space or not before.endswith(" --mesh"):
+        return None
+    folder, _, name = begun.rpartition("/")
+    found: list[str] = []
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
+        for path in sorted(Path(f"{folder}/" if "/" in begun else ".").expanduser().iterdir())[:MOST_FILES]:
+            if path.name.startswith(name or "") and (name.startswith(".") or not path.name.startswith(".")):
+                found.append(begun[: len(begun) - len(name)] + path.name + ("/" if path.is_dir() else ""))
+    return [f"{before} {one}" for one in found if " " not in one]
 
 
 def _words(text: str) -> list[str]:
@@ -303,7 +317,9 @@ def _connect(paths: list[Path]) -> socket.socket:
             ) from None
         except BlockingIOError:
             connection.close()
-            raise DaemonUnreachableError(f"{path}: facetd takes nobody in for {CONNECT_S:g} s: it hangs") from None
+            raise DaemonUnreachableError(
+                f"{path}: facetd has not answered for {CONNECT_S:g} s: it hangs; `systemctl restart facetd`"
+            ) from None
         except OSError:
             connection.close()
             refused.append(str(path))

@@ -11,8 +11,9 @@ from math import inf
 from typing import Any, TypeVar
 
 from daemon.commands.step_mode import READ_S
-from daemon.console.interpreter import NOT_DONE, CommandResult, Frontend, Interpreter
-from daemon.errors import DONE
+from daemon.console.interpreter import CommandResult, Frontend, Interpreter
+from daemon.console.stop_words import means_stop
+from daemon.errors import DONE, NOT_DONE
 
 T = TypeVar("T")
 Interrupt = Callable[[str, bool], Awaitable[str]]
@@ -28,10 +29,10 @@ MOST_AHEAD = 500
 """Commands of one operator that wait, or are done beside each other."""
 MOST_BESIDE = 1000
 """All that is done for one operator: beyond the commands it is stops."""
-CROWDED = "too many commands wait for their turn"
-STOPPED_SINCE = "the arm was stopped after it was typed"
-NOT_IN_BLOCK = "a line before it, of the same paste, was not"
-TOO_SOON = "not taken as an answer, as this has only just come up"
+CROWDED = "too many commands are waiting; wait for their answers"
+STOPPED_SINCE = "the arm was stopped after you typed it"
+NOT_IN_BLOCK = "an earlier line of the same paste was not done"
+TOO_SOON = "ignored, too soon for an answer"
 
 
 class CommandQueue:
@@ -75,7 +76,7 @@ class CommandQueue:
     def take(self, text: str, answered: Answered, block: Block = None) -> None:
         """Do a command: a stop, or what is for now, at once; others when those before them are done. block: of several
         lines that were pasted together, each is done after the one before, to the first that is not."""
-        if self._interpreter.is_stop(text):
+        if means_stop(text):
             self.beside(lambda: self._do(self._stop_said(text), answered))
         elif block is not None and block == self._ended_block:
             self._start(_tell_dropped([(text, answered)], NOT_IN_BLOCK))

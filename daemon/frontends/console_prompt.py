@@ -27,15 +27,14 @@ from daemon.console.stop_words import LINE_END, ends_in_stop, means_stop, takes_
 from daemon.console.text_layout import NARROWEST, fold
 from daemon.errors import STOP_UNANSWERED
 from daemon.frontends import client
-from daemon.frontends.client import EMERGENCY, DaemonLink, DaemonUnreachableError, file_in_pieces
+from daemon.frontends.client import EMERGENCY, DaemonLink, DaemonUnreachableError, file_in_pieces, files_begun
 from daemon.frontends.completion_and_history import CommandHistory, DaemonCompleter
 from daemon.frontends.keyboard import RawKeyboard
-from daemon.frontends.paths import files_begun
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
 NOT_THERE = "no daemon answers at present"
-AGAIN = "A daemon answers again: see its `status`, then say anew what is still wanted."
+AGAIN = "Connected again. Check `status`, then repeat what is still wanted."
 SEEK_S = 0.5
 """How often a daemon that went away is sought again."""
 ROOM_TO_ANSWER = 4
@@ -153,7 +152,7 @@ class ConsolePrompt:
             buffer.reset()
             self._command("stop")
             if others:
-                self._show("A stop was pasted: nothing else of the paste is done.")
+                self._show("The paste contains a stop: the arm is stopped, the rest of the paste is dropped.")
             return
         lines = [line for line in LINE_END.split(data) if line.split("#")[0].strip()]
         if len(lines) < 2:
@@ -239,9 +238,9 @@ class ConsolePrompt:
             if takes_leave(line):
                 self._stop_words[number] = self._clock()
         elif takes_leave(line):
-            self._emergency(f"{EMERGENCY}; not said: {line.strip()}: {self._why_gone or NOT_THERE}")
+            self._emergency(f"{EMERGENCY}; not sent: {line.strip()}: {self._why_gone or NOT_THERE}")
         else:
-            self._show(f"{self._why_gone or NOT_THERE}; not said: {line.strip()}")
+            self._show(f"{self._why_gone or NOT_THERE}; not sent: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
         """Every line that the typed one may become; files are those of this machine."""
@@ -267,7 +266,9 @@ class ConsolePrompt:
             await self._end_controller()
             if stopping:
                 self._emergency(f"{EMERGENCY}: the stop was not answered")
-            self._show("the daemon ended before it answered" if amid else "the daemon has ended")
+            self._show(
+                "the daemon ended before it answered" if amid else "The daemon has ended; waiting for it to return."
+            )
             await self._seek()
 
     async def _seek(self) -> None:

@@ -18,12 +18,12 @@ from typing import Literal
 import serial
 
 from daemon.config import SerialTerminalSettings
-from daemon.console.interpreter import NOT_UNDERSTOOD, CommandError, CommandResult, Interpreter
+from daemon.console.interpreter import CommandError, CommandResult, Interpreter
 from daemon.console.stop_words import ends_in_stop, means_stop
-from daemon.frontends.client import LONGEST_FILE
+from daemon.errors import NOT_UNDERSTOOD
+from daemon.frontends.client import LONGEST_FILE, files_begun
 from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
 from daemon.frontends.line_editor import ASK_SIZE, EditorKey, LineEditor, to_terminal
-from daemon.frontends.paths import files_begun
 from daemon.store.outside import FileError, read_file
 
 PROMPT, ASKED = "facetd> ", "? "
@@ -264,7 +264,7 @@ def _complete(interpreter: Interpreter, typed: str) -> list[str]:
 def _reason(error: Exception) -> str:
     text = str(error)
     if "exclusively lock" in text or "busy" in text:
-        return "in use by another program (a getty?); stop that one or name another port"
+        return "in use by another program (a getty?); stop it or name another port"
     if "No such file" in text:
         return "no such port; is the adapter plugged in?"
     if "ermission denied" in text:

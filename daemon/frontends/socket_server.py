@@ -33,10 +33,10 @@ from typing import Any
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from daemon.console.interpreter import NOT_DONE, NOT_UNDERSTOOD, CommandError, CommandResult, Interpreter
+from daemon.console.interpreter import CommandError, CommandResult, Interpreter
 from daemon.console.stop_words import means_stop
 from daemon.console.text_layout import LOWEST, NARROWEST, WIDEST
-from daemon.errors import printable, visible
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, printable, visible
 from daemon.frontends.client import LONGEST_FILE
 from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
 from daemon.frontends.line_editor import COLUMNS
@@ -164,7 +164,7 @@ class SocketServer:
         operator = SocketFrontend(reader, writer, self._interpreter, self._interrupt, peer, may or "look")
         try:
             if may is None:
-                await operator.refuse("you are in neither of the groups that may come in here (console.group)")
+                await operator.refuse("permission denied: your user is in neither console.group nor console.look_group")
             elif self._crowded(peer):
                 self._make_way(task)
                 await operator.listen_for_a_stop()
@@ -237,8 +237,8 @@ class SocketFrontend:
         with contextlib.suppress(ValueError):
             async with asyncio.timeout(STOP_S):
                 message = _message(await self._reader.readline())
-        if message.interrupt is UNSET and not (isinstance(message.do, str) and self._interpreter.is_stop(message.do)):
-            await self.refuse("too many connections are open: close some (`stop` and control-C are heard all the same)")
+        if message.interrupt is UNSET and not (isinstance(message.do, str) and means_stop(message.do)):
+            await self.refuse("too many connections: close some (`stop` and control-C still work)")
             return
         self._hear(message)
         await self._queue.end()
@@ -253,7 +253,7 @@ class SocketFrontend:
         self._queue.leave()
         self._left.set()
         if self._file is not None and not self._file.done():
-            self._file.set_exception(CommandError("the operator went away"))
+            self._file.set_exception(CommandError("the operator disconnected"))
 
     async def say(self, text: str) -> None:
         """Show some lines now; waits for nobody's reading, as it may be an arm on its way that says them."""
@@ -271,7 +271,7 @@ class SocketFrontend:
     async def fetch(self, path: str) -> bytes:
         """A file at the operator's end. Raises CommandError."""
         if self._queue.gone:
-            raise CommandError("the operator went away")
+            raise CommandError("the operator disconnected")
         self._file, self._content = asyncio.get_running_loop().create_future(), bytearray()
         await self._send({"fetch": path})
         return await self._file
@@ -309,7 +309,7 @@ class SocketFrontend:
         if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
             self._queue.beside(self._stop)
         elif isinstance(message.do, str):
-            self._take(message.do if self._interpreter.is_stop(message.do) else printable(message.do), message)
+            self._take(message.do if means_stop(message.do) else printable(message.do), message)
         elif isinstance(message.answer, str):
             if self._interpreter.withdraws(message.answer):
                 self._queue.take(message.answer, self._stopped)
@@ -332,9 +332,9 @@ class SocketFrontend:
             raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
 
     def _take(self, text: str, message: SocketMessage) -> None:
-        stops = self._interpreter.is_stop(text)
+        stops = means_stop(text)
         if self._queue.busy and not message.waits and not stops and not self._interpreter.at_once(text):
-            raise ValueError("the last command is still being done")
+            raise ValueError("the last command is still running")
         if self._queue.crowded and not stops:
             raise ValueError(CROWDED)
         if not stops and len(message.do.strip().splitlines() if isinstance(message.do, str) else ()) > 1:

@@ -70,7 +70,7 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
         ago = f"answered {hardware.clock() - heard:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))
     if fault is not None:
-        findings.append(CheckResult("bad", "fault", fault, mend_of(fault) or "`resume` once its cause is gone"))
+        findings.append(CheckResult("bad", "fault", fault, mend_of(fault) or "Remove the cause, then `resume`"))
     for source, text in troubles.items():
         findings.append(CheckResult("bad", source, text.removeprefix(f"{source}: "), mend_of(text)))
     return findings
@@ -103,9 +103,11 @@ def _calibration(config: Config, _: bool) -> Iterator[CheckResult]:
         ("epipolar", quality.epipolar_px, GOOD_EPIPOLAR_PX),
     ):
         if value is not None and value > good:
-            yield CheckResult("bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Calibrate again")
+            yield CheckResult(
+                "bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Repeat the calibration"
+            )
     if calibration.tool_from_cyclopean is None:
-        mend = "Run `facetctl calibrate hand-eye`; until then only `robot` moves the arm"
+        mend = "Run `facetctl calibrate hand-eye`; until then only `robot` can move the arm"
         yield CheckResult("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
 
 
@@ -123,7 +125,7 @@ def _calibration_age(config: Config, calibration: Calibration) -> CheckResult:
 def _model(config: Config, _: bool) -> Iterator[CheckResult]:
     model_store = ModelStore(config.state)
     if model_store.current is None:
-        yield CheckResult("note", "model", "nothing was taught and accepted yet", "`teach LABEL`, `train`, `accept`")
+        yield CheckResult("note", "model", "no model is in use yet", "Make one: `teach LABEL`, `train`, `accept`")
     else:
         labels = ", ".join(model_store.load(model_store.current).labels)
         yield CheckResult("good", "model", f"version {model_store.current} knows {labels}")
@@ -156,7 +158,7 @@ def _device(what: str, path: str, group: str, running: bool) -> Iterator[CheckRe
     try:
         mode = os.stat(path).st_mode
     except OSError as error:
-        mend = "Is it plugged in? Do the udev rules (deploy/60-facetd.rules) name it?"
+        mend = "Plug it in; check that the udev rules (deploy/60-facetd.rules) name it"
         yield CheckResult("bad", what, f"{path}: {error.strerror}", mend)
         return
     if not stat.S_ISCHR(mode):
@@ -193,7 +195,7 @@ def _disk(config: Config, _: bool) -> Iterator[CheckResult]:
             yield CheckResult("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
         elif free_mb[disk] < config.values.log.keep_free_mb:
             well = False
-            mend = "Free some space; old runs go by themselves (log.quota_mb)"
+            mend = "Free disk space; facetd removes only old runs (log.quota_mb)"
             yield CheckResult("bad", "disk", f"{free_mb[disk]:.0f} MB free in {folder}", mend)
     if well:
         runs = len(list_runs(config.runs))
@@ -205,9 +207,9 @@ def _clock(config: Config, _: bool) -> Iterator[CheckResult]:
     year = datetime.now(UTC).year
     newest = max((run.stat().st_mtime for run in list_runs(config.runs)), default=0.0)
     if year < EARLIEST_YEAR or newest > time.time() + 60:
-        found = f"the clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which cannot be"
+        found = f"the clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which is wrong"
         yield CheckResult(
-            "bad", "clock", found, "Set it, or let systemd-timesyncd set it; the run log's times depend on it"
+            "bad", "clock", found, "Set it, or enable systemd-timesyncd; the times in the run log depend on it"
         )
     else:
         yield CheckResult("good", "clock", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")
@@ -223,12 +225,12 @@ def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
     )  # fmt: skip
     unit = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
     if unit.get("LoadState") != "loaded":
-        yield CheckResult("note", "unit", "facetd.service is not installed", "deploy/install.sh install")
+        yield CheckResult("note", "unit", "facetd.service is not installed", "Install it: deploy/install.sh install")
     else:
         restarts = unit.get("NRestarts", "0")
         level: CheckLevel = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"
         found = f"{unit.get('ActiveState')}, {unit.get('UnitFileState')}, restarted {restarts} times"
-        yield CheckResult(level, "unit", found, "" if level == "good" else "journalctl -u facetd -b")
+        yield CheckResult(level, "unit", found, "" if level == "good" else "See `journalctl -u facetd -b`")
 
 
 CHECKS: tuple[Callable[[Config, bool], Iterator[CheckResult]], ...] = (

@@ -57,7 +57,7 @@ def tell_removed(runs: Sequence[Path]) -> None:
 
 def stuck(run: Path, why: str) -> str:
     """Of a run that the quota cannot remove."""
-    return f"quota: {run} cannot be removed: {why}; it counts no more: move it away"
+    return f"quota: {run} cannot be removed: {why}; move it away (it no longer counts)"
 
 
 def flush(timeout_s: float) -> None:
@@ -164,6 +164,11 @@ class JournalledLog:
             self._notice(kind, text, fields.get("who"))
 
 
+def fault_line(fault: str) -> str:
+    """A fault for people. Somebody's stop latches one as well, and is no failure of anything."""
+    return f"STOPPED {fault.removeprefix('stopped ')}" if fault.startswith("stopped ") else f"FAULT {fault}"
+
+
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
     """The sentence for people, or None for what only the run log needs."""
     match kind:
@@ -177,7 +182,7 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
             return f"refused, {fields.get('rule')}: {fields.get('text')}"
         case "fault":
             code, text = str(fields.get("code")), str(fields.get("text"))
-            return f"FAULT {text}" if text.startswith(code) else f"FAULT {code}: {text}"
+            return fault_line(text if text.startswith(code) else f"{code}: {text}")
         case "rest":
             return str(fields.get("text"))
         case "command":

@@ -64,7 +64,8 @@ class Watchdog:
         """One line for `systemctl status`."""
         state = self._context.cycle.status()
         troubles = "; ".join(self._context.troubles.standing.values())
-        doing = f"FAULT {state['fault']}" if state["fault"] else f"{state['doing'] or 'idle'} ({state['state']})"
+        job = f"{state['doing'] or 'idle'} ({state['state']})"
+        doing = journal.fault_line(str(state["fault"])) if state["fault"] else job
         return f"{doing}; {state['picked']} of {state['tried']} picked" + (f"; {troubles}" if troubles else "")
 
     def _tick(self) -> None:
@@ -124,7 +125,11 @@ class Watchdog:
                 context.cycle.supervisor.line_opened_anew()
                 await robot.open()
             if robot.question is not None:
-                what = "`stop` answers N, and ends what asks" if robot.asks_whether_to_move else "say `robot power-up`"
+                what = (
+                    "`stop` answers N and ends the program that asks"
+                    if robot.asks_whether_to_move
+                    else "answer it: `robot power-up`"
+                )
                 context.troubles.tell("controller", f"the controller asks `{robot.question}`: {what}")
             else:
                 await robot.check()
@@ -166,10 +171,10 @@ class Watchdog:
                 return
             free = shutil.disk_usage(runs).free
         except OSError as error:
-            context.troubles.tell("disk", f"disk: the quota is not kept: {plain(error)}")
+            context.troubles.tell("disk", f"disk: old runs cannot be removed: {plain(error)}")
             return
         low = (
-            f"disk: {free / 1e6:.0f} MB free below {runs}; looks may soon not be kept"
+            f"disk: {free / 1e6:.0f} MB free in {runs}; free some space, or looks will not be recorded"
             if free < limits.keep_free_mb * 1e6
             else None
         )
@@ -187,7 +192,7 @@ class Watchdog:
         try:
             context.roll_if_due()
         except (FileError, OSError) as error:
-            context.troubles.tell("disk", f"disk: the log does not go on in a new run: {plain(error)}")
+            context.troubles.tell("disk", f"disk: cannot start a new run folder: {plain(error)}")
 
     def _check_folder(self) -> None:
         """Where somebody removed the run that is being written, the log goes on in a new one, and it is told."""
@@ -199,10 +204,10 @@ class Watchdog:
         try:
             context.roll_if_due()
         except (FileError, OSError) as error:
-            context.troubles.tell("log", f"log: {gone} was removed, and there is no new one: {plain(error)}")
+            context.troubles.tell("log", f"log: {gone} was removed, and no new run folder can be made: {plain(error)}")
             return
         context.troubles.tell("log", None)
-        text = f"log: {gone} was removed while it was written; the log goes on in {context.run_log.folder}"
+        text = f"log: {gone} was removed while in use; the log continues in {context.run_log.folder}"
         journal.tell("trouble", text, journal.WARNING)
 
     def _check_clock(self) -> None:
@@ -219,9 +224,9 @@ class Watchdog:
         now_s = asleep_s()
         slept_s, self._asleep_s = now_s - self._asleep_s, now_s
         if slept_s > ASLEEP_S:
-            text = f"the computer was asleep for {slept_s:.0f} s"
+            text = f"the computer was suspended for {slept_s:.0f} s"
         elif still_s > STOOD_STILL_S:
-            text = f"facetd was held still for {still_s:.0f} s"
+            text = f"facetd was not running for {still_s:.0f} s"
         else:
             return
         journal.tell("trouble", text, journal.WARNING)

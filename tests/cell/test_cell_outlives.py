@@ -44,7 +44,7 @@ def test_an_auto_of_two_killed_with_the_first_part_in_the_gripper_brings_two(dae
     assert "with 2 parts still to pick" in daemon.do("status")["text"]
     before = daemon.joints_deg()
     assert daemon.do("auto resume")["status"] == 1
-    assert "`auto resume` takes it up" in daemon.do("resume")["text"]
+    assert "`auto resume` continues it" in daemon.do("resume")["text"]
     for text in ("holding yes", "auto resume"):
         daemon.do(text)
     assert daemon.joints_deg() == before

@@ -213,14 +213,14 @@ class Words:
             self._resuming.discard(key)
             if status == 0:
                 self._stopped = False
-        if status == 0 and "Going on; `auto off`" in text:
+        if status == 0 and "Auto resumed; `auto off`" in text:
             self.enabled = True
-        self._tell("Going on; `auto off`" in text)
+        self._tell("Auto resumed; `auto off`" in text)
 
     def agreed(self, question: str) -> None:
         """A yes to a question."""
         self._story.cell.motion_monitor.yes(self._story.stamp_s())
-        if "Let the arm move" in question:
+        if "Enable the arm and continue" in question:
             self.enabled = True
         self._tell(True)
 
@@ -447,7 +447,7 @@ class SocketOperator:
                 self.story.words.answered((self, message["id"]), done["text"], done["status"])
         elif "notice" in message:
             self.story.told(message["notice"])
-            if message["notice"].startswith("FAULT"):
+            if message["notice"].startswith(("FAULT", "STOPPED")):
                 self.story.words.stop(message["notice"])
 
 

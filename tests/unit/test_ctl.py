@@ -134,4 +134,4 @@ def test_a_full_disk_under_what_is_written_is_told_in_one_line() -> None:
             check=False,
         )
     assert ended.returncode == ctl.NOT_DONE
-    assert ended.stderr == "facetctl: what it has to say cannot be written: No space left on device\n"
+    assert ended.stderr == "facetctl: output cannot be written: No space left on device\n"

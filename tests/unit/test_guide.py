@@ -18,6 +18,7 @@ from daemon import ctl, main
 from daemon.commands import every_command
 from daemon.config import Config
 from daemon.console.interpreter import ConsoleCommand
+from daemon.console.phrases import NO, YES
 from daemon.store import places
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
@@ -77,7 +78,7 @@ def test_what_is_typed_at_the_prompt_is_a_command(guide: str, line: str) -> None
 
 def names() -> list[tuple[str, str]]:
     """Spans that begin with a command's own word."""
-    begun = "|".join(sorted(COMMANDS, key=len, reverse=True)).replace("?", r"\?")
+    begun = "|".join(sorted({*COMMANDS} - {*YES, *NO}, key=len, reverse=True)).replace("?", r"\?")
     return [(g, line) for g, line in told(rf"((?:{begun})(?: .*)?)")]
 
 

@@ -163,7 +163,7 @@ def test_a_module_that_is_removed_and_comes_back_under_other_numbers_is_found_ag
     until(lambda: "there is: no video device at all" in command("status")["troubles"].get("cameras", ""))
     loopback.load("6,7")
     start_feeder("/dev/video6", "/dev/video7")
-    until(lambda: [r for r in journal(cursor) if "well again" in str(r.get("MESSAGE"))])
+    until(lambda: [r for r in journal(cursor) if "OK again" in str(r.get("MESSAGE"))])
     assert "/dev/video6 `left`" in command("doctor")["text"]
     assert unit("ActiveState") == "active"
     assert unit("NRestarts") == "0"

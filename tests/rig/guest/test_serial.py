@@ -135,7 +135,7 @@ def test_an_adapter_pulled_out_in_mid_move_comes_back_under_another_name(person:
     assert os.readlink(ADAPTER) != was
     rest = person.do("tell")
     assert math.dist(rest["gripper_mm"], BIN_MM) > 20.0
-    assert [r for r in journal(cursor) if "well again" in str(r.get("MESSAGE"))]
+    assert [r for r in journal(cursor) if "OK again" in str(r.get("MESSAGE"))]
     refused = command("go home")
     assert refused["status"] != 0
     assert "resume" in refused["text"], refused

@@ -27,8 +27,8 @@ def test_a_transcript_that_was_cut_off_in_its_last_line_is_replayed_as_far_as_it
     (tmp_path / "sent.jsonl").write_text(whole + whole.splitlines()[-1][:9])
     assert ctl.main(["arm", "replay", str(tmp_path / "sent.jsonl")]) == 0
     said = capsys.readouterr().out
-    assert "lost its end" in said
-    assert "word for word" in said
+    assert "is incomplete" in said
+    assert "byte for byte" in said
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_a_yes_or_no_is_asked_until_it_is_one_and_the_controllers_question_is_an
         monkeypatch.setattr(sys, "stdin", terminal)
         asking = _ask(Consult(about, "May I?"), asyncio.Event())  # type: ignore[arg-type]
         assert asyncio.run(asking) == answered
-    assert ("`maybe` is neither" in capsys.readouterr().out) is ("maybe" in typed)
+    assert ("`maybe` is not an answer" in capsys.readouterr().out) is ("maybe" in typed)
 
 
 @pytest.mark.parametrize(("begun", "ended"), [(b"st", b"op\n"), (b"stop\n", b"")])

@@ -85,18 +85,18 @@ def test_calibrations_are_listed_and_gone_back_to(context: Any) -> None:
     assert broken.status == 1
     assert calibrations.current == 1, "what cannot be used is not taken over"
     assert say(context, "calibrate use 7").status == 2
-    assert "may only look" in say(context, "calibrate use 0", FakeFrontend(may="look")).text
+    assert "is read-only" in say(context, "calibrate use 0", FakeFrontend(may="look")).text
 
 
 @pytest.mark.parametrize(
     ("cameras", "alone", "kind", "told"),
     [
-        ("left right", "left", "hand-eye", "one eye is away"),
+        ("left right", "left", "hand-eye", "only one camera is in use"),
         ("left right", None, "camera", "this cell has two cameras: `calibrate stereo`"),
         ("left", "left", "stereo", "this cell has one camera: `calibrate camera`"),
         ("left", "left", "by-hand", "this cell has one camera: `calibrate camera`"),
         ("left", "left", "verify", "`calibrate camera` first"),
-        ("right", "right", "camera", "name it cameras.left"),
+        ("right", "right", "camera", "has it as cameras.left"),
     ],
 )
 def test_only_the_eyes_that_are_there_are_calibrated(
@@ -183,5 +183,5 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
     monkeypatch.setattr(calibrating, "_stereo_lines", lambda _: [])
     answer = say(context, "calibrate by-hand")
     assert answer.status == 1
-    assert "kept as calibration 2, and not taken into use: meanwhile another one was" in answer.text
+    assert "stored as calibration 2, not in use: another calibration was taken into use meanwhile" in answer.text
     assert calibrations.current == 1

@@ -49,13 +49,13 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         broken(here)
         frontend = FakeFrontend(answers=["y"])
         answer = await resume.run(here.context, [], frontend)
-        assert "right eye does not see" in frontend.asked[0]
+        assert "right camera does not work" in frontend.asked[0]
         assert "a third longer" in frontend.asked[0]
-        assert "Looking with the left eye alone" in answer.text
+        assert "Using the left camera alone" in answer.text
         assert here.cycle.supervisor.fault is None
         assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
         assert here.log.said("eyes")[0]["alone"] == "left"
-        assert "left eye alone" in here.context.troubles.standing["eyes"]
+        assert "left camera alone" in here.context.troubles.standing["eyes"]
         assert not here.log.said("move")
 
     lived(story)
@@ -93,7 +93,7 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
 def test_after_a_no_the_fault_stands_and_both_eyes_stay() -> None:
     async def story(here: Hours) -> None:
         broken(here)
-        with pytest.raises(CommandError, match="The fault stands"):
+        with pytest.raises(CommandError, match="fault is not cleared"):
             await resume.run(here.context, [], FakeFrontend(answers=["n"]))
         assert here.cycle.supervisor.fault == FAULT
         assert here.cycle.cell.alone is None
@@ -145,7 +145,7 @@ def test_a_frontend_that_cannot_ask_is_told_the_word_and_nothing_changes() -> No
     async def story(here: Hours) -> None:
         broken(here)
         answer = await resume.run(here.context, [], FakeFrontend())
-        assert "`cameras left` goes on with it" in answer.text
+        assert "`cameras left` uses it" in answer.text
         assert here.cycle.cell.alone is None
 
     lived(story)
@@ -167,11 +167,11 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
     async def story(here: Hours) -> None:
         broken(here)
         await resume.run(here.context, [], FakeFrontend(answers=["y"]))
-        with pytest.raises(CommandError, match="not trusted yet"):
+        with pytest.raises(CommandError, match="cannot be used yet"):
             await cameras.run(here.context, ["both"], FakeFrontend())
         assert here.cycle.cell.alone == "left"
         here.cell.camera.ail("right", None)
-        assert (await cameras.run(here.context, ["both"], FakeFrontend())).text == "Looking with both eyes."
+        assert (await cameras.run(here.context, ["both"], FakeFrontend())).text == "Using both cameras."
         assert here.cycle.cell.alone is None
         assert here.cycle.cell.rig is here.context.calibration.rig
         assert "eyes" not in here.context.troubles.standing
@@ -182,9 +182,9 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
 def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
     async def story(here: Hours) -> None:
         here.cell.camera.cover("right")
-        with pytest.raises(CommandError, match=r"right eye cannot be looked with.*covered"):
+        with pytest.raises(CommandError, match=r"right camera cannot be used.*covered"):
             await cameras.run(here.context, ["right"], FakeFrontend())
-        assert "The right eye:" in (await cameras.run(here.context, [], FakeFrontend())).text
+        assert "right camera:" in (await cameras.run(here.context, [], FakeFrontend())).text
         assert here.context.hardware.eyes.alone is None
 
     lived(story)
@@ -193,7 +193,7 @@ def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
 def test_a_frontend_that_may_only_look_does_not_move_the_arm_by_looking_with_one_eye() -> None:
     async def story(here: Hours) -> None:
         await cameras.run(here.context, ["left"], FakeFrontend())
-        with pytest.raises(CommandError, match="with one eye a look moves the arm"):
+        with pytest.raises(CommandError, match="with one camera a look moves the arm"):
             await look.run(here.context, [], FakeFrontend(may="look"))
         assert not here.log.said("move")
         assert (await look.run(here.context, [], FakeFrontend())).text

@@ -122,7 +122,7 @@ def test_a_word_that_turns_the_next_way_over_is_not_sent(line: bytes) -> None:
     """The guard had looked along another: half a turn of the wrist came with it."""
     sent, frontend = typed(standing(), line + b"\r", b"y\r")
     assert b"\r" not in sent.replace(SPOIL, b"").removesuffix(b"y\r")
-    assert "another than facetd looks along" in frontend.said[0]
+    assert "changes the arm configuration" in frontend.said[0]
 
 
 def test_a_yes_to_a_program_that_asks_may_work_the_hand() -> None:
@@ -315,7 +315,7 @@ def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> Non
     person.sees("may not move now")
     person.types("SPEED 12\r")
     person.types("\x1d")
-    person.sees("Back from the controller's terminal: 2 lines typed.")
+    person.sees("Back at the console; 2 lines sent to the controller.")
     assert person.leaves() == 0
     assert daemon.do("where")["status"] == 0
     (run,) = list_runs(daemon.runs)
@@ -378,7 +378,7 @@ def test_cal_needs_an_arm_that_may_move_is_shown_while_it_runs_and_is_stopped_li
     done = daemon.do("robot cal")
     assert (done["status"], done["text"].splitlines()[-1]) == (
         0,
-        "(answered Y) The arm has found its zero and is at rest.",
+        "(answered Y) The arm is calibrated and at rest.",
     )
 
 

@@ -45,15 +45,15 @@ def test_parts_that_could_be_taken_for_each_other_are_told_of_with_what_is_then_
     assert pairs[0]["labels"] == ("brick", "copy")
     assert pairs[0]["facets"] == ("rectangle",) * 3
     told = text.splitlines()
-    assert told[0] == "Version 1 is in use; `rollback` goes back."
+    assert told[0] == "Version 1 is in use; `rollback` switches back."
     assert told[1].startswith("Could be taken for each other: brick and copy seen as 3 rectangles alone (")
-    assert told[1].endswith(f" directions of {VIEWPOINTS}). A look from elsewhere settles it.")
+    assert told[1].endswith(f" directions of {VIEWPOINTS}). A second look from another side decides.")
 
 
 @pytest.mark.slow
 def test_parts_that_differ_in_every_side_are_not(tmp_path: Path) -> None:
     assert accepted(tmp_path, brick=(40, 50, 60), plank=(25, 70, 90)) == (
-        "Version 1 is in use; `rollback` goes back.", []
+        "Version 1 is in use; `rollback` switches back.", []
     )  # fmt: skip
 
 
@@ -88,12 +88,12 @@ def test_accept_takes_the_candidate_that_was_shown_at_that_frontend_and_no_other
     with pytest.raises(CommandError) as refused:
         asyncio.run(accept.run(context, [], ann))
     assert str(refused.value) == (
-        "not accepted: you were shown version 7, and the candidate is version 8 by now: "
-        "`try` looks with it, `accept` once more takes it, `model use 7` the other"
+        "not accepted: you saw version 7, but the candidate is now version 8: "
+        "`try` tests it, `accept` again takes it, `model use 7` takes the other"
     )
     assert store.current is None
     asyncio.run(status.run(context, [], bob))
-    assert asyncio.run(accept.run(context, [], bob)).text == "Version 8 is in use; `rollback` goes back."
+    assert asyncio.run(accept.run(context, [], bob)).text == "Version 8 is in use; `rollback` switches back."
     store.candidate, ann.shown = 9, 9
     assert asyncio.run(accept.run(context, [], ann)).data["version"] == 9
 
@@ -117,4 +117,4 @@ def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:
     told = describe_alike(pairs)
     assert "a0 and b0 seen as 2 squares and one rectangle alone (9 directions of 60); " in told
     assert "a3" not in told
-    assert told.endswith("; 2 pairs more by less. A look from elsewhere settles it.")
+    assert told.endswith("; 2 pairs more by less. A second look from another side decides.")

@@ -44,14 +44,14 @@ def test_tables_of_views_and_parts_fit_the_terminal(tmp_path: Path, columns: int
 @pytest.mark.parametrize(
     ("fault", "held", "told"),
     [
-        (None, None, ["gripper   nobody knows whether it holds a part: `holding yes` or `holding no`"]),
+        (None, None, ["gripper   content unknown: report it by `holding yes` or `holding no`"]),
         (None, True, ["gripper   holds a part: the next pick first puts it into the bin"]),
         (None, False, []),
         ("stopped by ann", False, []),
         (
             "ControllerError: *Arm power off*",
             False,
-            ["to mend   switch arm power on at the controller, see what cut it, then `resume`"],
+            ["to do     switch arm power on at the controller, see what cut it, then `resume`"],
         ),
     ],
 )
@@ -73,4 +73,4 @@ def test_status_lists_what_the_last_pick_left_alone(tmp_path: Path) -> None:
     left = {"label": "cube", "at": [520.4, -90.0, -275.2], "why": "no grasp holds it as it lies"}
     context.cycle.skipped = [left]
     told = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend())).text.splitlines()
-    assert told[-1] == "left out  cube at 520, -90, -275 mm: no grasp holds it as it lies"
+    assert told[-1] == "skipped   cube at world x 520 y -90 z -275 mm: no grasp holds it as it lies"

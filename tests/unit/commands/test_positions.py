@@ -58,18 +58,18 @@ def test_a_turn_is_about_the_point_between_the_fingers(context: Any) -> None:
     ("text", "want"),
     [
         ("jog", "axis is missing"),
-        ("jog z 1_0", "DISTANCE: expected up to 100 mm either way, found 1_0"),
-        ("jog z \u0663", "DISTANCE: expected up to 100 mm either way, found \u0663"),
+        ("jog z 1_0", "DISTANCE: expected a number up to 100 mm, + or -, found 1_0"),
+        ("jog z \u0663", "DISTANCE: expected a number up to 100 mm, + or -, found \u0663"),
         ("jog up 5", "up: no such axis"),
-        ("jog z", "DISTANCE: expected up to 100 mm either way, found nothing"),
+        ("jog z", "DISTANCE: expected a number up to 100 mm, + or -, found nothing"),
         ("jog z 0", "found 0"),
         ("jog z nan", "found nan"),
         ("jog z 101", "found 101"),
-        ("jog z 5deg", "expected up to 100 mm either way, found 5deg"),
-        ("jog rz 5mm", "expected up to 30 degrees either way, found 5mm"),
+        ("jog z 5deg", "expected a number up to 100 mm, + or -, found 5deg"),
+        ("jog rz 5mm", "expected a number up to 30 degrees, + or -, found 5mm"),
         ("jog z 5mmdeg", "found 5mmdeg"),
-        ("jog rz 31", "expected up to 30 degrees either way, found 31"),
-        ("jog z 5 part", "part: no such frame; known: tool, world"),
+        ("jog rz 31", "expected a number up to 30 degrees, + or -, found 31"),
+        ("jog z 5 part", "part: no such frame; choose from: tool, world"),
         ("jog z 5 tool now", "now: one word too many"),
         ("here", "NAME is missing"),
         ("here Bin 2", "2: one word too many"),
@@ -95,7 +95,7 @@ def test_a_place_is_kept_with_its_history_and_gone_to(context: Any) -> None:
     assert say(context, "here bin2", FakeFrontend(answers=["n"])).status == 1, "kept as it is"
     frontend = FakeFrontend(answers=["y"], who="anna")
     assert say(context, "here bin2", frontend).status == 0
-    assert frontend.asked == ["bin2 is 10.0 mm from here so far. Name this place bin2 instead? [y/n]"]
+    assert frontend.asked == ["bin2 is 10.0 mm from here. Replace it by this place? [y/n]"]
     assert say(context, "go bin2").text == "At bin2."
     assert context.cycle.told == ["move to bin2: [100.0, 200.0, 310.0]"]
     history = say(context, "places bin2").text.splitlines()

@@ -35,7 +35,7 @@ def test_a_side_that_meets_no_other_comes_with_what_to_do(count: int, begins: st
 def test_what_lies_elsewhere_is_something_elses_and_a_view_without_either_says_neither() -> None:
     shown = [facet(0.0), facet(40.0)]
     told = _shown("bracket", shown, [0, 1], ([], [facet(400.0)]), 80).splitlines()
-    assert told[-1] == "and 1 facet of something else beside it"
+    assert told[-1] == "and 1 facet of another object"
     assert _shown("bracket", shown, [0, 1], ([], []), 80).splitlines()[-1] == "side 1 2: square 40 40 40 40 mm"
 
 

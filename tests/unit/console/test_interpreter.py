@@ -36,13 +36,13 @@ def context(tmp_path: Path) -> object:
         ("   # a comment", "", 0),
         ("hlep", "hlep: no such command; did you mean help?", 2),
         ("tech cube", "tech: no such command; did you mean teach?", 2),
-        ("review latest", "review: not of this console; in the shell: `facetctl review`", 2),
-        ("facetctl status", "here without `facetctl`: the command alone", 2),
-        ("flurb", "flurb: no such command; `help` lists what there is", 2),
+        ("review latest", "review: not a console command; run it in a shell: `facetctl review`", 2),
+        ("facetctl status", "type the command without `facetctl`", 2),
+        ("flurb", "flurb: no such command; `help all` lists every command", 2),
         ("pick cub", "cub: no such taught part; did you mean cube?", 2),
-        ("pick sphere", "sphere: no such taught part; known: cube", 2),
+        ("pick sphere", "sphere: no such taught part; choose from: cube", 2),
         ("pick cube now", "now: one word too many; usage: pick [LABEL]", 2),
-        ("go", "place is missing: go PLACE; known: bin, home, survey", 2),
+        ("go", "place is missing: go PLACE; choose from: bin, home, survey", 2),
         ("go hom", "hom: no such place; did you mean home?", 2),
         ("auto on many", "N: expected a whole number from 1 to 1000000, found many", 2),
         ("auto on 0", "N: expected a whole number from 1 to 1000000, found 0", 2),
@@ -52,8 +52,8 @@ def context(tmp_path: Path) -> object:
         ("teach", "which part? teach LABEL; known labels: cube, pyramid", 2),
         ("teach Cube!", "Cube!: a label is small letters, digits and _, as in hex_bolt", 2),
         ("teach 'cube", "teach 'cube: No closing quotation", 2),
-        ("confirm", "no move waits for an answer", 1),
-        ("robot dance", "dance: no such word; known: cal, monitor, power-up", 2),
+        ("confirm", "no move is waiting for confirmation", 1),
+        ("robot dance", "dance: no such word; choose from: cal, monitor, power-up", 2),
     ],
 )
 def test_what_is_not_understood_is_said_in_one_line_with_the_right_word(
@@ -98,9 +98,10 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
     text = say(context, "resume", frontend).text
     assert begun == ([(13, None)] if goes_on else [])
     assert ("enable" in context.cycle.told) is goes_on
-    assert ("resume" in context.cycle.told) is (goes_on or answers == ["what?"]), "answered no, the fault stands"
-    assert ("`auto resume` takes it up" in text) is not goes_on
-    assert all("was not done: the question stands" in said for said in frontend.said)
+    answered = answers != ["n", "status"]
+    assert ("resume" in context.cycle.told) is answered, "a no clears the fault, and no answer does not"
+    assert ("`auto resume` continues it" in text) is (answered and not goes_on)
+    assert all(said.startswith("Ignored: ") for said in frontend.said)
     assert len(frontend.asked) == len(answers) + len(frontend.said), (
         "what is no answer is told so, and it is asked again"
     )
@@ -120,7 +121,7 @@ def test_a_stop_while_resume_waits_for_its_answer_is_not_cleared_by_it(context: 
 
 def test_resume_at_a_frontend_that_cannot_ask_moves_nothing(context: Any) -> None:
     context.cycle.fault, context.cycle.pick_order = "stopped by ann", PickOrder(2)
-    assert "`auto resume` takes it up" in say(context, "resume").text
+    assert "`auto resume` continues it" in say(context, "resume").text
     assert context.cycle.told == ["resume"]
 
 
@@ -195,7 +196,7 @@ def test_a_switch_without_on_or_off_tells_how_it_is_and_switches_nothing(context
 
 def test_auto_wait_without_an_auto_says_so(context: object) -> None:
     answer = say(context, "auto wait")
-    assert (answer.text, answer.status) == ("no auto is on; `auto on` begins one", 1)
+    assert (answer.text, answer.status) == ("auto is not running; `auto on` starts it", 1)
 
 
 @pytest.mark.parametrize("word", ["accept", "rollback", "model use 2"])
@@ -235,20 +236,20 @@ def test_who_moves_the_arm_or_changes_a_model_is_kept_and_who_looks_is_not(conte
 def test_a_frontend_that_may_only_look_moves_nothing_and_changes_nothing(context: object, text: str) -> None:
     answer = say(context, text, FakeFrontend(may="look"))
     assert answer.status == 1
-    assert "may only look" in answer.text
+    assert "is read-only" in answer.text
     assert context.cycle.told == []  # type: ignore[attr-defined]
     assert context.log.records == []  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("text", ["disable", "pause"])
 def test_a_frontend_that_may_only_look_may_take_motion_away(context: object, text: str) -> None:
-    assert "may only look" not in say(context, text, FakeFrontend(may="look")).text
+    assert "is read-only" not in say(context, text, FakeFrontend(may="look")).text
 
 
 @pytest.mark.parametrize("text", ["resume", "enable"])
 def test_and_gives_none_back_be_it_after_its_own_pause(context: object, text: str) -> None:
     say(context, "pause", FakeFrontend(may="look"))
-    assert "may only look" in say(context, text, FakeFrontend(may="look")).text
+    assert "is read-only" in say(context, text, FakeFrontend(may="look")).text
 
 
 def test_stop_is_heard_at_every_frontend_and_whatever_else_is_on_the_line(context: object) -> None:
@@ -268,7 +269,7 @@ def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(co
     context.trainer.model_store.views = None  # type: ignore[attr-defined]
     answer = say(context, "views")
     assert answer.status == 1
-    assert "a fault in facetd itself: TypeError" in answer.text
+    assert "internal error in facetd: TypeError" in answer.text
     assert say(context, "status").status == 0
 
 
@@ -340,7 +341,7 @@ def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_
     if not told:
         assert "has no hand_eye yet" in answer.text
     else:
-        assert answer.text == "`robot` may move the arm; nothing else may."
+        assert answer.text == "The arm is enabled for `robot` only."
 
 
 @pytest.mark.parametrize(("said", "told"), [("y", "confirm"), ("n", "refuse"), ("", "refuse")])
@@ -393,11 +394,11 @@ ENDS_MOTION = ("stop", "disable", "abort", "pause")
 def test_a_frontend_that_may_only_look_is_refused_whatever_does_more_than_end_motion(
     context: object, name: str
 ) -> None:
-    assert "may only look" in say(context, name, FakeFrontend(may="look")).text
+    assert "is read-only" in say(context, name, FakeFrontend(may="look")).text
     assert context.cycle.told == []  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(("stopping", "told"), [(True, "not seen at rest yet"), (False, "nothing moves until")])
+@pytest.mark.parametrize(("stopping", "told"), [(True, "not confirmed at rest yet"), (False, "nothing moves until")])
 def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_moves(
     context: Any, stopping: bool, told: str
 ) -> None:
@@ -405,14 +406,14 @@ def test_status_says_of_an_arm_that_is_being_stopped_no_sooner_that_nothing_move
     standing = {**context.cycle.status(), "fault": "stopped by ann", "stopping": stopping}
     context.cycle.status = lambda: standing
     first = say(context, "status").text.splitlines()[0]
-    assert f"FAULT: stopped by ann ({'being stopped, ' * stopping}{told}" in first
+    assert f"STOPPED by ann ({'stopping: ' * stopping}{told}" in first
 
 
 @pytest.mark.parametrize("word", ["open", "close"])
 def test_a_hand_in_a_dry_run_is_not_said_to_have_moved(context: Any, word: str) -> None:
     dry = {**context.cycle.status(), "dry": True}
     context.cycle.status = lambda: dry
-    assert say(context, f"hand {word}").text == "Planned, and not sent: `dry` is on."
+    assert say(context, f"hand {word}").text == "Dry run: planned, not sent."
 
 
 def test_a_yes_that_comes_together_with_somebody_elses_ends_nothing_here(context: Any) -> None:
@@ -421,7 +422,27 @@ def test_a_yes_that_comes_together_with_somebody_elses_ends_nothing_here(context
 
     def decided() -> None:
         context.cycle.pending = context.cycle.doing = None
-        raise RefusedError("no move waits for an answer")
+        raise RefusedError("no move is waiting for confirmation")
 
     context.cycle.confirm = decided
     assert say(context, "go home", FakeFrontend(answers=["y", "n"])).text == "At home."
+
+
+@pytest.mark.parametrize(("word", "done"), [("y", "confirm"), ("Yes", "confirm"), ("n", "refuse"), ("no", "refuse")])
+def test_y_and_n_answer_a_waiting_move_wherever_they_are_typed(context: Any, word: str, done: str) -> None:
+    context.cycle.pending = "go home"
+    assert say(context, word).status == 0
+    assert context.cycle.told == [done]
+    assert say(context, word).text == "no move is waiting for confirmation"
+
+
+def test_a_y_typed_as_the_move_came_up_is_none_to_it(context: Any) -> None:
+    context.cycle.pending, context.cycle.pending_s = "go home", 0.5
+    assert "less than 1 s ago" in say(context, "y").text
+    assert context.cycle.told == []
+
+
+def test_a_frontend_that_may_only_look_confirms_nothing(context: Any) -> None:
+    context.cycle.pending = "go home"
+    assert "is read-only" in say(context, "y", FakeFrontend(may="look")).text
+    assert context.cycle.told == []

@@ -63,10 +63,10 @@ def test_who_waits_for_an_outcome_hears_faults_but_not_the_outcome() -> None:
     notices.listen(other)
     with notices.answered(asked):
         notices.tell("picked: cube", NoticeLevel.OUTCOMES)
-        notices.tell("FAULT stopped by ann")
+        notices.tell("STOPPED by ann")
     notices.tell("picked: pyramid", NoticeLevel.OUTCOMES)
-    assert asked.heard == ["FAULT stopped by ann", "picked: pyramid"]
-    assert other.heard == ["picked: cube", "FAULT stopped by ann", "picked: pyramid"]
+    assert asked.heard == ["STOPPED by ann", "picked: pyramid"]
+    assert other.heard == ["picked: cube", "STOPPED by ann", "picked: pyramid"]
 
 
 def test_each_frontend_hears_as_much_as_its_operator_wants_and_faults_always() -> None:
@@ -95,11 +95,11 @@ def test_who_stops_is_answered_and_not_told_the_same_once_more() -> None:
     notices, ann, bob = Notices(), Frontend(), Frontend()
     notices.listen(ann)
     notices.listen(bob)
-    alarm = "FAULT stopped by ann; NOT CONFIRMED: no answer: press the emergency stop"
+    alarm = "STOPPED by ann; NOT CONFIRMED: no answer: press the emergency stop"
     with notices.stopping(ann, "ann"):
-        for text in ("FAULT stopped by ann", "FAULT stopped by control-C of ann", alarm, "FAULT stopped by bob"):
+        for text in ("STOPPED by ann", "STOPPED by control-C of ann", alarm, "STOPPED by bob"):
             notices.tell(text)
-    assert ann.heard == [alarm, "FAULT stopped by bob"]
+    assert ann.heard == [alarm, "STOPPED by bob"]
     assert len(bob.heard) == 4
 
 
@@ -125,7 +125,9 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
 
     async def run() -> list[str]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
+        context.cycle.supervisor = SimpleNamespace(fault=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
+        context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
         frontend = Frontend()
         context.notices.listen(frontend)
         await CommandContext.begin_auto(context, None)
@@ -133,7 +135,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         await asyncio.sleep(0)
         return frontend.heard
 
-    assert asyncio.run(run()) == ["Auto has ended: 2 parts picked."]
+    assert asyncio.run(run()) == ["Auto has ended: 2 parts picked; the table is empty."]
 
 
 def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_is_on() -> None:
@@ -152,7 +154,9 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
 
     async def run() -> list[Any]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
+        context.cycle.supervisor = SimpleNamespace(fault=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
+        context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
         await CommandContext.begin_auto(context, None)
         with pytest.raises(RefusedError, match="busy"):
             await CommandContext.begin_auto(context, None)
@@ -213,7 +217,7 @@ def test_who_waits_for_a_move_that_somebody_else_holds_is_told_so_each_time() ->
             await asyncio.sleep(2.5 * step_mode.POLL_S)
 
     asyncio.run(with_questions(context, move(), frontend))  # type: ignore[arg-type]
-    assert frontend.said == ["Held before the next move: `resume` lets it go."] * 2
+    assert frontend.said == ["Paused before the next move: `resume` continues."] * 2
 
 
 def test_a_frontend_that_fails_keeps_no_other_from_hearing() -> None:
@@ -239,7 +243,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
     script, console = Frontend(), Frontend()
     script.asks = False
     context.notices.listen(console)
-    line = "Waits for a yes: home: joints; `confirm` sends it, `refuse` gives it up."
+    line = "Waiting for confirmation: home: joints. `confirm` (y) sends it, `refuse` (n) cancels it."
 
     async def until(so: Callable[[], bool]) -> None:
         while not so():

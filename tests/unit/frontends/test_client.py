@@ -191,7 +191,7 @@ def test_a_file_that_the_command_names_is_sent_in_pieces_and_no_other(daemon: Sc
     assert [set(piece) for piece in pieces] == [{"file", "more"}] * 2
     for commands in ([], ["teach x"], ["teach 'x"], [f"teach x # {mine}"]):
         ((refused),) = file_in_pieces(str(mine), commands)
-        assert refused == {"no_file": f"{mine}: not sent: the command does not name it"}
+        assert refused == {"no_file": f"{mine}: not sent: the command does not name this file"}
     (missing,) = file_in_pieces(str(tmp_path / "none"), [f"x {tmp_path / 'none'}"])
     assert "cannot be read" in missing["no_file"]
     (tmp_path / "empty").touch()

@@ -123,11 +123,11 @@ def test_a_pasted_block_is_done_line_by_line_to_the_first_that_is_not_done() -> 
         await a_moment()
 
     operator = play(script)
-    not_done = "not done; a line before it, of the same paste, was not"
+    not_done = "not done; an earlier line of the same paste was not done"
     assert operator.answers[:2] == ["done 1", "now"]
     assert sorted(operator.answers[2:]) == sorted(
         [
-            "flurb: no such command; `help` lists what there is",
+            "flurb: no such command; `help all` lists every command",
             f"go 2: {not_done}",
             "done 3",
             f"go 4: {not_done}",
@@ -147,7 +147,7 @@ def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_que
         await a_moment()
 
     operator = play(script)
-    assert operator.answers == ["now", "sure?: ''", "go 2: not done; the arm was stopped after it was typed"]
+    assert operator.answers == ["now", "sure?: ''", "go 2: not done; the arm was stopped after you typed it"]
     assert operator.shown == ["sure?", None]
     assert operator.done == []
 
@@ -231,7 +231,7 @@ def test_a_stop_at_another_frontend_voids_what_waits_here() -> None:
 
     operator = play(script)
     assert operator.done == ["1", "4"]
-    voided = [f"{text}: not done; the arm was stopped after it was typed" for text in ("go 2", "read 3")]
+    voided = [f"{text}: not done; the arm was stopped after you typed it" for text in ("go 2", "read 3")]
     assert operator.answers == ["done 1", *voided, "done 4"]
 
 
@@ -296,7 +296,7 @@ def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_o
         assert turns.answer("y")
         await a_moment()
         assert not second.done()
-        again = "not taken as an answer, as this has only just come up: send 2?"
+        again = "ignored, too soon for an answer: send 2?"
         assert operator.shown == ["send 1?", None, "send 2?", again]
         assert turns.question == 3, "put again, it is another: an answer to it may come at once"
         await asyncio.sleep(0.06)

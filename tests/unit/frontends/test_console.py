@@ -80,9 +80,9 @@ def test_a_daemon_killed_amid_a_command_is_told_and_the_next_one_found_without_s
     person.sees("ended before it answered")
     person.sees("no daemon answers")
     person.types("go home\r")
-    person.sees("not said: go home")
+    person.sees("not sent: go home")
     played.live(3)
-    person.sees("answers again")
+    person.sees("Connected again")
     person.types("status\r")
     person.sees("well")
     person.types("quit\r")
@@ -193,7 +193,7 @@ def test_at_the_prompt_a_stop_where_no_daemon_is_any_more_sends_to_the_emergency
     first.join(5)
     person.sees("no daemon answers")
     person.types("stop\r")
-    person.sees("PRESS THE EMERGENCY STOP; not said: stop: no daemon")
+    person.sees("PRESS THE EMERGENCY STOP; not sent: stop: no daemon")
     person.types("\x03")
     person.sees("PRESS THE EMERGENCY STOP: no daemon")
     person.types("quit\r")
@@ -519,4 +519,4 @@ def test_a_stop_in_a_script_that_comes_through_a_pipe_waits_for_no_line_before_i
     assert (said, daemon.heard.empty()) == (["train", "stop"], True)
     told = capsys.readouterr()
     assert "not done: where\n" in told.out
-    assert "stop; the rest is left out" in told.err
+    assert "stop; the rest was not run" in told.err

@@ -51,7 +51,7 @@ def test_what_somebody_else_does_appears_above_the_line_being_typed(daemon: Runn
     person.types("sta")
     person.sees("sta")
     daemon.do("stop")
-    person.sees("FAULT stopped by")
+    person.sees("STOPPED by")
     person.sees("facetd> sta")
     person.types("tus\r")
     person.sees("nothing moves until")
@@ -66,7 +66,7 @@ def test_stop_is_heard_while_a_command_is_being_done_and_what_was_typed_ahead_is
     time.sleep(0.2)
     person.types("stop\r")
     person.sees("Stopped. Nothing moves until `resume`.", within_s=2.0)
-    person.sees("go bin: not done; the arm was stopped after it was typed")
+    person.sees("go bin: not done; the arm was stopped after you typed it")
     assert "stopped by" in daemon.do("status")["data"]["fault"]
     stopped = joints(daemon)
     time.sleep(0.3)
@@ -88,7 +88,7 @@ def test_control_c_stops_at_any_moment_and_never_ends_the_prompt(daemon: Running
     person.types("what is typ\x03")
     person.sees("Nothing moves.")
     person.types("status\r")
-    person.sees("FAULT: stopped by control-C")
+    person.sees("STOPPED by control-C")
 
 
 def test_a_question_is_answered_at_the_prompt_and_withdrawn_when_somebody_else_stops(
@@ -101,7 +101,7 @@ def test_a_question_is_answered_at_the_prompt_and_withdrawn_when_somebody_else_s
     person.types("y\r")
     person.sees("Send it? [y/n]")
     daemon.do("stop")
-    person.sees("FAULT stopped by")
+    person.sees("STOPPED by")
     person.sees("facetd>")
     person.types("status\r")
     person.sees("nothing moves until")
@@ -151,7 +151,7 @@ def test_lines_from_a_pipe_are_said_one_by_one_without_the_prompt(daemon: Runnin
     done = piped(daemon, "status\nflurb\n")
     assert done.stderr == ""
     assert done.stdout.startswith("cell      simulated")
-    assert done.stdout.endswith("flurb: no such command; `help` lists what there is\n")
+    assert done.stdout.endswith("flurb: no such command; `help all` lists every command\n")
     assert done.returncode == 2
     assert piped(daemon, "flurb\nstatus\nquit\nflurb\n").returncode == 0
 

@@ -77,7 +77,7 @@ def test_the_daemon_gets_no_file_that_the_operator_did_not_name(tmp_path: Path) 
     secret.write_bytes(b"secret")
     refused = said(tmp_path, do(f"digest {str(secret).replace(' ', '%')}"))
     assert refused["status"] == 2
-    assert "not sent: the command does not name it" in refused["text"]
+    assert "not sent: the command does not name this file" in refused["text"]
 
 
 def test_a_file_too_large_is_not_read_and_not_taken_before_it_is_all_there(

@@ -76,7 +76,7 @@ def test_who_may_only_look_moves_nothing_changes_nothing_and_stops(command: Cons
         assert command.grade == "look" or command.name in STOPS
     else:
         assert command.grade != "look"
-        assert (answer.status, "may only look" in answer.text, ran) == (1, True, [])
+        assert (answer.status, "is read-only" in answer.text, ran) == (1, True, [])
 
 
 def test_what_moves_or_changes_has_a_grade_that_says_so() -> None:

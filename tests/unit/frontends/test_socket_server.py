@@ -102,7 +102,7 @@ def test_a_question_travels_to_the_operator_and_the_answer_back(tmp_path: Path) 
             return link.do("forget cube", "console", print, answer)
 
     done, _ = with_socket(tmp_path / "s", use)
-    assert asked == ["Remove all views of cube for good? [y/n]"]
+    assert asked == ["Delete all views of cube permanently? [y/n]"]
     assert done["status"] == 1
 
 
@@ -186,7 +186,7 @@ def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_
         return answers
 
     refused, stopped, ended = asyncio.run(serve())
-    assert "still being done" in refused["text"]
+    assert "still running" in refused["text"]
     assert stopped["text"].startswith("Stopped")
     assert ended["text"] == "At home."
     assert context.cycle.told[0] == "go home"
@@ -326,7 +326,7 @@ def test_control_c_stops_the_arm_while_a_command_is_being_done() -> None:
         await terminal.sees("Stopped.")
         assert time.monotonic() - began < 0.2
         await terminal.type(b"status\r")
-        assert "FAULT: stopped by control-C of operator at" in await terminal.sees("doing     nothing")
+        assert "STOPPED by control-C of operator at" in await terminal.sees("doing     nothing")
 
     context = at_a_terminal(play, slow=True)
     assert [t.split(" by")[0] for t in context.cycle.told] == ["go home", "stop"], "what was typed ahead is dropped"
@@ -341,7 +341,7 @@ def test_lines_without_end_at_a_terminal_that_is_busy_are_not_kept_without_end()
         for _ in range(2 * MOST_AHEAD):
             console._hear("go bin")
         assert len(console._queue._ahead) == MOST_AHEAD
-        await terminal.sees("too many commands wait for their turn")
+        await terminal.sees("too many commands are waiting; wait for their answers")
         console._hear("stop")
         await terminal.sees("Stopped")
         assert not console._queue._ahead
@@ -354,10 +354,10 @@ def test_questions_are_put_and_answered_on_the_terminal() -> None:
     async def play(terminal: Terminals, _: SerialFrontend) -> None:
         await terminal.sees("facetd> ")
         await terminal.type(b"forget cube\r")
-        await terminal.sees("Remove all views of cube for good? [y/n]\r\n")
+        await terminal.sees("Delete all views of cube permanently? [y/n]\r\n")
         await terminal.sees("? ")
         await terminal.type(b"n\r")
-        await terminal.sees("Nothing is removed.")
+        await terminal.sees("Nothing was removed.")
         await terminal.type(b"\x1b[A")
         await terminal.sees("forget cube")
 
@@ -415,7 +415,7 @@ def test_a_terminal_that_may_only_look_stops_the_arm_but_does_not_move_it() -> N
     async def play(terminal: Terminals, _: SerialFrontend) -> None:
         await terminal.sees("facetd> ")
         await terminal.type(b"go home\r")
-        await terminal.sees("this terminal may only look")
+        await terminal.sees("this terminal is read-only")
         await terminal.type(b"stop\r")
         await terminal.sees("Stopped")
 
@@ -534,7 +534,7 @@ def test_the_leave_to_move_is_taken_also_by_what_was_to_answer_a_question(tmp_pa
             while context.cycle.doing is None:
                 time.sleep(0.01)
             frontend.sendall(line + b"\n")
-            assert b"does not move until" in frontend.recv(4096)
+            assert b"The arm is disabled" in frontend.recv(4096)
 
     listening(tmp_path, use, context=context)
     assert context.cycle.told == ["go home", "disable"]
@@ -774,7 +774,7 @@ def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, m
     (refused, stopped), context = with_socket(
         tmp_path / "s", lambda path: asked(path, {"do": "enable"}, {"do": "stop"}, answers=2)
     )
-    assert "too many commands wait for their turn" in refused["done"]["text"]
+    assert "too many commands are waiting; wait for their answers" in refused["done"]["text"]
     assert stopped["done"]["status"] == 0
     assert [told for told in context.cycle.told if told.startswith("stop")]
 
@@ -999,9 +999,9 @@ def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_i
 
     assert asyncio.run(come(SocketMessage(file="QQ=="))) == b"A", "it was all there before"
     operator._queue.gone = False
-    with pytest.raises(CommandError, match="the operator went away"):
+    with pytest.raises(CommandError, match="the operator disconnected"):
         asyncio.run(come(SocketMessage(file="QQ==", more=True)))
-    with pytest.raises(CommandError, match="the operator went away"):
+    with pytest.raises(CommandError, match="the operator disconnected"):
         asyncio.run(come())
 
 

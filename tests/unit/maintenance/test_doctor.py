@@ -58,7 +58,7 @@ def test_a_simulated_cell_as_installed_has_nothing_bad(tmp_path: Path) -> None:
     (found,) = of(findings, "configuration")
     assert found.line() == f"ok   configuration: {tmp_path / 'facetd.yaml'} (simulated cell)"
     (model,) = of(findings, "model")
-    assert model.line() == "note model: nothing was taught and accepted yet. `teach LABEL`, `train`, `accept`"
+    assert model.line() == "note model: no model is in use yet. Make one: `teach LABEL`, `train`, `accept`"
 
 
 def test_what_is_bad_says_how_to_mend_it(tmp_path: Path) -> None:
@@ -66,9 +66,7 @@ def test_what_is_bad_says_how_to_mend_it(tmp_path: Path) -> None:
     bad = [finding for finding in examine(config, running=False) if finding.level == "bad"]
     assert {finding.what for finding in bad} == {"camera /dev/none0", "camera /dev/none1", "controller port"}
     assert all(finding.mend for finding in bad)
-    assert (
-        bad[-1].line().startswith("BAD  controller port: /dev/none-arm: No such file or directory. Is it plugged in?")
-    )
+    assert bad[-1].line().startswith("BAD  controller port: /dev/none-arm: No such file or directory. Plug it in")
 
 
 def test_a_file_is_no_device_and_a_device_that_somebody_holds_is_named_with_them(tmp_path: Path, terminal: str) -> None:
@@ -104,10 +102,10 @@ def test_a_calibration_that_is_coarse_old_or_without_a_hand_eye_is_told(tmp_path
     found = of(examine(configured(tmp_path, "cell: simulated\n", coarse), running=False), "calibration")
     told = [finding.line() for finding in found]
     assert any("days old. Verify it: `facetctl calibrate verify`" in line for line in told)
-    assert any("reprojection error 0.90 px, more than 0.5. Calibrate again" in line for line in told)
+    assert any("reprojection error 0.90 px, more than 0.5. Repeat the calibration" in line for line in told)
     assert any("epipolar error 0.70 px, more than 0.5" in line for line in told)
     assert any(
-        "has no hand_eye. Run `facetctl calibrate hand-eye`; until then only `robot` moves the arm" in line
+        "has no hand_eye. Run `facetctl calibrate hand-eye`; until then only `robot` can move the arm" in line
         for line in told
     )
 
@@ -119,7 +117,7 @@ def test_a_clock_that_stands_before_the_newest_run_cannot_be_right(tmp_path: Pat
     (run / "run.jsonl").write_text("")
     os.utime(run, (time.time() + 3600,) * 2)
     (found,) = of(examine(config, running=False), "clock")
-    assert (found.level, "which cannot be" in found.found) == ("bad", True)
+    assert (found.level, "which is wrong" in found.found) == ("bad", True)
 
 
 def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,7 +125,7 @@ def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatc
     monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
     (found,) = of(examine(config, running=False), "disk")
     assert (found.level, found.found.startswith("1 MB free in")) == ("bad", True)
-    assert "old runs go by themselves" in found.mend
+    assert "removes only old runs" in found.mend
 
 
 def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:

@@ -290,7 +290,7 @@ def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one
     watch._check_folder()
     watched.run_log.record("decision", text="after")
     watched.run_log.close()
-    assert told == [f"log: {first} was removed while it was written; the log goes on in {tmp_path / 'runs' / 'next'}"]
+    assert told == [f"log: {first} was removed while in use; the log continues in {tmp_path / 'runs' / 'next'}"]
     assert [r["kind"] for r in read_run(tmp_path / "runs" / "next").records] == ["decision", "run_end"]
 
 
@@ -319,7 +319,7 @@ def test_a_quota_that_cannot_be_kept_is_a_trouble_until_it_can(tmp_path: Path) -
             told.append(watched.context.troubles.standing.get("disk"))
 
     watching(tmp_path, play)
-    assert told == ["disk: the quota is not kept: runs: Input/output error", None]
+    assert told == ["disk: old runs cannot be removed: runs: Input/output error", None]
 
 
 def test_a_run_that_the_quota_cannot_remove_is_told_until_it_is_gone(tmp_path: Path) -> None:
@@ -339,7 +339,7 @@ def test_a_run_that_the_quota_cannot_remove_is_told_until_it_is_gone(tmp_path: P
 
     watching(tmp_path, play)
     assert told[0] is not None
-    assert "20260101T000000Z cannot be removed: Operation not permitted; it counts no more: move it away" in told[0]
+    assert "20260101T000000Z cannot be removed: Operation not permitted; move it away" in told[0]
     assert told[1] is None
 
 
@@ -360,7 +360,7 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
             await asyncio.sleep(0.01)
 
     asyncio.run(story())
-    assert watched.failed == ["asleep: the computer was asleep for 3600 s"] * enabled
+    assert watched.failed == ["asleep: the computer was suspended for 3600 s"] * enabled
 
 
 def test_a_large_run_is_ended_in_the_first_idle_moment_after_that_was_seen(tmp_path: Path) -> None:
@@ -392,5 +392,5 @@ def test_a_new_run_that_a_full_disk_does_not_take_is_told(tmp_path: Path) -> Non
     watch._roll(busy=True)
     assert "disk" not in watched.context.troubles.standing
     watch._roll(busy=False)
-    assert "does not go on in a new run" in watched.context.troubles.standing["disk"]
+    assert "cannot start a new run folder" in watched.context.troubles.standing["disk"]
     watched.run_log.close()

@@ -86,4 +86,4 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
     )  # fmt: skip
     with pytest.raises(FacetdError, match="busy: pick"):
         asyncio.run(there.reload("ann"))
-    assert told == ["The arm is no longer enabled; nothing else has changed: the reload was refused: busy: pick"]
+    assert told == ["The arm is disabled; nothing else has changed, as the reload was refused: busy: pick"]

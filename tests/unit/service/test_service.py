@@ -184,16 +184,16 @@ def test_reload_takes_a_good_configuration_over_and_refuses_a_bad_one(daemon: Da
     assert "pick.order: expected one of nearest, surest, found 'biggest'" in refused["text"]
     daemon.process.send_signal(signal.SIGHUP)
     deadline = time.monotonic() + 10
-    while daemon.told().count("refused, the old configuration stays") < 2:
+    while daemon.told().count("refused, the configuration is unchanged") < 2:
         assert time.monotonic() < deadline, "the signal was not heard"
         time.sleep(0.02)
     daemon.hears("RELOADING=1")
     daemon.hears("READY=1")
     daemon.config.write_text(good + "arm: {port: /dev/other}\n")
-    assert "Only after a restart: arm" in daemon.do("reload")["text"]
+    assert "Takes effect after a restart: arm" in daemon.do("reload")["text"]
     seen = daemon.do("look")["data"]["parts"]
     daemon.config.write_text(good + "vision: {depth_range_mm: [1500, 2500]}\n")
-    assert daemon.do("reload")["text"] == "The configuration is taken over. Only after a restart: arm."
+    assert daemon.do("reload")["text"] == "The configuration is reloaded. Takes effect after a restart: arm."
     assert seen
     assert daemon.do("look")["data"]["parts"] == []
     assert daemon.do("status")["status"] == 0
@@ -213,7 +213,7 @@ def test_a_reload_that_changes_the_cells_geometry_disables_the_arm_first_and_say
     calibration.write_text(yaml.safe_dump(content))
     reloaded = daemon.do("reload")
     assert reloaded["status"] == 0, reloaded["text"]
-    assert ("The arm is no longer enabled: " in reloaded["text"]) is moved
+    assert ("The arm is disabled: " in reloaded["text"]) is moved
     assert daemon.do("status")["data"]["enabled"] is not moved
     if moved:
         assert "not_enabled" in daemon.do("go home")["text"]
@@ -268,7 +268,7 @@ def test_killed_in_mid_cycle_it_comes_back_with_nothing_moving_and_asks(
     state = again.do("status")["data"]
     assert "restarted" in state["fault"]
     assert state["enabled"] is False
-    assert "was cut off in state" in state["troubles"]["restart"]
+    assert "was interrupted in state" in state["troubles"]["restart"]
     again.do("enable")
     assert again.do("pick cube")["status"] == 1, "nothing moves until resume"
     assert again.do("resume")["status"] == 0
@@ -353,7 +353,7 @@ def test_facetctl_gives_text_json_and_exit_status(daemon: Daemon) -> None:
     assert ctl("flurb").returncode == 2
     script = ctl("script", "-", said="# a script\nstatus\n\nflurb\nlook\n")
     assert script.returncode == 2
-    assert "-:4: not done; the rest is left out" in script.stderr
+    assert "-:4: not done; the rest was not run" in script.stderr
     console = ctl("console", said="status\nparts\n")
     assert "cell      simulated" in console.stdout
     assert "pentagonal_prism" in console.stdout

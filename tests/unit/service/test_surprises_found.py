@@ -24,7 +24,7 @@ from tests.fakes.first_day import arm_yaml
 from tests.fakes.whole_daemon import SerialOperator, SocketOperator, Story
 
 pytestmark = pytest.mark.slow
-NO_LONGER = "The arm is no longer enabled: pick.limits changed."
+NO_LONGER = "The arm is disabled: pick.limits changed."
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_a_fault_that_was_aborted_meanwhile_is_cleared_by_a_resume_that_says_so(
     for text in ("stop", "abort", "resume"):
         story.sockets[2].say(text)
         story.wait(1.0)
-    assert "The fault is cleared" in story.texts[-1]
+    assert "Fault cleared" in story.texts[-1]
     assert story.violations() == ()
 
 
@@ -151,7 +151,7 @@ def test_a_resume_whose_auto_cannot_go_on_says_that_the_fault_is_cleared(story: 
     story.sockets[0].answer("y")
     story.sockets[1].say("hand open")
     story.wait(2.0)
-    assert any("The fault is cleared" in text for text in story.texts)
+    assert any("Fault cleared" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -197,7 +197,7 @@ def test_a_hand_that_holds_a_part_and_is_said_to_hold_none_opens_over_the_bin() 
     for text in ("disable", "holding no", "enable", "pick"):
         story.sockets[1].say(text)
         story.wait(2.0)
-    assert story.texts.count("The gripper is taken as empty; the next pick opens it over the bin all the same.") == 1
+    assert story.texts.count("The gripper is assumed empty; the next pick opens it above the bin anyway.") == 1
     story.wait(25.0)
     assert sum(part.where is PartPlace.BIN for part in story.cell.world.parts) == 2
     assert story.close() == ()
@@ -266,7 +266,7 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     story.sockets[1].say("where")
     story.wait(1.0)
     refused = "busy: where; settings are changed in between"
-    disabled = f"The arm is no longer enabled; nothing else has changed: the reload was refused: {refused}"
+    disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {refused}"
     assert {refused, disabled} <= set(story.texts)
     assert NO_LONGER not in story.texts
     context = story._service.context
@@ -287,7 +287,7 @@ def test_a_reload_guards_no_other_arm_than_the_one_that_stands_there(story: Stor
         file.write("arm: {file: arm.yaml}\n")
     story.sockets[0].say("reload")
     story.wait(1.0)
-    assert any("Only after a restart: arm" in text for text in story.texts)
+    assert any("Takes effect after a restart: arm" in text for text in story.texts)
     assert context.cycle.settings.limits.capsules == before
     assert story.violations() == ()
 
@@ -298,7 +298,7 @@ def test_whoever_asked_for_a_reload_is_told_once_that_it_has_disabled_the_arm(st
     story.sockets[0].say("reload")
     story.wait(1.0)
     told = [text for text in story.texts if NO_LONGER in text]
-    assert told == [f"The configuration is taken over. {NO_LONGER}"]
+    assert told == [f"The configuration is reloaded. {NO_LONGER}"]
 
 
 def test_of_two_reloads_the_later_one_counts(story: Story) -> None:
@@ -320,7 +320,7 @@ def test_a_yes_to_go_on_counts_only_in_the_cell_that_it_was_asked_in(story: Stor
     for text in ("auto on 2", "stop", "disable", "resume"):
         story.sockets[0].say(text)
         story.wait(1.0)
-    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    assert "Enable the arm and continue?" in (story.sockets[0].question or (0, ""))[1]
     story.write_config(limits={"max_step_mm": 300.0})
     story.sockets[1].say("reload")
     story.wait(0.5)
@@ -337,7 +337,7 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
     story.wait(1.0)
     story.sockets[1].say("abort")
     story.wait(1.0)
-    assert "May it?" in (story.sockets[0].question or (0, ""))[1]
+    assert "Move the arm?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[0].answer("y")
     story.wait(2.0)
     assert any("meanwhile it was stopped" in text for text in story.texts)
@@ -351,12 +351,12 @@ def test_who_let_the_arm_go_round_a_part_is_not_told_that_it_would_have_gone(sto
     for frontend, text in ((1, "dry on"), (0, "teach cube --around 6"), (1, "dry off")):
         story.sockets[frontend].say(text)
         story.wait(1.0)
-    assert "May it?" in (story.sockets[0].question or (0, ""))[1]
+    assert "Move the arm?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[0].answer("y")
     before = story.cell.world_from_tool()
     story.wait(60.0)
     assert (story.cell.world_from_tool() != before).any()
-    assert not any("would be gone to" in text for text in story.texts)
+    assert not any("nothing is learnt in a dry run" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -397,7 +397,7 @@ def test_a_question_that_somebody_left_before_the_start_is_answered_by_nobody_as
     assert any("asks `Another part (Y/N)?`: `stop` answers N" in text for text in story.texts)
     story.sockets[0].say("robot power-up")
     story.wait(2.0)
-    assert any("no question after power-up that facetd knows" in text for text in story.texts)
+    assert any("not a known power-up question" in text for text in story.texts)
     story.sockets[0].say("stop")
     story.wait(3.0)
     assert story.cell.controller.question is None
@@ -412,13 +412,13 @@ def test_a_pause_said_after_a_resume_was_asked_for_holds_what_its_yes_sets_going
     story.wait(1.0)
     story.sockets[0].say("resume")
     story.wait(0.3)
-    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    assert "Enable the arm and continue?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[1].say("pause")
     story.wait(0.3)
     story.sockets[0].answer("y")
     story.wait(4.0)
     assert story.violations() == ()
-    assert any("Moves are held:" in text for text in story.texts)
+    assert any("Motion is paused:" in text for text in story.texts)
 
 
 def test_a_resume_that_was_typed_before_the_pause_of_somebody_else_could_be_read_lets_nothing_go(story: Story) -> None:
@@ -431,7 +431,7 @@ def test_a_resume_that_was_typed_before_the_pause_of_somebody_else_could_be_read
     story.wait(0.3)
     story.sockets[0].say("resume")
     story.wait(3.0)
-    assert any("has only just said `pause`; `resume` lets it go" in text for text in story.texts)
+    assert any("paused less than 1 s ago; `resume` again" in text for text in story.texts)
     assert (story.cell.world_from_tool() == before).all()
     story.sockets[0].say("resume")
     story.wait(3.0)
@@ -474,7 +474,7 @@ def test_an_answer_to_what_is_in_the_hand_counts_only_as_long_as_things_are_as_i
     story.wait(0.2)
     assert context.cycle.status()["holding"] is True
     assert context.cycle.supervisor.mover.belief.capsules == carried
-    assert any("meanwhile somebody else went on" in text for text in story.texts)
+    assert any("another operator resumed meanwhile" in text for text in story.texts)
     assert story.close() == ()
 
 
@@ -484,13 +484,13 @@ def test_what_was_left_of_an_auto_and_was_given_up_meanwhile_is_not_taken_up_by_
     for text, seconds in (("auto on 2", 0.3), ("stop", 1.0), ("resume", 0.3)):
         story.sockets[0].say(text)
         story.wait(seconds)
-    assert "Let the arm move and go on?" in (story.sockets[0].question or (0, ""))[1]
+    assert "Enable the arm and continue?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[1].say("auto off")
     story.wait(0.3)
     story.sockets[0].answer("y")
     story.wait(2.0)
     assert story.cell.controller.machine.at_rest()
-    assert any("gave up what was left" in text for text in story.texts)
+    assert any("cancelled the interrupted auto" in text for text in story.texts)
     assert story.violations() == ()
 
 
@@ -548,7 +548,7 @@ def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enab
     for text in ("robot power-up", "resume", "robot monitor"):
         story.sockets[0].say(text)
         story.wait(0.4)
-    assert any("The arm does not move until `enable`" in text for text in story.texts)
+    assert any("The arm is disabled: `enable`" in text for text in story.texts)
     story.sockets[0].send({"leave": True})
     story.wait(2.0)
     context = story._service.context
@@ -599,7 +599,7 @@ def test_a_move_that_dry_keeps_back_is_not_said_to_be_sent(story: Story) -> None
         story.wait(1.2)
     story.sockets[0].say("confirm")
     story.wait(1.0)
-    assert "Agreed to." in story.texts
+    assert "Move confirmed." in story.texts
     assert not any(text.startswith("Sent") for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
@@ -613,8 +613,8 @@ def test_a_move_that_is_held_is_not_said_to_be_sent(story: Story) -> None:
     for text in ("pause", "confirm"):
         story.sockets[0].say(text)
         story.wait(0.7)
-    assert "Agreed to." not in story.texts
-    assert any("not sent yet: moves are held" in text for text in story.texts)
+    assert "Move confirmed." not in story.texts
+    assert any("not sent yet: motion is paused" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
 
@@ -694,7 +694,7 @@ def test_of_two_who_say_yes_to_one_move_the_slower_does_not_send_the_next(story:
     before = story.cell.world_from_tool()
     story.sockets[1].say("confirm")
     story.wait(3.0)
-    assert any(f"only just come up: {second}; `confirm` sends it" in text for text in story.texts)
+    assert any(f"less than 1 s ago: {second}; `confirm` sends it" in text for text in story.texts)
     assert context.cycle.status()["pending"] == second
     assert (story.cell.world_from_tool() == before).all()
     story.sockets[1].say("confirm")
@@ -731,7 +731,7 @@ def test_no_move_sets_out_after_a_hold_that_was_said_while_its_speed_was_being_t
     story.wait(0.5)
     before = story.cell.world_from_tool()
     story.wait(15.0)
-    assert any(text.startswith(("Holding before", "Every move is shown")) for text in story.texts)
+    assert any(text.startswith(("Pausing before", "Step mode is on")) for text in story.texts)
     assert (story.cell.world_from_tool() == before).all()
     assert story.violations() == ()
 
@@ -792,7 +792,7 @@ def test_an_arm_found_at_work_is_asked_about_at_that_start_and_not_at_the_next(s
     assert "at work: the controller was still carrying out" in str(context.cycle.status()["fault"])
     story.sockets[0].say("resume")
     story.wait(1.0)
-    assert "The fault is cleared" in story.texts[-1]
+    assert "Fault cleared" in story.texts[-1]
     story.terminate()
     story.start()
     context = story._service.context
@@ -813,7 +813,7 @@ def test_who_takes_the_leave_to_move_while_asked_whether_a_line_may_be_sent_is_n
     story.wait(4.0)
     assert story.violations() == ()
     assert story.cell.controller.machine.at_rest()
-    assert not any("the question stands" in text for text in story.texts)
+    assert not any("Ignored: " in text for text in story.texts)
 
 
 def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody_else(story: Story) -> None:
@@ -826,7 +826,7 @@ def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody
     story.sockets[1].say("step off")
     story.wait(2.0)
     assert story.cell.controller.machine.at_rest()
-    assert "This one still does: bin: joints to x" in story.texts[-1]
+    assert "This move still waits: bin: joints to x" in story.texts[-1]
     story.sockets[0].answer("y")
     story.wait(10.0)
     assert "At bin." in story.texts, "nor is anything further asked"
@@ -839,7 +839,7 @@ def test_who_begins_an_auto_that_a_pause_of_before_holds_is_told_so(story: Story
         story.sockets[0].say(text)
         story.wait(0.5)
     assert "Picking, at most 2 parts" in story.texts[-1]
-    assert "Moves are held: `resume` lets them go." in story.texts[-1]
+    assert "Motion is paused: `resume` continues." in story.texts[-1]
 
 
 @pytest.mark.parametrize("word", ["abort", "disable", "stop"])
@@ -871,7 +871,7 @@ def test_an_auto_off_that_is_heard_right_behind_an_auto_on_ends_it(story: Story,
     story.sockets[frontend].say("auto off")
     story.wait(1.0)
     assert any(text.startswith("Picking, until") for text in story.texts)
-    assert "No auto is on." not in story.texts
+    assert "Auto is not running." not in story.texts
     context = story._service.context
     assert context is not None
     state = context.cycle.status()
@@ -967,7 +967,7 @@ def test_a_stop_behind_a_word_whose_ends_cannot_be_read_is_heard(story: Story, f
         story.sockets[frontend].interrupt()
     story.wait(0.5)
     assert story.cell.controller.machine.at_rest()
-    assert any(text.startswith("FAULT stopped by control-C") for text in story.texts)
+    assert any(text.startswith("STOPPED by control-C") for text in story.texts)
     assert story.violations() == ()
 
 
@@ -1052,7 +1052,7 @@ def test_an_auto_does_not_go_on_where_the_daemon_was_held_still_for_an_hour() ->
     before = story.cell.world_from_tool()
     story.wait(8.0)
     assert (story.cell.world_from_tool() == before).all()
-    assert any("asleep: facetd was held still for 36" in text for text in story.texts)
+    assert any("asleep: facetd was not running for 36" in text for text in story.texts)
     assert story.close() == ()
 
 

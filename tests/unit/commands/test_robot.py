@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.commands.keeping import robot
+from daemon.commands.controller_terminal import robot
 from daemon.console.notices import Notices
 from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
