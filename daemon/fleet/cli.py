@@ -24,14 +24,14 @@ MOST = 9999
 RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "run": lambda row: row["run"],
     "picked": lambda row: f"{row['picked']} of {row['tried']}",
-    "missed": lambda row: row["missed"],
-    "aborted": lambda row: row["aborted"],
-    "refused": lambda row: row["refusals"],
-    "faults": lambda row: row["faults"],
+    "miss": lambda row: row["missed"],
+    "abort": lambda row: row["aborted"],
+    "refuse": lambda row: row["refusals"],
+    "fault": lambda row: row["faults"],
     "mm": lambda row: None if row["predicted_mm"] is None else f"{row['predicted_mm']:.2f}",
-    "true mm": lambda row: None if row["true_mm"] is None else f"{row['true_mm']:.2f}",
+    "true": lambda row: None if row["true_mm"] is None else f"{row['true_mm']:.2f}",
     "model": lambda row: row["model_version"] or row["model"],
-    "ended": lambda row: "running" if row["going"] else row["ended"],
+    "end": lambda row: "running" if row["going"] else row["ended"],
 }
 """What people read of each run, within 80 columns; all of it is with --json. picked: of those tried; mm: predicted at
 the grasp, mean."""
