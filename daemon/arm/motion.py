@@ -196,7 +196,7 @@ class Mover:
     async def go(self, command: MoveCommand) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
         self.check(command)
-        await self._held(_in_words(command))
+        await self._held(_in_words(command), self._way_in_words(command))
         self.check(command)
         assert self.here is not None
         self._log_move(command)
@@ -300,7 +300,7 @@ class Mover:
             self.beliefs.learn(Source.COMMANDED, closed=False, holding=False, load=None)
             self._log_hand(closed)
 
-    async def _held(self, text: str) -> None:
+    async def _held(self, text: str, way: str = "") -> None:
         """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
         to move it by its pendant, and its way amid what lies there was planned from where it stood."""
         place = self.belief.at
@@ -310,7 +310,19 @@ class Mover:
                 now = await self.rest()
                 self._not_moved_by_others(text, place or now, now)
 
-        await self.gate(text, still_there)
+        await self.gate(text + way, still_there)
+
+    def _way_in_words(self, command: MoveCommand) -> str:
+        """How far a move goes from here, and how long the look behind it stays valid: for whoever confirms it."""
+        if self.here is None:
+            return ""
+        x, y, z = np.round(command.world_from_tool[:3, 3] - self.here.world_from_tool[:3, 3]) + 0.0
+        _, deg = _apart(self.here.world_from_tool, command.world_from_tool)
+        way = f", from here x {x:+g} y {y:+g} z {z:+g} mm and {deg:.0f} degrees"
+        if command.look_taken_s is None:
+            return way
+        left_s = self.limits.max_look_age_s - (self.cell.clock() - command.look_taken_s)
+        return f"{way}; its look is valid for {max(left_s, 0.0):.0f} s"
 
     async def still_there(self, doing: str) -> None:
         """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for

@@ -269,8 +269,8 @@ def look_json(seen: Look) -> dict[str, Any]:
 def _timing(seen: Look) -> str:
     stages = "  ".join(f"{name} {1000 * s:.0f} ms" for name, s in seen.scene.seconds.items())
     return (
-        f"settled {1000 * seen.taken.settled_s:.0f} ms, from light to answer {1000 * seen.from_light_s:.0f} ms, "
-        f"in all {1000 * seen.seconds:.0f} ms ({stages})"
+        f"images steady after {1000 * seen.taken.settled_s:.0f} ms, exposure to result "
+        f"{1000 * seen.from_light_s:.0f} ms, total {1000 * seen.seconds:.0f} ms ({stages})"
     )
 
 

@@ -75,6 +75,6 @@ def table(rows: list[tuple[str, str]], columns: int) -> str:
         if len(word) <= width:
             lines.append(f"{word:<{width}}  {beside}")
         else:
-            lines += [word, " " * (width + 2) + beside]
+            lines += [*fold(word, columns), " " * (width + 2) + beside]
         lines += [" " * (width + 2) + line for line in below]
     return "\n".join(lines)
