@@ -490,3 +490,14 @@ def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():
     with pytest.raises(MoveRefusedError, match="arm_lost"):
         asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0))
     assert not world.wire
+
+
+def test_a_held_move_says_how_far_it_goes_from_here_and_how_long_its_look_is_valid():
+    told, world = [], World(np.random.default_rng(0))
+
+    async def gate(text: str, _) -> None:
+        told.append(text)
+
+    mover = mover_in(world, gate)
+    asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "near", look_taken_s=world.clock() - 5.0)))
+    assert told[0].endswith("from here x +30 y +0 z +0 mm and 0 degrees; its look is valid for 15 s")

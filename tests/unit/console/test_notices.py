@@ -138,6 +138,22 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
     assert asyncio.run(run()) == ["Auto has ended: 2 parts picked; the table is empty."]
 
 
+@pytest.mark.parametrize(
+    ("outcomes", "count", "fault", "told"),
+    [
+        (["picked", "empty"], None, None, "1 part picked; the table is empty."),
+        (["picked", "picked"], 2, None, "2 parts picked; that is as many as requested."),
+        (["picked"], 3, None, "1 part picked; ended by `auto off`."),
+        (["picked", "unknown"], None, None, "1 part picked; the last one ended as unknown: because."),
+        (["picked", "fault"], 3, "stopped by ann", "1 part picked; stopped by ann."),
+        ([], 3, None, "0 parts picked; stopped before the first pick."),
+    ],
+)
+def test_each_end_of_an_auto_says_why(outcomes: list[str], count: int | None, fault: str | None, told: str) -> None:
+    context: Any = SimpleNamespace(_auto_count=count, cycle=SimpleNamespace(supervisor=SimpleNamespace(fault=fault)))
+    assert CommandContext.auto_end(context, [end(outcome) for outcome in outcomes]) == told
+
+
 def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_is_on() -> None:
     """`auto resume` beside an auto was refused as busy; `auto wait` then said at once that 0 parts had been picked."""
     free, end_of_first = [True], asyncio.Event()
