@@ -10,8 +10,8 @@ HEAD = """# The data of many cells
 
 `facetctl runs collect CELL=RUNS... --into STORE` takes the finished runs of many cells into one store, a folder or a
 bucket, and writes their rows beside them: {count} tables of Parquet files that DuckDB, Spark and pandas read as they
-are. This page is made from the code that writes them (daemon/fleet/schema.py, daemon/fleet/questions.py); a test keeps
-it true.
+are. This page is made from the code that writes them (daemon/fleet/schema.py, daemon/fleet/questions.py): `make docs`
+writes it, and a test keeps it true.
 
 ```
 STORE/runs/<cell>/<run>/                               each run, as its cell wrote it (deploy/RUNS.md)
@@ -21,7 +21,7 @@ STORE/tables/<table>/cell=<cell>/month=<YYYY-MM>/{file}
 ```
 
 A file holds a cell's month, sorted by day, so that a reader of one day skips the rest by the file's own statistics.
-A day of its own was tried, of forty cells and a year, by the question to `looks` that takes longest and by one to a
+We also tried a file a day, with forty cells and a year: the question to `looks` that takes longest, and one to a
 cell's day (`python -m tests.bench.hall --by-day`; processor time of two cores, the files' opening included):
 
 | layout | files | question to all | question to a day | disk |
@@ -30,17 +30,17 @@ cell's day (`python -m tests.bench.hall --by-day`; processor time of two cores, 
 | that, with a row group a day | 960 | 3.7 s | 0.32 s | 241 MB |
 | a file a cell and day | 29 194 | 10.3 s | 4.6 s | 289 MB |
 
-Whoever needs a folder a day, for another engine, has it by one line of DuckDB's:
+For an engine that needs a folder a day, one line of DuckDB makes it:
 `COPY (FROM looks) TO 'days' (FORMAT parquet, PARTITION_BY (cell, day))`.
 
 Lengths are mm, angles degrees, times UTC. The schema is version {version}; every file says its own in its metadata
 (`facetd.schema`). A later version adds columns at the end of a table and changes none; a file of an earlier release
-lacks columns and is read with null in them (`union_by_name` below; Spark's `mergeSchema`). Collecting into a month that
-an earlier release began writes it anew as today's; one that a newer release began is left alone.
+lacks columns, and readers fill them with null (`union_by_name` below; Spark's `mergeSchema`). Collecting into a month
+that an earlier release began writes it anew as today's; one that a newer release began is left alone.
 
 ## Reading it
 
-With DuckDB, a view a table, here of `cycles`; the questions below need no more than these:
+With DuckDB, make a view for each table, here `cycles`. The questions below need no more than these views:
 
 ```sql
 {view};

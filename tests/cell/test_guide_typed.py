@@ -52,7 +52,7 @@ ELSEWHERE = (
         "tests/unit/calibration/test_interchange.py",
         "on files",
     ),
-    (r"facetctl (train|recognise) --calibration", "tests/unit/cli/test_offline.py", "on files"),
+    (r"facetctl (train|recognise) --calibration", "tests/unit/teaching/test_taught_from_a_drawing.py", "on files"),
     (r"calibrate by-hand", "tests/unit/calibration/test_guide.py", "a board held by somebody"),
     (r"facetd --sim", "tests/fakes/running.py", "is the daemon here"),
     (r"facetctl runs collect .*s3://", "tests/cell/test_cell_fleet.py", "a bucket"),

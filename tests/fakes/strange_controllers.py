@@ -14,7 +14,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.cell.introduce import Person, introduce
-from daemon.cell.introduced_arm import SimulatedArm as ArmSeen
+from daemon.cell.introduced_arm import Arm as ArmSeen
 from daemon.cell.introduced_arm import arm_file, arm_of
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED

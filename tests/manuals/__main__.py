@@ -1,4 +1,4 @@
-"""`make docs`: write every reference that is made from the code into docs/."""
+"""`make docs`: write every reference and every piece of a page that is made from the code."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from daemon.events import records
 from daemon.fleet import document as fleet
 from daemon.store.places import HOUSE
 from tests.manuals import commands, settings, states
@@ -18,6 +19,7 @@ PAGES: dict[Path, Callable[[], str]] = {
 }
 """Whole pages."""
 PIECES: dict[tuple[Path, str], Callable[[], str]] = {
+    (HOUSE / "deploy" / "RUNS.md", "records"): records.document,
     (DOCS / "ARCHITECTURE.md", "states"): states.diagram,
     (DOCS / "ARCHITECTURE.md", "transitions"): states.table,
 }

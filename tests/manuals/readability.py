@@ -64,6 +64,7 @@ def sentences(markdown: str) -> list[str]:
     """The prose of a page, sentence by sentence: no code, no headings, no links' targets; a cell of a table is one or
     more. A span of code counts as one word."""
     text = re.sub(r"^ *```.*?^ *```", "", markdown, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"<!-- made \w+ -->.*?<!-- end -->", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"`[^`\n]+`", "CODE", text)
     text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text)

@@ -29,7 +29,7 @@ def made(tmp_path: Path) -> MadeRun:
 
 
 def test_the_guide_names_every_kind_of_record() -> None:
-    assert document() in GUIDE, "python -m daemon.events.records: into deploy/RUNS.md"
+    assert document() in GUIDE, "python -m tests.manuals writes it into deploy/RUNS.md"
 
 
 def test_an_mcap_file_is_read_back_with_every_image_pose_and_line(made: MadeRun, tmp_path: Path) -> None:
