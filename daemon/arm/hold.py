@@ -111,7 +111,8 @@ class Hold:
         self.waiting = Waiting(text, loop.create_future(), loop.time())
         try:
             if not await self.waiting.answer:
-                raise OperatorRefusedError(f"the operator refused: {text}")
+                what, _, _ = text.partition(", from here ")  # the way there was for whoever was asked
+                raise OperatorRefusedError(f"the operator refused: {what}")
         finally:
             self.waiting = None
 

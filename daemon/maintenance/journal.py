@@ -22,6 +22,8 @@ try:
 except ImportError:
     systemd_journal = None
 
+STOPPED = "stopped "
+"""How the fault begins that a stop of somebody's latches (arm/supervisor.py)."""
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 
 # One id for each kind of message, so that `journalctl MESSAGE_ID=...` finds all of a kind on any machine.
@@ -166,7 +168,7 @@ class JournalledLog:
 
 def fault_line(fault: str) -> str:
     """A fault for people. Somebody's stop latches one as well, and is no failure of anything."""
-    return f"STOPPED {fault.removeprefix('stopped ')}" if fault.startswith("stopped ") else f"FAULT {fault}"
+    return f"STOPPED {fault.removeprefix(STOPPED)}" if fault.startswith(STOPPED) else f"FAULT {fault}"
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
@@ -182,7 +184,7 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
             return f"refused, {fields.get('rule')}: {fields.get('text')}"
         case "fault":
             code, text = str(fields.get("code")), str(fields.get("text"))
-            return fault_line(text if text.startswith(code) else f"{code}: {text}")
+            return fault_line(text if text.startswith((code, STOPPED)) else f"{code}: {text}")
         case "rest":
             return str(fields.get("text"))
         case "command":

@@ -75,13 +75,13 @@ def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
 
 def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
     hold = Hold(lambda _: None)
-    with pytest.raises(RefusedError, match="no move waits"):
+    with pytest.raises(RefusedError, match="no move is waiting"):
         hold.confirm()
     hold.step(True)
 
     def twice(_: object) -> None:
         hold.confirm()
-        with pytest.raises(RefusedError, match="no move waits"):
+        with pytest.raises(RefusedError, match="no move is waiting"):
             hold.refuse()
 
     assert waits(hold, False, twice) == "goes"

@@ -18,6 +18,7 @@ class Nowhere:
 @pytest.mark.parametrize(
     ("kind", "fields", "sentence"),
     [
+        ("fault", {"code": "operator_stop", "text": "stopped by ann"}, "STOPPED by ann"),
         ("fault", {"code": "stopped by ann", "text": "stopped by ann"}, "STOPPED by ann"),
         ("fault", {"code": "CameraError", "text": "CameraError: no pair"}, "FAULT CameraError: no pair"),
         ("fault", {"code": "at work", "text": "it was stopped"}, "FAULT at work: it was stopped"),
