@@ -209,7 +209,7 @@ def way_of(
 def _straight_way(
     start: Reading, command: MoveCommand, robot: Robot, body: ArmBody, links: Array, reaches: Array
 ) -> StraightWay | Strike:
-    """The hand goes its own line and turns evenly. How fast joints 1 to 3 turn for that, between two places:
+    """How fast joints 1 to 3 turn between two places while the hand goes a straight line and turns evenly.
 
     s, the least singular value of the wrist centre's Jacobian J, bounds q' = v / J by v / s; it bounds as well how much
     more q' can be than at the nearer place: |q''| <= (|v'| + |J'| |q'|) / s.

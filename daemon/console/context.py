@@ -111,7 +111,7 @@ class CommandContext:
             self.notices.tell(f"Auto has ended: {self.auto_end(auto.result())}", NoticeLevel.OUTCOMES)
 
     def auto_end(self, ends: list[CycleEnd]) -> str:
-        """How many parts the last auto picked, and why it ended: `2 parts picked; the table is empty.`"""
+        """How many parts the last auto picked, and why it ended, such as `2 parts picked; the table is empty.`."""
         picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._auto_count
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
         if (fault := self.cycle.supervisor.fault) is not None:

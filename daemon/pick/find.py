@@ -88,8 +88,10 @@ def _tell_outlines(world: WorldModel) -> None:
 
 
 async def _settle_question(context: PickContext, world: WorldModel) -> None:
-    """Looks at one part disagreed: do the others still lie where they lay before it was approached? Where there are
-    none, does it?"""
+    """Where looks at one part disagreed, check whether the others still lie where they lay before the approach.
+
+    Where there are no others, check the part itself.
+    """
     question, world.questioned = world.questioned, None
     if question is None:
         return

@@ -203,7 +203,7 @@ def beside(
     cell: Workcell,
     doubt: Doubt,
 ) -> list[float]:
-    """Chi-squares of the parts that two looks both show: did they move as well?"""
+    """Chi-squares of the parts that two looks both show; large ones have moved as well."""
     found = []
     for old in before:
         shape = shape_of(old.label)

@@ -80,7 +80,7 @@ class FileNode:
 
 
 class Linux:
-    """This machine."""
+    """The video nodes of the machine that facetd runs on."""
 
     def nodes(self) -> list[str]:
         """Paths of all video nodes, by number."""

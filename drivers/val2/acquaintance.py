@@ -151,6 +151,7 @@ def ask(known: Acquaintance, text: str, most_s: float = PATIENCE_S) -> Generator
 
 
 def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, Answer]:
+    """Type something and read what comes until the line is silent, or for most_s."""
     pieces: list[tuple[float, bytes]] = []
     waited_s = 0.0
     step = Exchange(data, QUIET_S, most_s, known.pace_s)
@@ -189,6 +190,7 @@ def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> Answer:
 
 
 def errors_in(raw: bytes) -> tuple[str, ...]:
+    """The controller's error messages (`*...*`) in what it printed."""
     return tuple(line.strip() for line in raw.decode("latin-1").replace("\r", "\n").split("\n") if "*" in line)
 
 
@@ -205,6 +207,7 @@ def at_rest(known: Acquaintance) -> Steps:
 
 
 def same_place(before: Where, now: Where) -> bool:
+    """Whether two WHERE show an arm at rest."""
     off_mm, off_deg = apart(before.location, now.location)
     return off_mm <= REST_MM and off_deg <= 5 * REST_DEG and now.turned_deg(before) <= REST_DEG
 

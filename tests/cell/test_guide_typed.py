@@ -90,7 +90,7 @@ def typed_in(guide: Path) -> list[tuple[str, str]]:
         section = part.splitlines()[0].strip("# ")
         for block, span in PIECE.findall(part):
             for line in block.splitlines() or [span]:
-                said, _, comment = line.partition("  #")
+                said, _, comment = line.strip().partition("  #")
                 said = re.sub(r" {3,}.*", "", said)  # RUNS.md has what a line does beside it, without a #
                 for text in (said, *SPAN.findall(comment)):
                     text = text.strip().removeprefix("facetd> ")

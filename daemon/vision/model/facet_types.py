@@ -119,9 +119,10 @@ def conditions(measures: Measures, name: str, library: FacetLibrary) -> tuple[Ar
 
 
 def type_number(name: str, library: FacetLibrary) -> float:
-    """The type number of a type: the library's, or for what the library lacks one distinct for each number of sides,
+    """The type number of a type.
 
-    above LARGEST_NUMBER and below 1.
+    The library's; or, for what the library lacks, one of its own for each number of sides, above LARGEST_NUMBER and
+    below 1.
     """
     kind = library.type_named(name)
     return kind.number if kind else _other_number(name)
@@ -152,9 +153,9 @@ def _test(kind: FacetType, measures: Measures, covariance: Array) -> Typing | No
 
 
 def _rows(values: tuple[Value, ...], start: int, width: int, *, absolute: bool) -> list[tuple[list[float], float]]:
-    """Conditions on the entries from `start` on: numbers against their value (or against the first number's), letters
+    """Conditions on the entries from `start` on.
 
-    against the first entry of that letter.
+    Numbers against their value (or against the first number's), letters against the first entry of that letter.
     """
     rows: list[tuple[list[float], float]] = []
     first: dict[str, int] = {}
