@@ -30,6 +30,7 @@ from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
+from daemon.compute.worker import Worker
 from daemon.config import Config, load_config
 from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import Interpreter
@@ -63,6 +64,8 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that say how hand and cell stand to each other."""
 AT_WORK = "the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
+LOOK_S = 60.0
+"""No look, fusing or plan takes longer, on the slowest computer; what does is given up, and its process ended."""
 RELOAD_S = 1.0
 """Between two reloads that hang-ups (SIGHUP) ask for."""
 HALT_S = 8.4
@@ -83,6 +86,7 @@ class Service:
         self._terminal: SerialFrontend | None = None
         self._metrics: MetricsServer | None = None
         self._hardware: cell.Hardware | None = None
+        self._worker: Worker | None = None
         self._run_log: RunLog | None = None
         self._lock: int | None = None
         self._opening: asyncio.Task[None] | None = None
@@ -156,11 +160,12 @@ class Service:
                 if context.cycle.supervisor.let:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
-            context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log))
+            context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log, context.worker))
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.trainer.memory = config.values.memory
             context.cycle.use(context.trainer.in_use)
+            context.worker.prepare(context.trainer.in_use)
             context.troubles.tell("calibration", None)
             answered = who
         except FacetdError as error:
@@ -237,9 +242,10 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._logged)
-        cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log), trainer.in_use)
+        worker = self._worker = Worker("the look", LOOK_S)
+        cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log, worker), trainer.in_use)
         self.context = CommandContext(
-            config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload
+            config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker
         )
         cycle.observer = CycleObserver(self.context, self.beside)
         return self.context
@@ -359,6 +365,8 @@ class Service:
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
+        if self._worker is not None:
+            self._worker.close()
         if self._socket is not None:
             await _within(0.3, self._socket.close())
         if self._metrics is not None:

@@ -7,7 +7,7 @@ from daemon.arm.belief import Belief, Beliefs, CellBelief, Change, Source
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.hold import Waiting
-from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError
+from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
 from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
@@ -18,6 +18,7 @@ from daemon.arm.workcell import (
     EYES,
     EyeName,
     HeldBackError,
+    Kinematics,
     Picture,
     Pictures,
     Reading,
@@ -40,6 +41,7 @@ __all__ = [
     "EyeName",
     "HeldBackError",
     "Interruption",
+    "Kinematics",
     "Let",
     "Limits",
     "MoveRefusedError",
@@ -51,6 +53,7 @@ __all__ = [
     "Picture",
     "Pictures",
     "Point",
+    "Reach",
     "Reading",
     "Recorder",
     "RefusedError",

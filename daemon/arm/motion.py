@@ -18,7 +18,7 @@ from daemon.arm.belief import Beliefs, CellBelief, Change, Source
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
-from daemon.arm.workcell import HeldBackError, Reading, Workcell
+from daemon.arm.workcell import HeldBackError, Kinematics, Reading, Workcell
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.events.codes import BY_RULE, CauseCode
@@ -99,6 +99,30 @@ class Arrival:
         return way_s + float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
 
 
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where an arm that is at rest here can be, and how long it takes to go there: a value, for plans made in another
+    process. bounds: the limits with what is carried."""
+
+    kinematics: Kinematics
+    here: Reading
+    bounds: Limits
+    arrival: Arrival
+
+    def allows(self, world_from_tool: Array) -> bool:
+        """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
+        joints = self.kinematics.reachable(world_from_tool, self.here.joints_rad)
+        if joints is None:
+            return False
+        command = MoveCommand(world_from_tool, straight=True, speed_pct=self.bounds.max_speed_pct, purpose="plan")
+        return place_clear(command, Reading(world_from_tool, joints), self.kinematics, self.bounds) is None
+
+    def takes_s(self, world_from_tool: Array, speed_pct: float) -> float:
+        """About how long it takes to go there from here."""
+        joints = self.kinematics.reachable(world_from_tool, self.here.joints_rad)
+        return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.bounds.max_speed_pct))
+
+
 class Leave(Protocol):
     """Whether the arm may move, as its one owner says (supervisor.py)."""
 
@@ -173,25 +197,15 @@ class Mover:
 
     def check(self, command: MoveCommand) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
-        refusal = way_clear(command, self.standing(), self.here, self.cell.robot, self.bounds)
+        refusal = way_clear(command, self.standing(), self.here, self.cell.robot.kinematics, self.bounds)
         if refusal is not None:
             raise self._refused(refusal)
 
-    def allows(self, world_from_tool: Array) -> bool:
-        """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
+    @property
+    def reach(self) -> Reach:
+        """Where the arm can be from where it is at rest now."""
         assert self.here is not None
-        joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
-        if joints is None:
-            return False
-        command = MoveCommand(world_from_tool, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
-        there = Reading(world_from_tool, joints)
-        return place_clear(command, there, self.cell.robot, self.bounds) is None
-
-    def takes_s(self, world_from_tool: Array, speed_pct: float) -> float:
-        """About how long it takes to go there from here."""
-        assert self.here is not None
-        joints = self.cell.robot.reachable(world_from_tool, self.here.joints_rad)
-        return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.limits.max_speed_pct))
+        return Reach(self.cell.robot.kinematics, self.here, self.bounds, self.arrival)
 
     async def go(self, command: MoveCommand) -> Reading:
         """One move, to rest. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
@@ -200,7 +214,7 @@ class Mover:
         self.check(command)
         assert self.here is not None
         self._log_move(command)
-        joints = self.cell.robot.reachable(command.world_from_tool, self.here.joints_rad)
+        joints = self.cell.robot.kinematics.reachable(command.world_from_tool, self.here.joints_rad)
         if self.dry:
             there = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
             self.beliefs.learn(Source.COMMANDED, planned=there)
@@ -253,7 +267,7 @@ class Mover:
             return
         for pose in poses:
             self._way_from(here, MoveCommand(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan"))
-            joints = self.cell.robot.reachable(pose, here.joints_rad)
+            joints = self.cell.robot.kinematics.reachable(pose, here.joints_rad)
             assert joints is not None, "there is a way to it"
             here = Reading(pose, joints)
 
@@ -264,7 +278,7 @@ class Mover:
 
     def _way_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
         standing = replace(self.standing(), at=start.world_from_tool)
-        way = planned_way(command, standing, start, self.cell.robot, self.bounds)
+        way = planned_way(command, standing, start, self.cell.robot.kinematics, self.bounds)
         if not isinstance(way, Refusal):
             return way
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)

@@ -12,7 +12,7 @@ from itertools import pairwise
 from daemon.arm import paths
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm, refuse
 from daemon.arm.sweep import way_clear
-from daemon.arm.workcell import Reading, Robot
+from daemon.arm.workcell import Kinematics, Reading
 from daemon.arrays import Array
 
 PATH_MM = 40.0
@@ -35,7 +35,7 @@ class PathSegment:
 
 
 def planned_way(
-    command: MoveCommand, standing: ArmState, start: Reading, robot: Robot, limits: Limits
+    command: MoveCommand, standing: ArmState, start: Reading, robot: Kinematics, limits: Limits
 ) -> tuple[PathSegment, ...] | Refusal:
     """The legs to the command's target, none of which breaks a rule as things stand.
 
@@ -75,7 +75,12 @@ def _upright(whole: PathSegment, start: Reading, limits: Limits) -> Iterator[lis
 
 
 def _clear(
-    legs: Sequence[PathSegment], command: MoveCommand, standing: ArmState, start: Reading, robot: Robot, limits: Limits
+    legs: Sequence[PathSegment],
+    command: MoveCommand,
+    standing: ArmState,
+    start: Reading,
+    robot: Kinematics,
+    limits: Limits,
 ) -> tuple[PathSegment, ...] | Refusal:
     """The legs in steps, every one of them swept; or the first refusal."""
     found: list[PathSegment] = []
@@ -96,7 +101,7 @@ def _clear(
     return tuple(found)
 
 
-def _steps(leg: PathSegment, start: Reading, robot: Robot, limits: Limits) -> list[Array] | Refusal:
+def _steps(leg: PathSegment, start: Reading, robot: Kinematics, limits: Limits) -> list[Array] | Refusal:
     """Poses on the leg's own way, the last its end, each within the step limits of the one before."""
     target = leg.world_from_tool
     if leg.straight:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm.body import ArmBody, above_mm, away_mm, body_of, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
-from daemon.arm.workcell import Reading, Robot
+from daemon.arm.workcell import Kinematics, Reading
 from daemon.arrays import Array
 
 SLACK_MM = 0.5
@@ -51,7 +51,7 @@ class Way(Protocol):
         """(N,) the rising shares at which it is looked at to begin with."""
 
     def links(self, shares: Array) -> Array:
-        """(N, 8, 4, 4): the Robot's frames at (N,) shares; nan where the arm does not get there."""
+        """(N, 8, 4, 4): Kinematics.frames at (N,) shares; nan where the arm does not get there."""
 
     def travel_mm(self, shares: Array) -> Array:
         """(N - 1, C): no point of a capsule moves farther than this between two neighbouring shares."""
@@ -61,7 +61,7 @@ class Way(Protocol):
 class JointWay:
     """All joints start and end together: speed_mm (C,) is each capsule's greatest travel from start to end."""
 
-    robot: Robot
+    robot: Kinematics
     start_rad: Array
     change_rad: Array
     speed_mm: Array
@@ -82,10 +82,10 @@ class JointWay:
 @dataclass(frozen=True, eq=False)
 class StraightWay:
     """The tool goes on a line and turns evenly; the joints follow. shares (G,): where they were asked for to begin
-    with; joints_rad (G, 6), places (G, 8, 4, 4): the joints and the Robot's frames there; gone_mm (G, C): no point of a
+    with; joints_rad (G, 6), places (G, 8, 4, 4): the joints and Kinematics.frames there; gone_mm (G, C): no point of a
     capsule goes farther up to there, and between two of them none goes faster than evenly."""
 
-    robot: Robot
+    robot: Kinematics
     start: Reading
     motion: Array
     shares: Array
@@ -112,8 +112,8 @@ class StraightWay:
         return np.asarray(np.diff(gone, axis=0))
 
 
-def _following(robot: Robot, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
-    """(N, 6): the joints that follow a line (6,) from the start, at rising (N,) shares. near_rad: see Robot.along."""
+def _following(robot: Kinematics, start: Reading, motion: Array, shares: Array, near_rad: Array) -> Array:
+    """(N, 6): the joints that follow a line (6,) from the start, at rising (N,) shares. near_rad: as `along` has it."""
     poses = np.tile(np.eye(4), (len(shares), 1, 1))
     poses[:, :3, :3] = _turns(motion[3:], shares) @ start.world_from_tool[:3, :3]
     poses[:, :3, 3] = start.world_from_tool[:3, 3] + shares[:, None] * motion[:3]
@@ -193,7 +193,7 @@ def _origins_off_mm(links: Array) -> Array:
 
 
 def way_of(
-    start: Reading, command: MoveCommand, joints_rad: Array | None, robot: Robot, body: ArmBody
+    start: Reading, command: MoveCommand, joints_rad: Array | None, robot: Kinematics, body: ArmBody
 ) -> JointWay | StraightWay | Strike:
     """The way of a command; joints_rad (6,): where a joint-interpolated one ends. A Strike where there is none."""
     links = robot.frames(start.joints_rad[None])[0]
@@ -207,7 +207,7 @@ def way_of(
 
 
 def _straight_way(
-    start: Reading, command: MoveCommand, robot: Robot, body: ArmBody, links: Array, reaches: Array
+    start: Reading, command: MoveCommand, robot: Kinematics, body: ArmBody, links: Array, reaches: Array
 ) -> StraightWay | Strike:
     """How fast joints 1 to 3 turn between two places while the hand goes a straight line and turns evenly.
 
@@ -413,7 +413,7 @@ def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: 
     return tuple(found)
 
 
-def place_clear(command: MoveCommand, there: Reading, robot: Robot, limits: Limits) -> Refusal | None:
+def place_clear(command: MoveCommand, there: Reading, robot: Kinematics, limits: Limits) -> Refusal | None:
     """The first rule of place that the command's target would break with all of the arm; there: the arm at it."""
     body = body_of(limits.capsules, limits.body_mm)
     links = robot.frames(there.joints_rad[None])
@@ -423,7 +423,7 @@ def place_clear(command: MoveCommand, there: Reading, robot: Robot, limits: Limi
 
 
 def way_clear(
-    command: MoveCommand, standing: ArmState, start: Reading | None, robot: Robot, limits: Limits
+    command: MoveCommand, standing: ArmState, start: Reading | None, robot: Kinematics, limits: Limits
 ) -> Refusal | None:
     """The first rule the command would break now, on its whole way from start (where the arm is); None: it may go."""
     refusal = refuse(command, standing, limits)

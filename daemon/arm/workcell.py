@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daemon.arm.belief import Beliefs
 from daemon.arm.belief import Reading as Reading
 from daemon.arrays import Array
+from daemon.compute.calls import Compute
 from daemon.errors import FacetdError
 from daemon.vision.geometry import StereoRig
 
@@ -31,6 +32,28 @@ class StopRefusedError(FacetdError):
 
 class HeldBackError(FacetdError):
     """What was to move was held back as the last byte of it was about to leave: nothing was carried out."""
+
+
+class Kinematics(Protocol):
+    """How an arm moves: a value without a line, that another process can have."""
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Joints (6,) rad that bring the tool there in the arm's present configuration (righty/above/flip as in
+        joints_rad), within the joint limits and clear of singular wrists, or None."""
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """world_from_tool (4, 4) a share (0 to 1) of the way of a joint-interpolated move."""
+
+    def frames(self, joints_rad: Array) -> Array:
+        """(N, 8, 4, 4) world from the arm's base, its links 1 to 6 and the tool at (N, 6) joint angles.
+
+        z of frame k - 1 is the axis of joint k and passes its origin; links 4 to 6 have theirs in the wrist centre.
+        """
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """(N, 6) joints along a straight way of (N, 4, 4) poses that begins at joints_rad (6,), in its configuration;
+        or, joints_rad (N, 6), at poses each near to one where the joints are known. nan where the arm does not get
+        there, as in `reachable`."""
 
 
 class Robot(Protocol):
@@ -86,23 +109,9 @@ class Robot(Protocol):
     async def prove_stop(self) -> None:
         """See that the controller takes the word that stops the arm. Raises StopRefusedError."""
 
-    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Joints (6,) rad that bring the tool there in the arm's present configuration (righty/above/flip as in
-        joints_rad), within the joint limits and clear of singular wrists, or None. No I/O."""
-
-    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """world_from_tool (4, 4) a share (0 to 1) of the way of a joint-interpolated move. No I/O."""
-
-    def frames(self, joints_rad: Array) -> Array:
-        """(N, 8, 4, 4) world from the arm's base, its links 1 to 6 and the tool at (N, 6) joint angles. No I/O.
-
-        z of frame k - 1 is the axis of joint k and passes its origin; links 4 to 6 have theirs in the wrist centre.
-        """
-
-    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """(N, 6) joints along a straight way of (N, 4, 4) poses that begins at joints_rad (6,), in its configuration;
-        or, joints_rad (N, 6), at poses each near to one where the joints are known. nan where the arm does not get
-        there, as in `reachable`. No I/O."""
+    @property
+    def kinematics(self) -> Kinematics:
+        """How this arm moves."""
 
 
 class Picture(Protocol):
@@ -149,6 +158,7 @@ class Recorder(Protocol):
 @dataclass(frozen=True, eq=False)
 class Workcell:
     """All of it. clock: seconds, monotonic, the one that stamps frames. tool_from_cyclopean: the hand-eye (4, 4) mm.
+    compute: where looks, fusing and plans are computed, beside the loop that stops the arm.
 
     alone: the one eye that looks, where the other is not there: `eyes` give its picture twice, and a pair is taken from
     two places of the arm (daemon/pick/moved_pair.py). rig and tool_from_cyclopean are then those of a usual such pair.
@@ -160,4 +170,5 @@ class Workcell:
     clock: Callable[[], float]
     rig: StereoRig
     tool_from_cyclopean: Array
+    compute: Compute
     alone: EyeName | None = None

@@ -127,7 +127,7 @@ def _plan(session: Session, first: View, count: int) -> list[Array]:
     world_from_board = board_in_world(first, session.board, session.calibration)
 
     def allowed(world_from_cyclopean: Array) -> bool:
-        return session.supervisor.mover.allows(world_from_cyclopean @ cyclopean_from_tool)
+        return session.supervisor.mover.reach.allows(world_from_cyclopean @ cyclopean_from_tool)
 
     centre = session.board.points_mm().mean(axis=0)
     looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -29,6 +30,37 @@ REST_S = 5.0
 NEAR_SINGULAR_RAD = float(np.radians(3.0))
 """A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little. On a line it is asked at
 places no part of the hand goes farther than 6 mm between (sweep.py): there it may come nearer by tenths of a degree."""
+
+
+@dataclass(frozen=True)
+class PumaKinematics:
+    """daemon/arm/workcell.py's Kinematics of a PUMA with these lengths."""
+
+    arm: puma560.ArmGeometry
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
+        configuration = puma560.configuration_of(joints_rad, self.arm)
+        try:
+            joints = puma560.inverse(world_from_tool, configuration, self.arm, joints_rad)
+        except puma560.UnreachableError:
+            return None
+        return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """Where the tool is a share of the way of a joint-interpolated move."""
+        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self.arm)
+
+    def frames(self, joints_rad: Array) -> Array:
+        """Where base, links and tool are, (N, 8, 4, 4)."""
+        return puma560.link_frames(joints_rad, self.arm)
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """Joints (N, 6) along a straight way from (6,), or near to others (N, 6); nan where it leaves reach or comes
+        near a singular wrist."""
+        joints = puma560.inverse_along(world_from_tool, joints_rad, self.arm)
+        joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
+        return joints
 
 
 class ArmOnLink:
@@ -155,29 +187,10 @@ class ArmOnLink:
             await self.link.prove_stop()
         self._heard()
 
-    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
-        configuration = puma560.configuration_of(joints_rad, self.arm)
-        try:
-            joints = puma560.inverse(world_from_tool, configuration, self.arm, joints_rad)
-        except puma560.UnreachableError:
-            return None
-        return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
-
-    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """Where the tool is a share of the way of a joint-interpolated move."""
-        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self.arm)
-
-    def frames(self, joints_rad: Array) -> Array:
-        """Where base, links and tool are, (N, 8, 4, 4)."""
-        return puma560.link_frames(joints_rad, self.arm)
-
-    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """Joints (N, 6) along a straight way from (6,), or near to others (N, 6); nan where it leaves reach or comes
-        near a singular wrist."""
-        joints = puma560.inverse_along(world_from_tool, joints_rad, self.arm)
-        joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
-        return joints
+    @property
+    def kinematics(self) -> PumaKinematics:
+        """See Robot."""
+        return PumaKinematics(self.arm)
 
     @property
     def stopped_on_opening(self) -> bool:

@@ -20,6 +20,26 @@ class CellError(FacetdError):
     """The cell cannot be had as configured: what, where, what to do."""
 
 
+class NoKinematics:
+    """Of an arm that is not there."""
+
+    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
+        """Nowhere."""
+        return None
+
+    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
+        """Where it stands."""
+        return np.eye(4)
+
+    def frames(self, joints_rad: Array) -> Array:
+        """No links: all of it is where it stands."""
+        return np.tile(np.eye(4), (len(joints_rad), 8, 1, 1))
+
+    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
+        """No way."""
+        return np.full((len(world_from_tool), 6), np.nan)
+
+
 class NoArm:
     """A cell without an arm (recorded pairs): it is looked from where the world's origin is, and nothing moves."""
 
@@ -28,6 +48,7 @@ class NoArm:
     aside = stopped_on_opening = asks_whether_to_move = stop_seen = False
     connected = True
     arm = PUMA560
+    kinematics = NoKinematics()
 
     def __init__(self, beliefs: Beliefs) -> None:
         self.held: Callable[[], bool] = bool
@@ -59,22 +80,6 @@ class NoArm:
     def terminal(self, _: object) -> NoReturn:
         """Refused."""
         raise CellError(NONE)
-
-    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Nowhere."""
-        return None
-
-    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """Where it stands."""
-        return np.eye(4)
-
-    def frames(self, joints_rad: Array) -> Array:
-        """No links: all of it is where it stands."""
-        return np.tile(np.eye(4), (len(joints_rad), 8, 1, 1))
-
-    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """No way."""
-        return np.full((len(world_from_tool), 6), np.nan)
 
 
 NONE = "this cell is recorded: there is no arm to move, no gripper and no controller"

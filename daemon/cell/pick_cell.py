@@ -13,6 +13,7 @@ from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
 from daemon.cell.build import Hardware
+from daemon.compute.calls import Compute
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
 from daemon.pick.pose_fusion import Doubt
@@ -25,13 +26,15 @@ WORST_DEG = degrees(SPREAD_LIMIT_MM / sqrt(2) / median(DISTANCES_MM))
 beside its place, or all from being turned about the two axes across the view, at the tour's middle distance."""
 
 
-def pick_cell(config: Config, calibration: Calibration, hardware: Hardware, log: Recorder) -> tuple[Workcell, Settings]:
+def pick_cell(
+    config: Config, calibration: Calibration, hardware: Hardware, log: Recorder, compute: Compute
+) -> tuple[Workcell, Settings]:
     """What `PickCycle` takes. Without a hand-eye yet the cameras count as in the tool (no move is enabled then)."""
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
     rig, alone = calibration.rig, hardware.eyes.alone
     if alone is not None:
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
-    workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, rig, tool_from_cyclopean, alone)
+    workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, rig, tool_from_cyclopean, compute, alone)
     settings = config.values.pick
     limits, doubt = guarded(settings.limits, hardware.robot.arm), doubt_of(calibration.quality, settings.doubt)
     return workcell, replace(settings, limits=limits, doubt=doubt)

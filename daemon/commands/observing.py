@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import textwrap
 import time
 from collections.abc import Sequence
@@ -167,7 +166,7 @@ async def try_now(context: CommandContext, words: list[str], frontend: Frontend)
     candidate = frontend.shown = context.trainer.model_store.candidate
     recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
     seen = await look_of(context, frontend, "try")
-    scene = await asyncio.to_thread(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
+    scene = await context.worker(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
     which = "the model in use" if candidate is None else f"candidate {candidate}"
     lines = [f"With {which}:"]
     for mark, part in zip(MARKS, scene.parts, strict=False):

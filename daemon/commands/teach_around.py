@@ -20,7 +20,7 @@ from daemon.errors import NOT_DONE
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, CircledPart, NoThingError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looking import Look
-from daemon.teaching.trainer import Recogniser
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
 from daemon.vision.facets import Fused, fuse
 from daemon.vision.geometry import Polyhedron, measure
@@ -41,7 +41,7 @@ async def learnt(context: CommandContext, label: str, count: int, frontend: Fron
     if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it. Move the arm? [y/n]"):
         return None
     trainer = context.trainer
-    sight = Recogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
+    sight = ModelRecogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
     try:
         thing, looks = await with_questions(context, context.cycle.walk_round(sight, count, frontend.say), frontend)
     except NoThingError as error:

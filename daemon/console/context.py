@@ -19,6 +19,7 @@ from daemon.arm import EyeName, Recorder
 from daemon.calibration.file import Calibration
 from daemon.cell.build import EXPECTED_ERRORS, Hardware
 from daemon.cell.pick_cell import pick_cell
+from daemon.compute.worker import Worker
 from daemon.config import Config
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
@@ -60,6 +61,8 @@ class CommandContext:
     log: Recorder
     troubles: Troubles
     reload: Reload
+    worker: Worker
+    """Computes looks and plans."""
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
@@ -91,7 +94,7 @@ class CommandContext:
             except BaseException:  # stopped amid it, the cameras may be changed already
                 await eyes.use(before)
                 raise
-            self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log))
+            self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log, self.worker))
 
         self.cycle.supervisor.between_jobs("eyes are changed")
         await self.cycle.supervisor.run("change eyes", changed(), moves=False)
@@ -173,5 +176,6 @@ class CommandContext:
         """Put the trainer's model in front of the cycle from the next pick on, and into the log."""
         recogniser = self.trainer.in_use
         self.cycle.use(recogniser)
+        self.worker.prepare(recogniser)
         kept = None if version is None else self.run_log.keep(self.trainer.model_store.path(version))
         self.log.record("model", action=action, version=version, labels=list(recogniser.labels), file=kept)

@@ -3,12 +3,11 @@ is."""
 
 from __future__ import annotations
 
-import asyncio
 from typing import Literal
 
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.pick import pose_fusion, viewpoints
-from daemon.pick.following import NEAR_MM, Target, beside, expecting, follow, others
+from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
 from daemon.pick.looking import whole_look
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import regrasp
@@ -51,7 +50,10 @@ async def looking(
     """Look, and find the target again."""
     target = world.the_target()
     seen = await look(context, world, "approach", expecting(target))
-    if await asyncio.to_thread(follow, target, seen, context.cell, context.settings.doubt):
+    target.looked_before, target.look, target.looks = target.look, seen, target.looks + 1
+    fit = seen.tracked or await context.cell.compute(fitted, target, seen)
+    if fit is not None:
+        target.sightings.append(sighted(seen, fit, context.cell.rig, context.settings.doubt))
         return PickEvent.LOOKED
     near = [part for part in seen_parts(seen) if same_place(part.centre, target.centre, NEAR_MM)]
     if any(part.label == target.label for part in near):
@@ -89,7 +91,7 @@ async def estimating(
         return PickEvent.DOUBT
     estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
-    plan = await asyncio.to_thread(regrasp, target.shape, target.world_from_part, target.plan, settings)
+    plan = await context.cell.compute(regrasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the grasp that was planned does not hold it as it lies"
         return await _elsewhere(context, world, why, DecisionCode.PLANNED_AGAIN)
@@ -119,10 +121,11 @@ async def _blame(context: PickContext, world: WorldModel, target: Target, chi: f
     cannot be told from here, the whole table is to be looked at. Raises SuspectError where the cell is to blame, and
     MovedByOthersError where somebody moved the arm."""
     assert target.looked_before is not None
-    settings, recogniser = context.settings, context.recogniser
+    settings, recogniser, compute = context.settings, context.recogniser, context.cell.compute
     await context.mover.still_there(f"looks {target.looks - 1} and {target.looks} disagree")
-    before, now = [await whole_look(recogniser, seen) for seen in (target.looked_before, target.look)]
-    moved = beside(others(target, before), others(target, now), recogniser.shape, context.cell, settings.doubt)
+    before, now = [await whole_look(compute, recogniser, seen) for seen in (target.looked_before, target.look)]
+    old, new = others(target, before), others(target, now)
+    moved = await compute(beside, old, new, recogniser.shape, context.cell.rig, settings.doubt)
     who = pose_fusion.suspect(moved, now.epipolar_px, settings.epipolar_limit_px)
     text = f"looks {target.looks - 1} and {target.looks} disagree (chi-square {chi:.0f}, {CHI_SQUARE_6:g} is the most)"
     context.decide(f"suspect: {who}", text, suspected(who), label=target.label, chi2=chi)

@@ -99,7 +99,7 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Circ
     """
     thing = await _found(context)
     tool_from_cyclopean = context.cell.tool_from_cyclopean
-    poses = tour_round(thing, count, tool_from_cyclopean, context.mover.allows)
+    poses = tour_round(thing, count, tool_from_cyclopean, context.mover.reach.allows)
     if len(poses) < LEAST_PLACES:
         raise RefusedError(f"the arm reaches only {len(poses)} places round it; put it nearer to the middle")
     looks = list[Look]()

@@ -33,9 +33,10 @@ from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import tally
 from daemon.pick import approach, find, take
 from daemon.pick.around import CircledPart, Told, walk_round
-from daemon.pick.looking import Look, PartRecogniser
+from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd, Observer, Outcome, Skipped, tell
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import Handler, PickContext, WorldModel

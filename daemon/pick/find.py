@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections import Counter
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
+from daemon.arm import Reach
 from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
 from daemon.pick import pose_fusion, viewpoints
@@ -29,7 +29,9 @@ from daemon.pick.next_view import (
 from daemon.pick.outcome import Outcome
 from daemon.pick.plan import NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
+from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
@@ -42,7 +44,7 @@ from daemon.pick.world import (
     skip,
     travel,
 )
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.health import cause_of_nothing
 from daemon.vision.look import outlines
 from daemon.vision.values import Cause
@@ -97,10 +99,11 @@ async def _settle_question(context: PickContext, world: WorldModel) -> None:
         return
     await context.mover.still_there("the look at the whole table")
 
-    def moved(before: list[ObservedPart]) -> list[float]:
-        return beside(before, world.found, context.recogniser.shape, context.cell, context.settings.doubt)
+    async def moved(before: list[ObservedPart]) -> list[float]:
+        shape_of, rig, doubt = context.recogniser.shape, context.cell.rig, context.settings.doubt
+        return await context.cell.compute(beside, before, world.found, shape_of, rig, doubt)
 
-    others, itself = moved(question.others), moved(question.itself)
+    others, itself = await moved(question.others), await moved(question.itself)
     if not others and itself and max(itself) <= CHI_SQUARE_6:
         context.decide(
             "approach it again",
@@ -145,7 +148,10 @@ async def choose(
             code = BY_UNNAMED.get(str(part.taken_for.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
             skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}", code)
             continue
-        side_view, plan = await asyncio.to_thread(_planned, context, world, part, shape)
+        neighbours = [other for other in world.found if other is not part]
+        ways = context.settings, context.cell.tool_from_cyclopean, context.mover.reach
+        unseen = world.sides_unseen(part.centre)
+        side_view, plan = await context.cell.compute(_planned, part, shape, neighbours, unseen, *ways)
         if isinstance(plan, NoPlan):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
@@ -180,32 +186,40 @@ def _may_look_again(context: PickContext, world: WorldModel, part: ObservedPart)
     return looks < context.settings.views_of_doubtful
 
 
-def _side_view(context: PickContext, world: WorldModel, part: ObservedPart) -> Array | None:
+def _side_view(
+    part: ObservedPart, unseen: Sequence[Array], settings: Settings, tool_from_cyclopean: Array, reach: Reach
+) -> Array | None:
     """(3, 3) how the tool was turned in the look that named the part, for one that looks along its approaches do
     not show, and where the arm can look at it so from every stand-off; None: look along the approach."""
-    if not world.sides_unseen(part.centre):
+    if not unseen:
         return None
     view: Array = part.look.reading.world_from_tool[:3, :3]
-    distances = (*context.settings.stops.stand_offs_mm, context.settings.verify_mm)
-    poses = [viewpoints.look_pose(view, part.centre, d, context.cell.tool_from_cyclopean) for d in distances]
-    return view if all(context.mover.allows(pose) for pose in poses) else None
+    distances = (*settings.stops.stand_offs_mm, settings.verify_mm)
+    poses = [viewpoints.look_pose(view, part.centre, d, tool_from_cyclopean) for d in distances]
+    return view if all(reach.allows(pose) for pose in poses) else None
 
 
 def _planned(
-    context: PickContext, world: WorldModel, part: ObservedPart, shape: Polyhedron
+    part: ObservedPart,
+    shape: Polyhedron,
+    neighbours: Sequence[ObservedPart],
+    unseen: Sequence[Array],
+    settings: Settings,
+    tool_from_cyclopean: Array,
+    reach: Reach,
 ) -> tuple[Array | None, Plan | NoPlan]:
-    """How it is looked at where not along the approach, and the best grasp that can be reached past the neighbours, or
-    why there is none. Moves nothing, and takes its time: called in a thread."""
-    side_view = _side_view(context, world, part)
+    """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
+    or why there is none. unseen: see WorldModel.sides_unseen."""
+    side_view = _side_view(part, unseen, settings, tool_from_cyclopean, reach)
     return side_view, plan_part(
         shape,
         part.world_from_part,
-        [other.corners for other in world.found if other is not part and not is_own(other, part)],
-        context.settings,
-        context.cell.tool_from_cyclopean,
-        context.mover.allows,
+        [other.corners for other in neighbours if not is_own(other, part)],
+        settings,
+        tool_from_cyclopean,
+        reach.allows,
         facings(part),
-        world.sides_unseen(part.centre) if side_view is None else (),
+        unseen if side_view is None else (),
     )
 
 
@@ -225,14 +239,18 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
     part, cell = world.doubtful, context.cell
     assert part is not None
     world.looked_again.append(part.centre)
-    table_z_mm = context.settings.limits.table_z_mm
-
-    def thought() -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
-        before = () if part.named else hypotheses_of(part, context.recogniser, table_z_mm)
-        poses = [p for p in places_round(part.centre, cell.tool_from_cyclopean) if context.mover.allows(p)]
-        return before, poses, _next_best(context, world, part, before, poses)
-
-    before, poses, gains = await asyncio.to_thread(thought)
+    looked = {id(one): one for one in (*world.looks, part.look)}.values()
+    before, poses, gains = await cell.compute(
+        _next_views,
+        part,
+        [other for other in world.found if other is not part],
+        np.array([one.world_from_cyclopean[:3, 3] for one in looked]),
+        context.recogniser,
+        context.settings,
+        cell.rig,
+        cell.tool_from_cyclopean,
+        context.mover.reach,
+    )
     for gain in gains:
         why = (
             "does what bars the way show again?"
@@ -257,7 +275,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         world.ghosts += [p.centre for p in unconfirmed(world.found, seen, part.centre)]
     await world.take_in(context, seen)
     if before:
-        _tell_gain(context, world, part, before, gain)
+        await _tell_gain(context, world, part, before, gain)
     return PickEvent.SEEN
 
 
@@ -275,7 +293,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     survey = context.settings.surveys[0]
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
     poses = places_round(middle, context.cell.tool_from_cyclopean, survey.distance_mm, tilts=SIDES_DEG)
-    poses = await asyncio.to_thread(lambda: [pose for pose in poses if context.mover.allows(pose)])
+    poses = await context.cell.compute(_allowed, poses, context.mover.reach)
     eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
     for place in freshest(middle, eyes, before):
@@ -291,46 +309,65 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     return False
 
 
-def _next_best(
-    context: PickContext,
-    world: WorldModel,
+def _allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
+    return [pose for pose in poses if reach.allows(pose)]
+
+
+def _next_views(
     part: ObservedPart,
-    before: Sequence[PartHypothesis],
-    poses: Sequence[Array],
-) -> list[Gain]:
-    """The places in the order in which to try them."""
-    eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
-    if not eyes:
-        return []
-    looked = {id(one): one for one in (*world.looks, part.look)}.values()
-    seconds = [context.mover.takes_s(pose, context.settings.travel_pct) + part.look.seconds for pose in poses]
-    return next_best(
-        before or (strange(part),),
-        context.cell.rig,
-        part.centre,
-        np.array(eyes),
-        seconds,
-        np.array([one.world_from_cyclopean[:3, 3] for one in looked]),
-        [ring for other in world.found if other is not part for ring in outlines_of(other, context.recogniser)],
+    others: Sequence[ObservedPart],
+    eyes_before: Array,
+    recogniser: PartRecogniser,
+    settings: Settings,
+    rig: StereoRig,
+    tool_from_cyclopean: Array,
+    reach: Reach,
+) -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
+    """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
+    eyes_before: (L, 3) from where it was looked at so far."""
+    before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
+    poses = _allowed(places_round(part.centre, tool_from_cyclopean), reach)
+    if not poses:
+        return before, [], []
+    return (
+        before,
+        poses,
+        next_best(
+            before or (strange(part),),
+            rig,
+            part.centre,
+            np.array([(pose @ tool_from_cyclopean)[:3, 3] for pose in poses]),
+            [reach.takes_s(pose, settings.travel_pct) + part.look.seconds for pose in poses],
+            eyes_before,
+            [ring for other in others for ring in outlines_of(other, recogniser)],
+        ),
     )
 
 
-def _tell_gain(
+async def _tell_gain(
     context: PickContext, world: WorldModel, part: ObservedPart, before: Sequence[PartHypothesis], gain: Gain
 ) -> None:
     """What the look has brought, to the log and to whoever asked."""
-    recogniser, table_z_mm = context.recogniser, context.settings.limits.table_z_mm
+    compute, rig = context.cell.compute, context.cell.rig
     now = min(world.found, key=lambda p: apart_mm(p.centre, part.centre), default=None)
     if now is None or not same_place(now.centre, part.centre):
         told, bits = "nothing is there any more", 0.0
     elif now.named:
         told, bits = f"{now.label} {now.taken_for.confidence:.1%}".replace("%", " %"), 0.0
     else:
-        after = hypotheses_of(now, recogniser, table_z_mm)
-        told, bits = in_words(after), outlook(after, context.cell.rig).entropy
+        told, bits = await compute(_thought_of, now, context.recogniser, context.settings.limits.table_z_mm, rig)
     x, y, _ = part.centre
-    about, view = f"what lies at {x:.0f}, {y:.0f} mm", context.cell.rig
-    world.tell(
-        context,
-        Gained(about, in_words(before), told, outlook(before, view).entropy, bits, gain.bits, gain.seconds),
-    )
+    about, bits_before = f"what lies at {x:.0f}, {y:.0f} mm", await compute(_open_bits, before, rig)
+    world.tell(context, Gained(about, in_words(before), told, bits_before, bits, gain.bits, gain.seconds))
+
+
+def _thought_of(
+    part: ObservedPart, recogniser: PartRecogniser, table_z_mm: float | None, rig: StereoRig
+) -> tuple[str, float]:
+    """What a part without a name may be, in words, and the bits that are open."""
+    hypotheses = hypotheses_of(part, recogniser, table_z_mm)
+    return in_words(hypotheses), _open_bits(hypotheses, rig)
+
+
+def _open_bits(hypotheses: Sequence[PartHypothesis], rig: StereoRig) -> float:
+    return outlook(hypotheses, rig).entropy

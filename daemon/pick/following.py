@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from daemon import frames
-from daemon.arm import Workcell
+from daemon.arm import EyeName, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.grasp import GripperGeometry, closed_fingers
@@ -19,7 +20,7 @@ from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import Eyes
 from daemon.vision.refine import Fit, borne_out, fit_each, fit_edges, refit, shown
 from daemon.vision.settings import TOLERANCE_MM
@@ -79,17 +80,6 @@ class Target:
         return centre
 
 
-def follow(target: Target, look: Look, cell: Workcell, doubt: Doubt) -> bool:
-    """Find the target in a new look and add the sighting; False where it is not where it should be."""
-    target.looked_before, target.look = target.look, look
-    target.looks += 1
-    fit = look.tracked or fitted(target, look)
-    if fit is None:
-        return False
-    target.sightings.append(sighted(look, fit, cell, doubt))
-    return True
-
-
 def fitted(target: Target, look: Look) -> Fit | None:
     """The target's pose in a whole look, as named there or by the facets near it, whichever is surer, and then by
     its edges; None where neither show."""
@@ -136,47 +126,61 @@ def by_edges(shape: Polyhedron, taken: Taken, near: Array, reach_mm: float) -> F
     return replace(both[0], cyclopean_from_part=pose, covariance=covariance)
 
 
-def _in_its_place(target: Target, taken: Taken) -> Fit | None:
-    """The target's pose by its edges about where it is thought to lie, None where they do not show there."""
-    near = frames.inverse(taken.world_from_cyclopean) @ target.world_from_part
-    return by_edges(target.shape, taken, near, REACH_MM)
+def _in_its_place(shape: Polyhedron, world_from_part: Array, taken: Taken) -> Fit | None:
+    """A part's pose by its edges about where it is thought to lie, None where they do not show there."""
+    return by_edges(shape, taken, frames.inverse(taken.world_from_cyclopean) @ world_from_part, REACH_MM)
 
 
 def expecting(target: Target) -> Expected:
     """The target, looked for by its edges where it should be."""
-    return Expected(target.label, target.confidence, target.shape, lambda taken: _in_its_place(target, taken))
+    fit = partial(_in_its_place, target.shape, target.world_from_part)
+    return Expected(target.label, target.confidence, target.shape, fit)
 
 
 def still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
-    return _in_its_place(target, look.taken) is not None
+    return _in_its_place(target.shape, target.world_from_part, look.taken) is not None
 
 
-def in_hand(target: Target, taken: Taken, cell: Workcell) -> bool:
+@dataclass(frozen=True, eq=False)
+class CameraMount:
+    """How the cameras sit on the hand: see Workcell, of which it is a part."""
+
+    rig: StereoRig
+    tool_from_cyclopean: Array
+    alone: EyeName | None = None
+
+
+def mount_of(cell: Workcell) -> CameraMount:
+    """That of a cell."""
+    return CameraMount(cell.rig, cell.tool_from_cyclopean, cell.alone)
+
+
+def in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
-    near = frames.inverse(cell.tool_from_cyclopean) @ target.tool_from_part
-    return borne_out(target.shape, _eyes_on_the_hand(taken, cell), near, REACH_MM) >= HELD
+    near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
+    return borne_out(target.shape, _eyes_on_the_hand(taken, mount), near, REACH_MM) >= HELD
 
 
-def came_back_empty(taken: Taken, cell: Workcell, gripper: GripperGeometry) -> bool:
+def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:
     """Whether a pair shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
-    eyes, near = _eyes_on_the_hand(taken, cell), frames.inverse(cell.tool_from_cyclopean)
+    eyes, near = _eyes_on_the_hand(taken, mount), frames.inverse(mount.tool_from_cyclopean)
     return shown(closed_fingers(gripper), eyes, near, FINGERS_REACH_MM) > FINGERS_SHOW
 
 
-def _eyes_on_the_hand(taken: Taken, cell: Workcell) -> Eyes:
+def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> Eyes:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
     eyes = taken.eyes
-    if cell.alone is None:
+    if mount.alone is None:
         return eyes
-    left, right = (replace(view, eye=replace(view.eye, camera=cell.rig.left)) for view in eyes.views)
+    left, right = (replace(view, eye=replace(view.eye, camera=mount.rig.left)) for view in eyes.views)
     return replace(eyes, left=left, right=right)
 
 
-def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
+def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
     """A fit in a look, brought to the world with its errors. What is in a fit of a moved pair already does not count
     again: the arm's errors, and no offset of one eye against another."""
     one_moment = look.taken.moved is None
@@ -186,8 +190,8 @@ def sighted(look: Look, fit: Fit, cell: Workcell, doubt: Doubt) -> Sighting:
         fit.cyclopean_from_part,
         fit.covariance,
         doubt if one_moment else replace(doubt, arm_mm=0.0, arm_deg=0.0),
-        float(cell.rig.left.matrix[0, 0]),
-        cell.rig.baseline_mm if one_moment else np.inf,
+        float(rig.left.matrix[0, 0]),
+        rig.baseline_mm if one_moment else np.inf,
     )
 
 
@@ -200,7 +204,7 @@ def beside(
     before: list[ObservedPart],
     now: list[ObservedPart],
     shape_of: Callable[[str], Polyhedron | None],
-    cell: Workcell,
+    rig: StereoRig,
     doubt: Doubt,
 ) -> list[float]:
     """Chi-squares of the parts that two looks both show; large ones have moved as well."""
@@ -214,6 +218,6 @@ def beside(
         here = frames.inverse(near[0].look.world_from_cyclopean) @ old.world_from_part
         second = refit(shape, near[0].facets, here, gate_mm=20.0)
         if first is not None and second is not None:
-            pair = sighted(old.look, first, cell, doubt), sighted(near[0].look, second, cell, doubt)
+            pair = sighted(old.look, first, rig, doubt), sighted(near[0].look, second, rig, doubt)
             found.append(pose_fusion.disagreement(*pair, doubt))
     return found

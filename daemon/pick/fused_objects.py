@@ -14,8 +14,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.looking import Look, PartRecogniser
+from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
 from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
 from daemon.vision.geometry import Polyhedron, axes_in, inside

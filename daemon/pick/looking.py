@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +11,11 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
+from daemon.compute.calls import ByReference, Compute
 from daemon.events.codes import BY_MEASURE
 from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
 from daemon.pick.pose_fusion import Doubt
+from daemon.pick.recogniser import PartRecogniser
 from daemon.vision.facets import Table, table_at
 from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (
@@ -32,9 +32,8 @@ from daemon.vision.health import (
 )
 from daemon.vision.image import Eyes, VisionError, open_eyes
 from daemon.vision.look import outlines
-from daemon.vision.recognition import Standing
 from daemon.vision.refine import Fit
-from daemon.vision.values import FacetView, Group, Part, Scene
+from daemon.vision.values import FacetView, Scene
 
 
 class MisleadingImagesError(VisionError):
@@ -42,38 +41,17 @@ class MisleadingImagesError(VisionError):
 
     def __init__(self, findings: Sequence[Finding]) -> None:
         super().__init__("; ".join(map(str, findings)))
+        self._measures = tuple(findings)
         self.findings = tuple(f"{finding.name} {finding.eye}" for finding in findings)
         self.code = BY_MEASURE[findings[0].name]
 
-
-class PartRecogniser(Protocol):
-    """What turns images into parts: the recogniser with its model (daemon/teaching/trainer.py), or a test's own."""
-
-    def see(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], table: Table | None, rig: StereoRig | None = None
-    ) -> Scene:
-        """Parts in a stereo pair, in the cyclopean frame; table: where it is; rig: this pair's, where it is not the
-        usual one. May take a while; called in a thread."""
-
-    def recognise(self, group: Group) -> tuple[Part, ...]:
-        """Facets that hang together, of one look or of many, as parts, in the frame they are in."""
-
-    def standing(self, group: Group) -> tuple[Standing, ...]:
-        """Every taught part and pose that facets which hang together allow, the likeliest first."""
-
-    def shape(self, label: str) -> Polyhedron | None:
-        """The taught part's corners and facets, or None where there is no such part."""
-
-    def report(self, scene: Scene) -> dict[str, object]:
-        """The scene as JSON values, for the run log."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What was taught."""
+    def __reduce__(self) -> tuple[type, tuple[object]]:
+        """As it comes out of a worker process."""
+        return type(self), (self._measures,)
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class Taken(ByReference):
     """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
     the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one eye was for each
     picture, None where both are of one moment."""
@@ -114,7 +92,7 @@ ONLY_TRACKED = Scene((), (), FacetView((), (), (), (), np.nan), ("only what was 
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Look(ByReference):
     """What one look saw in a pair. tracked: the pose of the part that was expected, where that was found and nothing
     else was looked for (the scene is empty then); taken_s: when the older picture was taken, on the cell's clock;
     seconds: from the arm's rest to the answer; from_light_s: from mid-exposure to the answer; epipolar_px: median
@@ -180,6 +158,27 @@ def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> 
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What is computed of a pair of pictures: see Look, of which it is a part."""
+
+    scene: Scene
+    health: tuple[Finding, ...]
+    tracked: Fit | None
+    clue: Clue
+
+
+def observed(recogniser: PartRecogniser, taken: Taken, table: Table | None, expected: Expected | None) -> Observation:
+    """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
+    health = _health(taken)
+    tracked = None if expected is None else expected.fit(taken)
+    scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
+    if tracked is None:
+        health = (*health, *sharpness(taken.images), *(() if taken.moved else drift(scene)))  # the arm errs, too
+    clue = clue_of(scene, taken.rig, recogniser.shape)
+    return Observation(scene, health, tracked, clue if taken.moved is None else hints(clue, taken.moved.arm))
+
+
 async def take_look(
     cell: Workcell,
     recogniser: PartRecogniser,
@@ -191,32 +190,22 @@ async def take_look(
     """See what is in a pair. rest_s: since when the arm was at rest for it; table_z_mm: the table's height in the
     world, None where what lies in it counts, too; expected: the part that should be there; where that is found, nothing
     else is looked for. Raises VisionError on images that mislead (frozen, covered, swapped, half), besides what see
-    raises."""
+    raises, and ComputeError."""
     table = None if table_z_mm is None else table_at(table_z_mm, taken.world_from_cyclopean)
-
-    def see() -> tuple[Scene, tuple[Finding, ...], Fit | None, Clue]:
-        health = _health(taken)
-        tracked = None if expected is None else expected.fit(taken)
-        scene = _seen(recogniser, taken, table) if tracked is None else ONLY_TRACKED
-        if tracked is None:
-            health = (*health, *sharpness(taken.images), *(() if taken.moved else drift(scene)))  # the arm errs, too
-        clue = clue_of(scene, taken.rig, recogniser.shape)
-        return scene, health, tracked, clue if taken.moved is None else hints(clue, taken.moved.arm)
-
-    scene, health, tracked, clue = await asyncio.to_thread(see)
+    seen = await cell.compute(observed, recogniser, taken, table, expected)
     now_s = cell.clock()
     taken_s = min(taken.pictures.left.taken_s, taken.pictures.right.taken_s)
     return Look(
-        scene=scene,
+        scene=seen.scene,
         taken=taken,
         taken_s=taken_s,
         seconds=now_s - rest_s,
         from_light_s=now_s - taken_s,
-        epipolar_px=epipolar_px(scene),
-        clue=clue,
+        epipolar_px=epipolar_px(seen.scene),
+        clue=seen.clue,
         table=table,
-        health=health,
-        tracked=tracked,
+        health=seen.health,
+        tracked=seen.tracked,
     )
 
 
@@ -239,11 +228,11 @@ async def relight(cell: Workcell, look: Look) -> str | None:
     return "exposure x {:.2f} left, x {:.2f} right".format(*took)
 
 
-async def whole_look(recogniser: PartRecogniser, look: Look) -> Look:
+async def whole_look(compute: Compute, recogniser: PartRecogniser, look: Look) -> Look:
     """The same look with everything in view looked for."""
     if look.tracked is None:
         return look
-    scene = await asyncio.to_thread(_seen, recogniser, look.taken, look.table)
+    scene = await compute(_seen, recogniser, look.taken, look.table)
     return replace(look, scene=scene, tracked=None, epipolar_px=epipolar_px(scene))
 
 

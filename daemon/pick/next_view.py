@@ -17,7 +17,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.looking import PartRecogniser
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart
 from daemon.pick.settings import SurveyView
 from daemon.vision.facets import weld

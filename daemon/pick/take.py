@@ -3,18 +3,20 @@ handler is."""
 
 from __future__ import annotations
 
-import asyncio
+from collections.abc import Sequence
 from typing import Literal
 
 from daemon import frames
 from daemon.arm import NotSettledError, Source, capsule_around
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import viewpoints
-from daemon.pick.following import Target, came_back_empty, in_hand, still_there
-from daemon.pick.looking import Look, taken_here
+from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, mount_of, still_there
+from daemon.pick.grasp import GripperGeometry
+from daemon.pick.looking import Look, Taken, taken_here
 from daemon.pick.outcome import InGripper, Outcome, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
+from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 
@@ -75,11 +77,8 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     hand that is said to have missed opens over the bin, as one that holds the part does."""
     target, seen = world.the_target(), await look(context, world, "verify")
 
-    def judged() -> tuple[bool, tuple[str, DecisionCode] | None]:
-        held = in_hand(target, seen.taken, context.cell)
-        return held, None if held else _failed(context, world, target, seen)
-
-    held, failed = await asyncio.to_thread(judged)
+    mount = mount_of(context.cell)
+    held, failed = await context.cell.compute(_judged, target, seen, world.found, context.settings, mount)
     if failed is None:
         shown = "shows in the gripper" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
@@ -96,23 +95,32 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     return PickEvent.MISSED
 
 
-def _failed(context: PickContext, world: WorldModel, target: Target, seen: Look) -> tuple[str, DecisionCode] | None:
-    """What a look that does not show the part in the hand says against its being there; None where it says nothing."""
-    hand, settings = seen.reading.world_from_tool[:3, 3], context.settings
+def _judged(
+    target: Target,
+    seen: Look,
+    found: Sequence[ObservedPart],
+    settings: Settings,
+    mount: CameraMount,
+) -> tuple[bool, tuple[str, DecisionCode] | None]:
+    """Whether a look shows the part in the hand, and what it says against that; None where it says nothing. found: what
+    lay there before."""
+    if in_hand(target, seen.taken, mount):
+        return True, None
+    hand = seen.reading.world_from_tool[:3, 3]
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
     if left or still_there(target, seen):
-        return "still lies there", DecisionCode.STILL_THERE
-    if _knocked_away(world, target, on_table):
-        return "was knocked away", DecisionCode.KNOCKED_AWAY
-    if came_back_empty(seen.taken, context.cell, settings.gripper):
-        return "is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY
-    return None
+        return False, ("still lies there", DecisionCode.STILL_THERE)
+    if _knocked_away(found, target, on_table):
+        return False, ("was knocked away", DecisionCode.KNOCKED_AWAY)
+    if came_back_empty(seen.taken, mount, settings.gripper):
+        return False, ("is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY)
+    return False, None
 
 
-def _knocked_away(world: WorldModel, target: Target, on_table: list[ObservedPart]) -> bool:
+def _knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:
     """Whether the like of it lies now where nothing lay before."""
-    others = [p.centre for p in world.found if not same_place(p.centre, target.centre)]
+    others = [p.centre for p in found if not same_place(p.centre, target.centre)]
     alike = [p.centre for p in on_table if p.label == target.label]
     return any(not any(same_place(now, before) for before in others) for now in alike)
 
@@ -154,13 +162,13 @@ async def _in_gripper(context: PickContext, target: Target | None) -> InGripper:
         taken = await taken_here(cell, reading, cell.clock(), context.settings.settling)
     except NotSettledError:
         return InGripper.UNCLEAR
+    return await cell.compute(_shown_in_gripper, target, taken, mount_of(cell), context.settings.gripper)
 
-    def judged() -> InGripper:
-        if in_hand(target, taken, cell):
-            return InGripper.PART
-        return InGripper.EMPTY if came_back_empty(taken, cell, context.settings.gripper) else InGripper.UNCLEAR
 
-    return await asyncio.to_thread(judged)
+def _shown_in_gripper(target: Target, taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> InGripper:
+    if in_hand(target, taken, mount):
+        return InGripper.PART
+    return InGripper.EMPTY if came_back_empty(taken, mount, gripper) else InGripper.UNCLEAR
 
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:

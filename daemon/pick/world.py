@@ -7,7 +7,6 @@ it is reported. A part that cannot be had is skipped, and named, and that is no 
 
 from __future__ import annotations
 
-import asyncio
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -23,7 +22,6 @@ from daemon.pick.fused_objects import ONE_MM, known
 from daemon.pick.looking import (
     Expected,
     Look,
-    PartRecogniser,
     Taken,
     log_look,
     moved_pair_of,
@@ -33,6 +31,7 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import Observer, Outcome, Skipped, tell
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
@@ -200,12 +199,12 @@ class WorldModel:
         return self.target
 
     async def take_in(self, context: PickContext, look: Look) -> None:
-        """One more look at the whole table, or at a part of it. Fused in a thread: a stop is heard meanwhile."""
+        """One more look at the whole table, or at a part of it. Fused beside the loop: a stop is heard meanwhile."""
         if self.looks:
             again, not_again = shown_again(self.looks[-1], look)
             self.again = self.again[0] + again, self.again[1] + not_again
         self.looks.append(look)
-        found = await asyncio.to_thread(known, [*self.looks], context.recogniser, context.settings.doubt)
+        found = await context.cell.compute(known, [*self.looks], context.recogniser, context.settings.doubt)
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
     def too_long(self, context: PickContext) -> str | None:
@@ -286,7 +285,7 @@ async def plan_again(
         return False
     world.odd[why] += outcome is Outcome.LOST
     context.decide(f"plan {target.label} again", why, code, label=target.label)
-    world.found = seen_parts(await whole_look(context.recogniser, target.look))
+    world.found = seen_parts(await whole_look(context.cell.compute, context.recogniser, target.look))
     return True
 
 

@@ -9,14 +9,15 @@ import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from time import perf_counter, thread_time
+from pathlib import Path
+from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.pick.moved_pair import Places, places_of, with_arm
+from daemon.pick.recogniser import Image, ModelRecogniser
 from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
@@ -39,52 +40,16 @@ from daemon.vision.model import (
     learn_view,
     merge_views,
 )
-from daemon.vision.recognition import Standing, recognise, recognise_group, standing
-from daemon.vision.report import scene_json
+from daemon.vision.recognition import recognise_group
 from daemon.vision.settings import MemorySettings, VisionSettings
-from daemon.vision.values import UNKNOWN, Facet, Group, Part, Scene
+from daemon.vision.values import UNKNOWN, Facet, Group, Part
 
-Image = NDArray[np.uint8]
 ROUND = "around"
 """What the note of a view is known by that was learnt by walking round, and where its solid is."""
 SAME_SIZE_MM = 2.0
 """How far apart the largest lengths of one part may come out, drawn and seen."""
 SAME_SIDE_MM = 5.0
 """How far the middle of a side in view may lie from where the part found there has it."""
-
-
-class Recogniser:
-    """daemon/pick/looking.py's Recogniser: one model and one rig. Never changed; another model is another one."""
-
-    def __init__(self, model: Model, rig: StereoRig, settings: VisionSettings | None = None) -> None:
-        self.model, self.rig, self.settings = model, rig, settings
-
-    def see(self, left: Image, right: Image, table: Table | None = None, rig: StereoRig | None = None) -> Scene:
-        """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
-        not the usual one. Raises VisionError."""
-        return look(left, right, rig or self.rig, self.model, self.settings, thread_time, table)
-
-    def recognise(self, group: Group) -> tuple[Part, ...]:
-        """Facets that hang together, as parts."""
-        return tuple(found.part for found in recognise((group,), self.model))
-
-    def standing(self, group: Group) -> tuple[Standing, ...]:
-        """Every taught part and pose that facets which hang together allow."""
-        return standing(group, self.model)
-
-    def report(self, scene: Scene) -> dict[str, object]:
-        """The scene as JSON values."""
-        return scene_json(scene)
-
-    def shape(self, label: str) -> Polyhedron | None:
-        """The taught part's corners and facets, or None."""
-        metric = self.model.metric.get(label)
-        return None if metric is None else metric.solid
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What was taught."""
-        return self.model.labels
 
 
 @dataclass(frozen=True)
@@ -133,17 +98,27 @@ class Trainer:
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
         self._judged: dict[int, tuple[Sufficiency, ...]] = {}
         self.memory = memory or MemorySettings()
-        self._start = start or empty_model(library)
-        self.model = self._start if model_store.current is None else model_store.load(model_store.current)
+        self.model = start or empty_model(library)
+        self._file: Path | None = None
+        if model_store.current is not None:
+            self._take(model_store.current, model_store.load(model_store.current))
+        self._in_use: ModelRecogniser | None = None
 
     @property
-    def in_use(self) -> Recogniser:
-        """The recogniser with the model in use."""
-        return Recogniser(self.model, self.rig, self.settings)
+    def in_use(self) -> ModelRecogniser:
+        """The recogniser with the model in use: the same one as long as nothing of it has changed."""
+        now = self._in_use
+        if now is None or (now.model, now.rig, now.settings) != (self.model, self.rig, self.settings):
+            now = self._in_use = ModelRecogniser(self.model, self.rig, self.settings, self._file)
+        return now
 
-    def version(self, version: int) -> Recogniser:
+    def version(self, version: int) -> ModelRecogniser:
         """The recogniser with that version. Raises ModelError."""
-        return Recogniser(self.model_store.load(version), self.rig, self.settings)
+        file = self.model_store.path(version)
+        return ModelRecogniser(self.model_store.load(version), self.rig, self.settings, file)
+
+    def _take(self, version: int, model: Model) -> None:
+        self.model, self._file = model, self.model_store.path(version)
 
     def untaught(self) -> list[str]:
         """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
@@ -283,24 +258,26 @@ class Trainer:
                 "there are no views to train on: `teach LABEL` first" + "".join(f"; {x}" for x in left_out)
             )
         version = self.model_store.put_candidate(model, self._codes(model))
-        tried = Recogniser(model, self.rig, (self.settings or VisionSettings()).unhurried())
+        tried = ModelRecogniser(model, self.rig, (self.settings or VisionSettings()).unhurried())
         unlearnt = {line.split(":")[0] for line in left_out}
         verdicts = [self._verdict(tried, view) for view in self.model_store.views() if view.name not in unlearnt]
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self, version: int | None) -> int:
         """Take the candidate that is meant into use; returns its version. Raises FileError (nothing changes)."""
-        accepted, self.model = self.model_store.accept(version)
+        accepted, model = self.model_store.accept(version)
+        self._take(accepted, model)
         return accepted
 
     def rollback(self) -> int:
         """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
-        version, self.model = self.model_store.rollback()
+        version, model = self.model_store.rollback()
+        self._take(version, model)
         return version
 
     def take(self, version: int) -> None:
         """Any version into use. Raises FileError (nothing changes)."""
-        self.model = self.model_store.use(version)
+        self._take(version, self.model_store.use(version))
 
     def _codes(self, model: Model) -> dict[str, str] | None:
         """ART-b bits as parts.yaml has them; None where it does not name every part."""
@@ -318,7 +295,7 @@ class Trainer:
             self._judged = {version: tuple(self.motion_monitor(model, label) for label in model.labels)}
         return self._judged[version]
 
-    def _verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
+    def _verdict(self, tried: ModelRecogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:
             return self._drawing_verdict(tried, view)
         moved = places_of(view.note.get("moved"))
@@ -329,7 +306,7 @@ class Trainer:
         best = max(parts, key=lambda p: len(p.facets)).recognition
         return ViewVerdict(view.name, view.label, best.label, best.confidence, best.runner_up, best.reason)
 
-    def _drawing_verdict(self, tried: Recogniser, view: StoredView) -> ViewVerdict:
+    def _drawing_verdict(self, tried: ModelRecogniser, view: StoredView) -> ViewVerdict:
         """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
         solid = self._solid(view)
         learnt = {taught.sides for taught in tried.model.views if taught.source == view.name}

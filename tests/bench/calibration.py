@@ -78,7 +78,7 @@ async def calibrated(seed: int) -> Calibrated:
     hardware = cells.build(config, lambda _: None)
     try:
         await hardware.open()
-        cycle = PickCycle(*pick_cell(config, start, hardware, Silent()), None)
+        cycle = PickCycle(*pick_cell(config, start, hardware, Silent(), asyncio.to_thread), None)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         await cycle.go("survey")

@@ -25,8 +25,8 @@ from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
 from daemon.cell.cameras import ThreadedEyes
 from daemon.pick.looking import take_look, taken_here
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
-from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import empty_model
 from daemon.vision.settings import VisionSettings
 from drivers.camera import v4l2
@@ -180,8 +180,8 @@ async def looks(scene: str, fps: float, count: int) -> str:
     """take_look, whole: two pairs that agree, the images' health, facets, recognition without a model."""
     rig = rendered.rig(rendered.HERE, "B")
     eyes = ThreadedEyes(live("YUYV", fps, scene))
-    cell = Workcell(StillRobot(), eyes, None, time.monotonic, rig, np.eye(4))  # type: ignore[arg-type]
-    sight = Recogniser(empty_model(load_facets()), rig, VisionSettings())
+    cell = Workcell(StillRobot(), eyes, None, time.monotonic, rig, np.eye(4), asyncio.to_thread)  # type: ignore[arg-type]
+    sight = ModelRecogniser(empty_model(load_facets()), rig, VisionSettings())
     await eyes.open()
     await eyes.grab(time.monotonic(), 5.0)
     seen, cpu_s = [], time.process_time()

@@ -195,6 +195,10 @@ class FakeRobot:
         self.world.wire.append(("abort", None))
         self.world.before("abort")
 
+    @property
+    def kinematics(self):
+        return self
+
     def reachable(self, world_from_tool, joints_rad):
         forbidden = self.world.unreached
         if forbidden is not None and np.linalg.norm(world_from_tool[:3, 3] - forbidden) < 40.0:
@@ -314,7 +318,7 @@ take.in_hand = truly_in_hand  # wherever a fake cell is at work; any other is lo
 def build(world: World) -> Workcell:
     """The workcell of this world."""
     eyes = FakeEyes(world)
-    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN)
+    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN, asyncio.to_thread)
 
 
 def cycle_of(world: World, settings: Settings | None = None) -> PickCycle:

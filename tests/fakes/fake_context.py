@@ -21,6 +21,7 @@ from daemon.console.notices import Notices
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.order import PickOrder
 from tests.fakes.checked_record import checked
+from tests.fakes.computing import ComputesHere
 
 
 @cache
@@ -205,6 +206,9 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         cycle=FakeCycle(),
         log=FakeLog(),
         trainer=trainer,
+        worker=ComputesHere(),
+        study=ComputesHere(),
+        judged=None,
         troubles=Troubles(),
         notices=Notices(),
         hardware=SimpleNamespace(kind="real", seed=None, hand=None, eyes=SimpleNamespace(alone=None)),

@@ -34,6 +34,7 @@ from daemon.store import runlog
 from daemon.vision.values import Facet, Scene
 from drivers.puma560 import PUMA560
 from drivers.simcell.simulated_time import SimulatedLoop
+from tests.fakes.computing import ComputesHere
 from tests.fakes.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
@@ -256,6 +257,7 @@ def light_daemon(folder: Path, began_s: float = 1.8e9, config: str = CONFIG) -> 
         patch.object(time, "monotonic", daemon.loop.time),
         patch.object(time, "time", lambda: daemon.now_s),
         patch.object(build_room, "build", daemon._build),
+        patch.object(service, "Worker", ComputesHere),
         patch.object(journal, "tell", lambda kind, text, *_, **__: daemon.told.append((kind, text))),
         *(patch.object(module, "datetime", Wall) for module in (service, context, runlog)),
     ]

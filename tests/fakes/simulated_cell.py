@@ -5,6 +5,7 @@ Nothing here decides or judges; it builds, teaches, and tells what truly happene
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field, replace
@@ -21,10 +22,10 @@ from daemon.cli.demo import VIEWS
 from daemon.config import load_config
 from daemon.pick.cycle import PickCycle
 from daemon.pick.outcome import CycleEnd
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.settings import Settings
 from daemon.store import places
 from daemon.store.library import load_facets
-from daemon.teaching.trainer import Recogniser
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from drivers.simcell.cell import SimulatedCell
@@ -113,9 +114,9 @@ async def rig(
     assert hardware.hand is not None
     try:
         await hardware.open()
-        cell, usual = pick_cell(config, believed, hardware, log)
+        cell, usual = pick_cell(config, believed, hardware, log, asyncio.to_thread)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
-        cycle = PickCycle(cell, settings or usual, Recogniser(start, believed.rig, config.values.vision))
+        cycle = PickCycle(cell, settings or usual, ModelRecogniser(start, believed.rig, config.values.vision))
         tell_the_motion_monitor(hardware.hand.cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
@@ -153,13 +154,13 @@ def tell_the_motion_monitor(cell: SimulatedCell, cycle: PickCycle, log: ListLog)
 async def taught(here: Rig) -> Model:
     """Show the six characteristic views of the demo and learn them; the cycle uses the model from then on."""
     sight = here.cycle.recogniser
-    assert isinstance(sight, Recogniser)
+    assert isinstance(sight, ModelRecogniser)
     model = empty_model(sight.model.library)
     await here.cycle.go("survey")
     for label, view, _ in VIEWS:
         model = await _learnt(here, model, label, view)
     here.cell.clear()
-    here.cycle.use(Recogniser(model, sight.rig, sight.settings))
+    here.cycle.use(ModelRecogniser(model, sight.rig, sight.settings))
     return model
 
 

@@ -24,12 +24,13 @@ from daemon.config import load_config
 from daemon.console.context import CommandContext
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
-from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.link import Link
+from tests.fakes.computing import ComputesHere
 from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_motion_monitor
 
 
@@ -65,14 +66,24 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     try:
         await hardware.open()
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
-        sight = Recogniser(start, calibration.rig, config.values.vision)
-        cycle = PickCycle(*pick_cell(config, calibration, hardware, log), sight)
+        sight = ModelRecogniser(start, calibration.rig, config.values.vision)
+        cycle = PickCycle(*pick_cell(config, calibration, hardware, log, asyncio.to_thread), sight)
         tell_the_motion_monitor(cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         trainer: Any = None
         context = CommandContext(
-            config, calibration, hardware, cycle, trainer, trainer, log, Troubles(), trainer, started_s=0.0
+            config,
+            calibration,
+            hardware,
+            cycle,
+            trainer,
+            trainer,
+            log,
+            Troubles(),
+            trainer,
+            ComputesHere(),
+            started_s=0.0,
         )
         try:
             yield Hours(cell, cycle, log, hardware.robot, context)

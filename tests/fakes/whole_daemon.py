@@ -46,11 +46,11 @@ from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
 from daemon.maintenance import journal
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.service import NO_DEVICE, Service
 from daemon.store import model as models
 from daemon.store import runlog
 from daemon.store.library import load_facets
-from daemon.teaching.trainer import Recogniser
 from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
@@ -920,7 +920,7 @@ def _taught(folder: Path) -> Any:
         for _ in range(TRIES):
             loop.sleep(0.1)
             pair = cell.camera.grab(loop.time(), 1.0)
-            groups = Recogniser(model, rig).see(pair.left.pixels, pair.right.pixels).view.groups
+            groups = ModelRecogniser(model, rig).see(pair.left.pixels, pair.right.pixels).view.groups
             group = max(groups, key=lambda g: len(g.facets), default=None)
             if group is not None and len(group.facets) == len(facets):
                 model = learn_view(model, group, label)

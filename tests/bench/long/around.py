@@ -21,8 +21,8 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.solid_from_mesh import DRAWN_MM
-from daemon.teaching.trainer import Recogniser
 from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
@@ -104,7 +104,7 @@ async def scenes(models: dict[str, Model], count: int) -> dict[str, Counter[str]
         async with drawn_cell(12, Path(folder)) as here:
             rng = np.random.default_rng(6)
             rig, settings = here.context.trainer.rig, here.context.trainer.settings
-            sights = {name: Recogniser(model, rig, settings) for name, model in models.items()}
+            sights = {name: ModelRecogniser(model, rig, settings) for name, model in models.items()}
             here.cycle.use(sights["drawn"])
             views: list[Array] = [
                 view.pose(here.cycle.cell.tool_from_cyclopean) for view in here.cycle.settings.surveys

@@ -179,10 +179,10 @@ def test_where_the_arm_has_no_way_nothing_is_sent_and_the_place_is_told(straight
     with pytest.raises(OutOfReachError, match=f"cannot reach {NEAR[0, 3]:.0f}, "):
         asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0, straight))
     assert not world.wire
-    assert not mover.allows(NEAR)
+    assert not mover.reach.allows(NEAR)
     world.unreached = None
-    assert mover.allows(NEAR)
-    assert not mover.allows(frames.perturb(NEAR, np.array([0, 0, -400.0, 0, 0, 0]))), "below the table"
+    assert mover.reach.allows(NEAR)
+    assert not mover.reach.allows(frames.perturb(NEAR, np.array([0, 0, -400.0, 0, 0, 0]))), "below the table"
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -251,7 +251,7 @@ def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm
     for pose in (NEAR, farther):
         asyncio.run(mover.go(command(pose, False, 50.0)))
     np.testing.assert_allclose(mover.here.world_from_tool, farther)
-    there = mover.cell.robot.reachable(farther, mover.belief.at.joints_rad)
+    there = mover.cell.robot.kinematics.reachable(farther, mover.belief.at.joints_rad)
     np.testing.assert_allclose(mover.here.joints_rad, there)
     assert np.abs(there - mover.belief.at.joints_rad).max() > 0.01, "or it shows nothing"
     asyncio.run(mover.hand(closed=True))
@@ -478,9 +478,9 @@ def test_who_must_come_out_again_asks_for_the_whole_way_before_he_goes_in():
 
 def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_speed():
     mover = mover_in(World(np.random.default_rng(0)), max_speed_pct=40.0)
-    joints = mover.cell.robot.reachable(NEAR, mover.here.joints_rad)
+    joints = mover.cell.robot.kinematics.reachable(NEAR, mover.here.joints_rad)
     for asked_pct, pct in ((20.0, 20.0), (90.0, 40.0)):
-        assert mover.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.here, NEAR, joints, pct) > 0.0
+        assert mover.reach.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.here, NEAR, joints, pct) > 0.0
 
 
 def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():

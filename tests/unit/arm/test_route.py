@@ -148,9 +148,7 @@ class Jumping:
 
     def __init__(self, at):
         self.at, self.sent = at, []
-        self.beliefs = Beliefs(lambda: 0.0, Log().record)
-        for name in ("reachable", "along", "frames", "between"):
-            setattr(self, name, getattr(ROBOT, name))
+        self.kinematics, self.beliefs = ROBOT, Beliefs(lambda: 0.0, Log().record)
 
     async def rest(self):
         return self.at
@@ -164,7 +162,8 @@ class Jumping:
 
 def mover_at(pose, limits=LIMITS):
     robot = Jumping(reading(pose))
-    mover = Mover(Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4)), limits, Arrival(), Allowed())
+    cell = Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4), asyncio.to_thread)
+    mover = Mover(cell, limits, Arrival(), Allowed())
     mover.beliefs.learn(Source.REPORTED, position=robot.at)
     return mover, robot
 

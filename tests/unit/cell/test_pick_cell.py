@@ -27,7 +27,7 @@ CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
 def built(calibration: Any, alone: str | None = None) -> Any:
     hardware: Any = SimpleNamespace(robot=SimpleNamespace(arm=PUMA560), eyes=SimpleNamespace(alone=alone), clock=None)
-    return pick_cell(load_config(CONFIG), calibration, hardware, "log")  # type: ignore[arg-type]
+    return pick_cell(load_config(CONFIG), calibration, hardware, "log", "compute")  # type: ignore[arg-type]
 
 
 def test_a_pick_doubts_as_much_as_its_calibration_says_of_itself() -> None:

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arm import Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick.following import came_back_empty, fitted, in_hand
+from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand
 from daemon.pick.looking import Taken
 from daemon.store import places
 from daemon.vision.geometry import StereoRig, exact
@@ -35,8 +35,8 @@ def taken(pair: Any, rig: StereoRig) -> Taken:
 IN_THE_HAND = rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0])
 
 
-def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
-    """A pair from over a patterned table, the hand upright, and the cell; the cube's print is the seed's."""
+def look_back(seed: int, holds_cube: bool) -> tuple[Any, CameraMount]:
+    """A pair from over a patterned table, the hand upright, and how the cameras sit on it; the seed prints the cube."""
     believed = load_calibration(CONFIG.calibration)
     with SimulatedCell(ETC / "simcell.yaml", seed=seed, table="patterned", parts="printed") as cell:
         cell.world_from_tool = lambda real_s=None: rigid(turn([1, 0, 0], np.pi), [470.0, 0.0, 0.0])  # type: ignore[method-assign]
@@ -46,8 +46,7 @@ def look_back(seed: int, holds_cube: bool) -> tuple[Any, Any]:
         cell.world.gap_mm = 50.0 if holds_cube else 0.0
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
-    workcell = SimpleNamespace(tool_from_cyclopean=believed.tool_from_cyclopean, alone=None)
-    return taken(pair, believed.rig), workcell
+    return taken(pair, believed.rig), CameraMount(believed.rig, believed.tool_from_cyclopean)
 
 
 def seems_empty(seed: int, holds_cube: bool) -> bool:

@@ -15,9 +15,9 @@ from daemon.pick import fused_objects
 from daemon.pick.fused_objects import ONE_MM, _untaught, known, outlines_of, telling
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
+from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
-from daemon.teaching.trainer import Recogniser
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
@@ -32,15 +32,15 @@ CUT = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-15, 20), (-30, 5)], 30
 
 
 @pytest.fixture(scope="module")
-def recogniser() -> Recogniser:
+def recogniser() -> ModelRecogniser:
     model = empty_model(load_facets())
     for label, (corners, rings) in (("block", BLOCK), ("cut", CUT), ("bracket", BRACKET)):
         model = learn_solid(model, drawn.solid(f"{label}.obj", drawn.obj(corners, rings)), label)
-    return Recogniser(model, rig())
+    return ModelRecogniser(model, rig())
 
 
 def look_from(
-    recogniser: Recogniser, azimuth_deg: float, elevation_deg: float, seed: int = 0, shape: Any = BLOCK
+    recogniser: ModelRecogniser, azimuth_deg: float, elevation_deg: float, seed: int = 0, shape: Any = BLOCK
 ) -> Look:
     """As much of a look at the block, or another shape, from there as things are made of."""
     at, rng = place(np.radians(azimuth_deg), np.radians(elevation_deg)), np.random.default_rng(seed)
@@ -57,29 +57,29 @@ def as_look(parts: tuple[Part, ...], world_from_cyclopean: Array) -> Look:
     return made
 
 
-def labels(looks: list[Look], recogniser: Recogniser) -> list[str]:
+def labels(looks: list[Look], recogniser: ModelRecogniser) -> list[str]:
     return [part.label for part in known(looks, recogniser, Doubt())]
 
 
-def test_what_neither_of_two_looks_names_alone_both_together_do(recogniser: Recogniser) -> None:
+def test_what_neither_of_two_looks_names_alone_both_together_do(recogniser: ModelRecogniser) -> None:
     top, side = look_from(recogniser, 90, 88), look_from(recogniser, 90, 3, 1)
     assert [p.named for one in (top, side) for p in seen_parts(one)] == [False, False]
     assert labels([top, side], recogniser) == ["block"]
 
 
-def test_a_name_is_not_unlearnt_by_a_look_that_shows_less(recogniser: Recogniser) -> None:
+def test_a_name_is_not_unlearnt_by_a_look_that_shows_less(recogniser: ModelRecogniser) -> None:
     whole, less = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
     assert labels([whole], recogniser) == ["block"]
     assert labels([whole, less], recogniser) == ["block"], "the facet that it shows is the block's"
 
 
-def test_a_facet_with_a_notch_is_its_parts_though_its_middle_lies_outside_it(recogniser: Recogniser) -> None:
+def test_a_facet_with_a_notch_is_its_parts_though_its_middle_lies_outside_it(recogniser: ModelRecogniser) -> None:
     from_above = [look_from(recogniser, 200 + 70 * k, 50, k, BRACKET) for k in range(3)]
     assert any(len(part.facets[0].corners_mm) == 6 for look in from_above for part in look.scene.parts)
     assert labels(from_above, recogniser) == ["bracket"]
 
 
-def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recogniser: Recogniser) -> None:
+def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recogniser: ModelRecogniser) -> None:
     one, other = look_from(recogniser, 135, 40), look_from(recogniser, 100, 50, 1)
     part = one.scene.parts[0]
     wrong = replace(part, recognition=replace(part.recognition, label="cut"))
@@ -87,7 +87,7 @@ def test_names_that_contradict_each_other_are_asked_anew_of_all_facets(recognise
 
 
 @pytest.mark.parametrize("label", ["block", "cut"])
-def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, recogniser: Recogniser) -> None:
+def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, recogniser: ModelRecogniser) -> None:
     """A look laid its part so far aside that their middles are apart, and yet half a side of one is the other's."""
     one, other = look_from(recogniser, 135, 40), look_from(recogniser, 100, 50, 1)
     (part,) = other.scene.parts
@@ -104,7 +104,7 @@ def test_of_two_parts_that_would_lie_in_each_other_one_is_there(label: str, reco
 
 
 @pytest.fixture(scope="module")
-def odd_looks(recogniser: Recogniser) -> list[Look]:
+def odd_looks(recogniser: ModelRecogniser) -> list[Look]:
     """Forty, each of which shows the block elsewhere, as cameras do that repeat a picture while the arm goes on."""
     found = []
     for k in range(40):
@@ -116,7 +116,7 @@ def odd_looks(recogniser: Recogniser) -> list[Look]:
 
 
 def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
-    recogniser: Recogniser, odd_looks: list[Look], monkeypatch: pytest.MonkeyPatch
+    recogniser: ModelRecogniser, odd_looks: list[Look], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What fusing takes grew with the square of the looks: 28 s at the twentieth, in the event loop."""
     fused, tried = list[int](), 0
@@ -139,7 +139,9 @@ def test_the_fortieth_look_is_fused_with_no_more_than_the_fifth_was(
     assert 0 < tried < 100, "each part is held against the facets near it alone"
 
 
-def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_seen(recogniser: Recogniser) -> None:
+def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_seen(
+    recogniser: ModelRecogniser,
+) -> None:
     names = [0, 3, 5, 90, 180, 183, 270, 272]
     looks = [look_from(recogniser, azimuth, 40, k) for k, azimuth in enumerate(names)]
     nothing = as_look((), np.eye(4))
@@ -150,14 +152,14 @@ def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_
     assert telling([nothing] * 7, 5)[-1] is nothing
 
 
-def test_one_look_alone_is_what_it_is(recogniser: Recogniser) -> None:
+def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
     look = look_from(recogniser, 0, 3)
     assert [part.part for part in known([look], recogniser, Doubt())] == list(look.scene.parts)
     assert known([as_look((), np.eye(4))], recogniser, Doubt()) == []
     assert known([as_look((), np.eye(4))] * 2, recogniser, Doubt()) == []
 
 
-def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: Recogniser) -> None:
+def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: ModelRecogniser) -> None:
     named, nameless = (known([look_from(recogniser, *way)], recogniser, Doubt())[0] for way in ((135, 40), (0, 3)))
     assert (len(outlines_of(named, recogniser)), len(outlines_of(nameless, recogniser))) == (6, 1)
     placed = np.concatenate(outlines_of(named, recogniser))
@@ -165,7 +167,7 @@ def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogn
     assert placed.min(0) == pytest.approx([-30, -20, -15], abs=1.5)
 
 
-def corner_only() -> Recogniser:
+def corner_only() -> ModelRecogniser:
     """Who knows three sides of the block that meet in a corner, its upper one among them."""
     whole = drawn.solid("block.obj", drawn.obj(*BLOCK))
     corner = int(np.argmax(whole.corners_mm @ [1.0, 1.0, 1.0]))
@@ -174,7 +176,7 @@ def corner_only() -> Recogniser:
     rings = tuple(tuple(used.index(k) for k in whole.facets[facet]) for facet in three)
     types = tuple(whole.types[facet] for facet in three)
     solid = Polyhedron(whole.corners_mm[used], rings, whole.covariance_mm2[used], types)
-    return Recogniser(learn_solid(empty_model(load_facets()), solid, "block"), rig())
+    return ModelRecogniser(learn_solid(empty_model(load_facets()), solid, "block"), rig())
 
 
 def test_a_side_that_was_never_taught_is_its_parts_and_no_other_thing() -> None:

@@ -28,7 +28,7 @@ def taken(expect):
     async def story():
         reading = Reading(world.at, np.zeros(6))
         look = await take_look(cell, recogniser, await taken_here(cell, reading, 0.0, Settling()), 0.0, -300.0, expect)
-        return look, await whole_look(recogniser, look)
+        return look, await whole_look(cell.compute, recogniser, look)
 
     look, whole = asyncio.run(story())
     log_look(cell, recogniser, look, cycle=1, stop=2, purpose="approach", expected=expect)

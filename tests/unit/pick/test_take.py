@@ -121,10 +121,10 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     assert carried.name == f"{world.the_target().label} in the hand"
     step(context, world, PickState.RETREAT)
     low = world.the_target().plan.grasp.world_from_tool
-    assert not context.mover.allows(low), "what is held would touch the table again"
+    assert not context.mover.reach.allows(low), "what is held would touch the table again"
     asyncio.run(context.mover.hand(closed=False))
     assert context.mover.belief.capsules == ()
-    assert context.mover.allows(low)
+    assert context.mover.reach.allows(low)
 
 
 @pytest.mark.parametrize("held", [True, None])
@@ -140,11 +140,11 @@ def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_ro
     assert carried.radius_mm <= np.linalg.norm(np.ptp(corners, axis=0))
     low = mover.belief.at.world_from_tool.copy()
     low[2, 3] = mover.limits.table_z_mm + carried.radius_mm
-    assert not mover.allows(low)
+    assert not mover.reach.allows(low)
     cycle.holding(False)
     asyncio.run(cycle.go("home"))
     assert mover.belief.capsules == ()
-    assert mover.allows(low)
+    assert mover.reach.allows(low)
 
 
 def test_what_was_taught_since_may_be_in_the_hand_as_well():

@@ -93,7 +93,7 @@ def test_the_loop_goes_on_while_a_pick_reckons(state: str, monkeypatch: pytest.M
     """Grasps, ways and hypotheses are reckoned beside the loop as well."""
     where, name = {
         "choose": ("find", "plan_part"),
-        "second_view": ("find", "_next_best"),
+        "second_view": ("find", "next_best"),
         "estimating": ("approach", "regrasp"),
         "verify": ("take", "in_hand"),
     }[state]

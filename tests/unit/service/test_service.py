@@ -378,7 +378,7 @@ def test_what_was_asked_by_a_signal_is_forgotten_once_it_is_done(folder: Path) -
         service = Service(folder / "facetd.yaml")
         for _ in range(100):
             service.beside(asyncio.sleep(0), "reload")
-        await asyncio.sleep(0.01)
+        await asyncio.gather(*service._tasks)
         return len(service._tasks)
 
     assert asyncio.run(reloads()) == 0
