@@ -66,6 +66,8 @@ GUARDING = ("limits", "gripper")
 AT_WORK = "the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
 LOOK_S = 60.0
 """No look, fusing or plan takes longer, on the slowest computer; what does is given up, and its process ended."""
+STUDY_S, STUDY_IDLE_S = 3600.0, 60.0
+"""No training takes longer; and how long its process is kept for the next one."""
 RELOAD_S = 1.0
 """Between two reloads that hang-ups (SIGHUP) ask for."""
 HALT_S = 8.4
@@ -86,7 +88,7 @@ class Service:
         self._terminal: SerialFrontend | None = None
         self._metrics: MetricsServer | None = None
         self._hardware: cell.Hardware | None = None
-        self._worker: Worker | None = None
+        self._workers: tuple[Worker, ...] = ()
         self._run_log: RunLog | None = None
         self._lock: int | None = None
         self._opening: asyncio.Task[None] | None = None
@@ -242,10 +244,10 @@ class Service:
     ) -> CommandContext:
         assert self._hardware is not None
         log = journal.JournalledLog(run_log, self._logged)
-        worker = self._worker = Worker("the look", LOOK_S)
+        worker, study = self._workers = Worker("the look", LOOK_S), Worker("what is learnt", STUDY_S, STUDY_IDLE_S)
         cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log, worker), trainer.in_use)
         self.context = CommandContext(
-            config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker
+            config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
         cycle.observer = CycleObserver(self.context, self.beside)
         return self.context
@@ -365,8 +367,8 @@ class Service:
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None
-        if self._worker is not None:
-            self._worker.close()
+        for worker in self._workers:
+            worker.close()
         if self._socket is not None:
             await _within(0.3, self._socket.close())
         if self._metrics is not None:

@@ -132,17 +132,17 @@ async def _solved(
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
     if kind == "stereo":
-        after, stereo = await asyncio.to_thread(solve_stereo, views, board, after)
+        after, stereo = await context.study(solve_stereo, views, board, after)
         lines += _stereo_lines(stereo)
         data["stereo"] = {"rms_px": stereo.stereo_rms_px, "epipolar_px": stereo.epipolar_px, "sigmas": stereo.sigmas}
     if kind == "camera":
-        after, camera = await asyncio.to_thread(solve_camera, views, board, after)
+        after, camera = await context.study(solve_camera, views, board, after)
         lines += [f"not used: {name}: {reason}" for name, reason in camera.dropped.items()]
         focal = f"focal length {camera.camera.matrix[0, 0]:.2f} +- {camera.focal_sigma_px:.2f} px"
         lines.append(f"eye: residual {camera.rms_px:.3f} px rms, {focal}")
         data["camera"] = {"rms_px": camera.rms_px, "focal_sigma_px": camera.focal_sigma_px}
     # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
-    after, hand_eye = await asyncio.to_thread(solve_hand_eye, views, board, after)
+    after, hand_eye = await context.study(solve_hand_eye, views, board, after)
     lines += [*_hand_eye_lines(hand_eye), arm_line(hand_eye.arm, context.config.values.pick.doubt)]
     data["hand_eye"] = {
         "sigma_mm": hand_eye.sigma_mm,
@@ -162,7 +162,7 @@ async def _eyes_alone(context: CommandContext, board: Board, frontend: Frontend)
     """Both eyes, from a board held by a person; no arm is needed."""
     views = await show_by_hand(_session(context, board), frontend.say)
     before = context.calibration
-    after, stereo = await asyncio.to_thread(solve_stereo, views, board, before)
+    after, stereo = await context.study(solve_stereo, views, board, before)
     lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, frontend)]
     lines.append("Next: `calibrate hand-eye` (the common frame of the cameras has changed).")
     return CommandResult(

@@ -20,7 +20,7 @@ from daemon.console.interpreter import (
 from daemon.console.phrases import at_utc, plural
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.model_store import ModelStore
-from daemon.teaching.sufficiency import alike
+from daemon.teaching.sufficiency import Sufficiency, alike
 from daemon.teaching.trainer import ViewVerdict
 
 MODEL_WORDS = ("list", "use")
@@ -33,7 +33,7 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
 
     The new model is a candidate; the model in use stays in use. The first model of all is used at once.
     """
-    trained = await asyncio.to_thread(context.trainer.train)
+    trained = await context.study(context.trainer.train)
     wrong = [v for v in trained.verdicts if not v.right]
     right = len(trained.verdicts) - len(wrong)
     text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
@@ -41,7 +41,7 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
     lines += [f"  {_describe_verdict(v)}" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
     frontend.shown = trained.version
-    judged = await asyncio.to_thread(context.trainer.judge_version, trained.version)
+    judged = await _judged(context, trained.version)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
     lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
@@ -74,7 +74,7 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
             f"`try` tests it, `accept` again takes it, `model use {shown}` takes the other"
         )
     await _not_amid_a_pick(context, frontend)
-    pairs = [] if candidate is None else alike(await asyncio.to_thread(context.trainer.judge_version, candidate))
+    pairs = [] if candidate is None else alike(await _judged(context, candidate))
     version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
     lines = [f"Version {version} is in use; `rollback` switches back.", *([describe_alike(pairs)] if pairs else [])]
@@ -117,6 +117,13 @@ async def model(context: CommandContext, words: list[str], frontend: Frontend) -
     await asyncio.to_thread(context.trainer.take, version)
     context.use_model("use", version)
     return CommandResult(f"Version {version} is in use; `rollback` switches back.", {"version": version})
+
+
+async def _judged(context: CommandContext, version: int) -> tuple[Sufficiency, ...]:
+    """Every part that a version knows; the version that was judged last is not judged again."""
+    if context.judged is None or context.judged[0] != version:
+        context.judged = version, await context.study(context.trainer.judge_version, version)
+    return context.judged[1]
 
 
 def version_named(store: ModelStore, word: str) -> int:

@@ -6,7 +6,6 @@ daemon/teaching/walked_round.py's.
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,12 @@ from daemon.errors import NOT_DONE
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, CircledPart, NoThingError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looking import Look
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
-from daemon.vision.facets import Fused, fuse
+from daemon.vision.facets import fuse
 from daemon.vision.geometry import Polyhedron, measure
-from daemon.vision.model import TeachError, empty_model
+from daemon.vision.model import FacetLibrary, TeachError, empty_model
 
 USAGE = "teach LABEL --around [6..12]"
 
@@ -48,19 +48,21 @@ async def learnt(context: CommandContext, label: str, count: int, frontend: Fron
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
     if context.cycle.status().get("dry"):
         raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")
-    found = await asyncio.to_thread(_fused, context, thing, looks)
+    settings = context.cycle.settings
     try:
-        part = learnt_round(found, context.cycle.settings.limits.table_z_mm, trainer.library)
+        part = await context.worker(_learnt, thing, looks, settings.doubt, settings.limits.table_z_mm, trainer.library)
     except TeachError as error:
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
     await frontend.say("\n".join(_told(part, len(looks))))
     return part
 
 
-def _fused(context: CommandContext, thing: CircledPart, looks: list[Look]) -> Fused | None:
-    settings = context.cycle.settings
-    seen = [seen_from(look, thing.groups_in(look), settings.doubt) for look in looks]
-    return fuse(seen, settings.doubt.shared(), settings.limits.table_z_mm)
+def _learnt(
+    thing: CircledPart, looks: list[Look], doubt: Doubt, table_z_mm: float, library: FacetLibrary
+) -> WalkedRound:
+    """What the looks together show of the thing. Raises TeachError."""
+    seen = [seen_from(look, thing.groups_in(look), doubt) for look in looks]
+    return learnt_round(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
 
 
 def beside_drawing(part: WalkedRound, drawn: Polyhedron | None) -> tuple[list[str], list[dict[str, Any] | None]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import difflib
 import hashlib
 import re
@@ -82,8 +81,8 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
     moved = seen.taken.moved
-    group, others = await asyncio.to_thread(context.trainer.check, label, left, right, table, moved)
-    facets, sides = await asyncio.to_thread(context.trainer.with_view, label, group)
+    group, others = await context.study(context.trainer.check, label, left, right, table, moved)
+    facets, sides = await context.study(context.trainer.with_view, label, group)
     apart, elsewhere = apart_from(group, others)
     await frontend.say(_shown(label, facets, sides, (apart, elsewhere), frontend.columns))
     if any(len(other.facets) > 1 for other in others) and not frontend.asks:
@@ -96,7 +95,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
             "Not stored. Turn the part or improve the light, then `teach` again.", {"kept": False}, NOT_DONE
         )
     note = teaching_note(frontend.who, _digest(context), table, facets, moved)
-    view = await asyncio.to_thread(context.trainer.store, label, left, right, note)
+    view = await context.study(context.trainer.store, label, left, right, note)
     verdict, data = await _sufficiency(context, label)
     text = f"Stored as view {view.name} ({plural(len(facets), 'facet')}).\n{verdict}"
     data |= {"kept": True, "view": view.name, "facets": [facet.type for facet in facets], "apart": len(apart)}
@@ -120,7 +119,8 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
             hand.put_back()
     if part is None:
         return CommandResult("Cancelled; nothing is stored.", {"kept": False}, NOT_DONE)
-    lines, beside = teach_around.beside_drawing(part, context.trainer.drawings().get(label))
+    drawn_solid = await context.study(context.trainer.drawing, label)
+    lines, beside = await context.study(teach_around.beside_drawing, part, drawn_solid)
     if lines:
         await frontend.say("\n".join(lines))
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}? [y/n]"):
@@ -128,7 +128,7 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
             "Not stored. Improve the light or use more places, then repeat.", {"kept": False}, NOT_DONE
         )
     note = {"who": frontend.who, "calibration": _digest(context), "places": count}
-    view = await asyncio.to_thread(context.trainer.store_round, label, part.solid, note)
+    view = await context.study(context.trainer.store_round, label, part.solid, note)
     verdict, data = await _sufficiency(context, label)
     more = [verdict, "Next: `train`."]
     return teach_around.answered(label, view.name, str(view.mesh), part, more, {"beside_drawing": beside, **data})
@@ -145,12 +145,12 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     content = await frontend.fetch(file)
     name = file.rpartition("/")[2]
     try:  # what is wrong with the file is said before anything is asked
-        await asyncio.to_thread(solid_drawn, name, content, unit, context.trainer.library)
+        await context.study(solid_drawn, name, content, unit, context.trainer.library)
         label = await _label(context, words[:at], frontend, shown=False)
-        odd = await asyncio.to_thread(context.trainer.odd_drawing, label, name, content, unit)
+        odd = await context.study(context.trainer.odd_drawing, label, name, content, unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
             raise CommandError(f"not stored: {odd}")
-        view = await asyncio.to_thread(context.trainer.store_mesh, label, name, content, unit, {"who": frontend.who})
+        view = await context.study(context.trainer.store_mesh, label, name, content, unit, {"who": frontend.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)
@@ -233,10 +233,9 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
 
 async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
     """What the views kept so far leave open about a part: in words and as JSON."""
-    model, _ = await asyncio.to_thread(context.trainer.learnt)
-    if label not in model.metric:
+    judged = await context.study(context.trainer.sufficiency, label)
+    if judged is None:
         return "", {}
-    judged = await asyncio.to_thread(context.trainer.motion_monitor, model, label)
     return describe_sufficiency(judged), {"sufficiency": sufficiency_json(judged)}
 
 

@@ -28,11 +28,13 @@ class Worker:
     """A Compute whose calculations run in a process of its own, one after the other.
 
     name: what it computes, for people; within_s: a calculation that takes longer is given up. A calculation that is
-    given up or cancelled ends with its process, and the next process is started at once, so that nobody waits for it.
+    given up or cancelled ends with its process. idle_s: a process that has nothing to do for so long is ended; None: it
+    is kept, and where it ends the next is started at once, so that nobody waits for it.
     """
 
-    def __init__(self, name: str, within_s: float) -> None:
-        self.name, self.within_s = name, within_s
+    def __init__(self, name: str, within_s: float, idle_s: float | None = None) -> None:
+        self.name, self.within_s, self.idle_s = name, within_s, idle_s
+        self._end_of_idleness: asyncio.TimerHandle | None = None
         self._turn = asyncio.Lock()
         self._process: _Process | None = None
         self._prepared: ByReference | None = None
@@ -47,11 +49,15 @@ class Worker:
                 result: Result = await process.ask(function, args, self.within_s)
             except (asyncio.CancelledError, ComputeError, MemoryError) as error:
                 self._end_process()
-                if not self._closed:
+                if not self._closed and self.idle_s is None:
                     self._running()
                 if isinstance(error, MemoryError):
                     raise _failed(self.name, "ran out of memory") from error
                 raise
+            finally:
+                if self._process is not None and self.idle_s is not None:
+                    idle_over = asyncio.get_running_loop().call_later
+                    self._end_of_idleness = idle_over(self.idle_s, self._end_process)
             return result
 
     def prepare(self, value: ByReference) -> None:
@@ -70,6 +76,8 @@ class Worker:
         self._end_process()
 
     def _running(self) -> _Process:
+        if self._end_of_idleness is not None:
+            self._end_of_idleness.cancel()
         if self._closed:
             raise ComputeError(f"{self.name}: not computed, the daemon is ending")
         if self._process is None:

@@ -30,6 +30,7 @@ from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd, Outcome
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
+from daemon.teaching.sufficiency import Sufficiency
 from daemon.teaching.trainer import Trainer
 from daemon.vision.facets import Table, table_at
 
@@ -63,10 +64,14 @@ class CommandContext:
     reload: Reload
     worker: Worker
     """Computes looks and plans."""
+    study: Worker
+    """Computes what nobody's arm waits for: training, drawings, calibrations."""
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
     """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
+    judged: tuple[int, tuple[Sufficiency, ...]] | None = None
+    """The version that was judged last, and what was found."""
     one_eye_allowed: bool = False
     """An operator let this daemon go on with one eye after a fault of the other."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None

@@ -62,7 +62,7 @@ class Alike:
     viewpoints: int
 
 
-def motion_monitor(model: Model, label: str, rig: StereoRig) -> Sufficiency:
+def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
     """Try a taught part from all round. Raises KeyError for a label that was not taught."""
     solid = model.metric[label].solid
     unseen, named, mistakes = 0, 0, Counter[tuple[tuple[str, ...], tuple[str, ...]]]()

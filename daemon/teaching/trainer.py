@@ -23,7 +23,7 @@ from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
-from daemon.teaching.sufficiency import Sufficiency, imagined_group, motion_monitor
+from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import Table, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
@@ -80,7 +80,10 @@ class Trained:
 
 
 class Trainer:
-    """All that can be taught in one daemon: the model_store, the model in use, and the candidate that is not."""
+    """All that can be taught in one daemon: the model_store, the model in use, and the candidate that is not.
+
+    Whatever reads views or trains takes long: it is called in a worker process (daemon/compute), on a copy of this.
+    """
 
     def __init__(
         self,
@@ -96,13 +99,16 @@ class Trainer:
         """start: the model to use while none was accepted here; memory: how the next one learns. Raises ModelError,
         ModelStoreError."""
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
-        self._judged: dict[int, tuple[Sufficiency, ...]] = {}
         self.memory = memory or MemorySettings()
         self.model = start or empty_model(library)
         self._file: Path | None = None
         if model_store.current is not None:
             self._take(model_store.current, model_store.load(model_store.current))
         self._in_use: ModelRecogniser | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs to compute what can be computed here: all but the model in use."""
+        return {key: value for key, value in vars(self).items() if key not in ("model", "_file", "_in_use")}
 
     @property
     def in_use(self) -> ModelRecogniser:
@@ -284,16 +290,23 @@ class Trainer:
         known = {label: self.parts[label].code for label in model.labels if label in self.parts}
         return known if len(known) == len(model.labels) else None
 
-    def motion_monitor(self, model: Model, label: str) -> Sufficiency:
+    def judge(self, model: Model, label: str) -> Sufficiency:
         """What is still missing of a part, and what it could be taken for."""
-        return motion_monitor(model, label, self.rig)
+        return judge(model, label, self.rig)
 
     def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
-        """Every part that a version knows, judged once. Raises ModelError."""
-        if version not in self._judged:
-            model = self.model_store.load(version)
-            self._judged = {version: tuple(self.motion_monitor(model, label) for label in model.labels)}
-        return self._judged[version]
+        """Every part that a version knows. Raises ModelError."""
+        model = self.model_store.load(version)
+        return tuple(self.judge(model, label) for label in model.labels)
+
+    def sufficiency(self, label: str) -> Sufficiency | None:
+        """A part as the stored views show it; None where none of them could be learnt."""
+        model, _ = self.learnt()
+        return self.judge(model, label) if label in model.metric else None
+
+    def drawing(self, label: str) -> Polyhedron | None:
+        """The solid of a part that was drawn, by its newest drawing."""
+        return self.drawings().get(label)
 
     def _verdict(self, tried: ModelRecogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:

@@ -17,7 +17,7 @@ from daemon.arm.belief import Beliefs
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
-from daemon.pick.following import Target, in_hand
+from daemon.pick.following import CameraMount, Target, in_hand
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.looking import Taken
 from daemon.pick.settings import Settings
@@ -63,6 +63,8 @@ class FakePicture:
 class FakePair:
     left: FakePicture
     right: FakePicture
+    of: Any = None
+    """The world it was taken in."""
 
 
 @dataclass(eq=False)
@@ -239,7 +241,7 @@ class FakeEyes:
                 image[:, 200 + 10 * (self.shaking % 30) :] += 100
         if self.world.light != (1.0, 1.0):
             images = [(i * f).clip(0, 255).astype(np.uint8) for i, f in zip(images, self.world.light, strict=True)]
-        return FakePair(*(FakePicture(i, self.world.now_s) for i in images))
+        return FakePair(*(FakePicture(i, self.world.now_s) for i in images), self.world)
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
         self.world.before("expose")
@@ -306,10 +308,10 @@ class TruthRecogniser:
         return Facet(noisy, covariance, left, right, np.full(len(corners), self.world.epipolar), 0.1)
 
 
-def truly_in_hand(target: Target, taken: Taken, cell: Workcell) -> bool:
+def truly_in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     """What a look at the gripper shows: of a fake cell the truth, whose pictures show nothing."""
-    robot: Any = cell.robot
-    return robot.world.held == target.label if isinstance(robot, FakeRobot) else in_hand(target, taken, cell)
+    world: Any = getattr(taken.pictures, "of", None)
+    return in_hand(target, taken, mount) if world is None else world.held == target.label
 
 
 take.in_hand = truly_in_hand  # wherever a fake cell is at work; any other is looked at as it is

@@ -92,9 +92,9 @@ class Eyes(FakeEyes):
         """A small pair, taken now."""
         pair = await super().grab(not_before_s, timeout_s)
         self.heard_s = self.world.now_s
-        return FakePair(
-            *(FakePicture(eye.pixels[::SMALL, ::SMALL].copy(), eye.taken_s) for eye in (pair.left, pair.right))
-        )
+        eyes = (pair.left, pair.right)
+        small = [FakePicture(eye.pixels[::SMALL, ::SMALL].copy(), eye.taken_s) for eye in eyes]
+        return FakePair(*small, self.world)
 
     async def use(self, alone: str | None) -> None:
         """Both are there, always."""

@@ -19,6 +19,7 @@ from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import build as cells
 from daemon.cell.pick_cell import pick_cell
 from daemon.cli.demo import VIEWS
+from daemon.compute.calls import Compute
 from daemon.config import load_config
 from daemon.pick.cycle import PickCycle
 from daemon.pick.outcome import CycleEnd
@@ -98,10 +99,12 @@ async def rig(
     believed: Calibration | None = None,
     truth: Path | None = None,
     log: ListLog | None = None,
+    compute: Compute = asyncio.to_thread,
 ) -> AsyncIterator[Rig]:
     """Build, open, enable; close at the end, where the motion monitor must have found nothing.
 
-    believed: the daemon's calibration (None: its file); log: one that keeps more than its records.
+    believed: the daemon's calibration (None: its file); log: one that keeps more than its records; compute: a worker
+    process, where one is wanted.
     """
     config = load_config(CONFIG, simulated=True)
     simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
@@ -114,7 +117,7 @@ async def rig(
     assert hardware.hand is not None
     try:
         await hardware.open()
-        cell, usual = pick_cell(config, believed, hardware, log, asyncio.to_thread)
+        cell, usual = pick_cell(config, believed, hardware, log, compute)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = PickCycle(cell, settings or usual, ModelRecogniser(start, believed.rig, config.values.vision))
         tell_the_motion_monitor(hardware.hand.cell, cycle, log)

@@ -83,6 +83,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
             Troubles(),
             trainer,
             ComputesHere(),
+            ComputesHere(),
             started_s=0.0,
         )
         try:

@@ -222,6 +222,21 @@ asyncio.run(main())
     asyncio.run(until(lambda: not alive(pid)))
 
 
+def test_a_process_that_nobody_needs_for_long_is_ended_and_started_again_when_asked() -> None:
+    async def story(worker: Worker) -> None:
+        worker.idle_s = 0.05
+        assert await worker(calculations.double, 1) == 2
+        pid = worker.pid
+        assert pid is not None
+        await until(lambda: worker.pid is None and not alive(pid))
+        with pytest.raises(ComputeError):
+            await worker(calculations.kill_itself)
+        assert worker.pid is None, "one that is kept for a while only is not started before it is needed"
+        assert await worker(calculations.double, 2) == 4
+
+    in_a_worker(story)
+
+
 def test_after_its_end_nothing_is_started_any_more() -> None:
     async def story(worker: Worker) -> None:
         assert await worker(calculations.double, 1) == 2

@@ -12,7 +12,7 @@ from daemon.teaching.sufficiency import (
     alike,
     apart_from,
     imagined_view,
-    motion_monitor,
+    judge,
     spread,
     visible_facets,
     visible_from,
@@ -57,7 +57,7 @@ def test_what_was_never_seen_and_what_it_could_be_taken_for_is_told(trainer: Tra
     taught(trainer)
     trainer.train()
     trainer.accept(trainer.model_store.candidate)
-    cube = motion_monitor(trainer.model, "cube", trainer.rig)
+    cube = judge(trainer.model, "cube", trainer.rig)
     assert len(cube.facets) == 3
     assert cube.open_edges == 6
     assert 0.3 < cube.unseen < 0.6, "three of six sides are known"
