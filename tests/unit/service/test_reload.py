@@ -78,7 +78,7 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
     monkeypatch.setattr(service, "_moved", lambda *_: ["calibration"])
     there = Service(tmp_path / "facetd.yaml", simulated=True)
     there.context = SimpleNamespace(  # type: ignore[assignment]
-        config=None, calibration=None, hardware=None, log=None,
+        config=None, calibration=None, hardware=None, log=None, worker=None,
         notices=SimpleNamespace(tell=lambda text, by=None: told.append(text)),
         cycle=SimpleNamespace(
             status=lambda: {"doing": None}, supervisor=SimpleNamespace(let=True, disable=disable), refit=refit
