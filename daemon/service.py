@@ -52,9 +52,9 @@ from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
 from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
+from daemon.store.recovery_state import FILE, RecoveryFile, left_behind
 from daemon.store.runlog import RunLog
 from daemon.store.runs import enforce_quota, list_runs, new_folder
-from daemon.store.standing import FILE, StandingFile, left_behind
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 
@@ -201,7 +201,7 @@ class Service:
         troubles = Troubles(self._on_trouble)
         make_room(config)
         left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
-        folder, standing = new_folder(config.runs, datetime.now(UTC)), StandingFile(config.state / FILE)
+        folder, standing = new_folder(config.runs, datetime.now(UTC)), RecoveryFile(config.state / FILE)
         if left is None:
             standing.begin(folder.name)
         loop = asyncio.get_running_loop()

@@ -24,8 +24,8 @@ from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
 from daemon.store import places
+from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runs import follow, list_runs
-from daemon.store.standing import FILE, StandingFile
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -96,7 +96,7 @@ def _begin_beside(runs: Path, written: Path) -> None:
 def _begin(state: Path, run: str) -> None:
     """Write that nothing stands, for a daemon that finds runs beside it which are not its own: it would take what stood
     in them for lost. Raises OSError."""
-    with contextlib.closing(StandingFile(state / FILE)) as file:
+    with contextlib.closing(RecoveryFile(state / FILE)) as file:
         file.begin(run)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from daemon.store.standing import Standing
+from daemon.store.recovery_state import RecoveryState
 
 
 def plural(count: int, noun: str) -> str:
@@ -37,7 +37,7 @@ def cut_off(count: int | None) -> str:
     return f"`auto on` was interrupted with {plural(count, 'part')} still to pick"
 
 
-def as_left(left: Standing) -> str:
+def as_left(left: RecoveryState) -> str:
     """What an operator must know of how the daemon before ended, and do."""
     what = f"the previous run, {left.run}, " + (
         "ended" if left.ended else f"was interrupted in state {left.state or 'unknown'}"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from daemon.events.records import Record
-from daemon.review.cli import told
-from daemon.review.digest import Stop
+from daemon.review.cli import record_line
+from daemon.review.digest import LookStep
 from daemon.review.pagedata import stop_json
 
 Json = dict[str, Any]
@@ -62,7 +62,7 @@ class DashboardState:
         kind = record.get("kind")
         try:
             self._fold(str(kind), record)
-            line = told(record, self.start.get("utc_offset_s") or 0)
+            line = record_line(record, self.start.get("utc_offset_s") or 0)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
             return  # a record that another version wrote: the others are shown
         if line is not None:
@@ -76,7 +76,7 @@ class DashboardState:
             self.approach.clear()
             self._began_s = float(record["mono_s"])
         elif kind == "look":
-            self.look = stop_json(Stop(record.get("stop"), str(record.get("purpose")), record, None, ()))
+            self.look = stop_json(LookStep(record.get("stop"), str(record.get("purpose")), record, None, ()))
             kept = list(self.pictures.items())[1 - LOOKS :]
             self.pictures = dict([*kept, (int(record["seq"]), dict(record.get("images") or {}))])
         elif kind == "estimate":

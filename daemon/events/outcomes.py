@@ -52,7 +52,7 @@ def is_success(outcome: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Tally:
+class PickCounts:
     """Picks counted. released: the gripper let go over the bin and nothing confirmed the part; aborted: ended by a
     person; interrupted: cut off by the end of a run, or not ended yet."""
 
@@ -68,10 +68,10 @@ class Tally:
         return self.tried - self.picked - self.released
 
 
-def tally(outcomes: Iterable[str]) -> Tally:
+def tally(outcomes: Iterable[str]) -> PickCounts:
     """Count the outcomes of picks; a Counter counts by its numbers."""
     counts = Counter(outcomes)
-    return Tally(
+    return PickCounts(
         tried=sum(n for outcome, n in counts.items() if is_tried(outcome)),
         picked=sum(n for outcome, n in counts.items() if is_success(outcome)),
         released=counts[Outcome.RELEASED],

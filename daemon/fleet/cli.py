@@ -100,7 +100,7 @@ def _runs(args: argparse.Namespace) -> int:
     if not rows:
         print("no runs yet")
         return DONE
-    _print_table([list(RUN_COLUMNS), *([_cell(told(row)) for told in RUN_COLUMNS.values()] for row in rows)])
+    _print_table([list(RUN_COLUMNS), *([_cell(column(row)) for column in RUN_COLUMNS.values()] for row in rows)])
     return DONE
 
 
@@ -224,8 +224,8 @@ def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str,
 
 
 def _fleet(args: argparse.Namespace) -> int:
-    from daemon.fleet.page import write_hall
+    from daemon.fleet.page import write_fleet_page
     from daemon.fleet.store import open_store
 
-    print(write_hall(open_store(args.store), args.days, args.out))
+    print(write_fleet_page(open_store(args.store), args.days, args.out))
     return DONE

@@ -42,7 +42,7 @@ FILTER = (
 
 
 @dataclass(frozen=True)
-class Source:
+class RunSource:
     """A cell's folder of runs: here, or `[user@]host:folder` by rsync over ssh."""
 
     cell: str
@@ -73,19 +73,19 @@ class Told:
         self.say(line)
 
 
-def source_of(text: str) -> Source:
+def source_of(text: str) -> RunSource:
     """`CELL=FOLDER` or `CELL=HOST:FOLDER`. Raises StoreError."""
     cell, equals, where = text.partition("=")
     if not equals or not where or not NAME.fullmatch(cell):
         raise StoreError(
             f"{text}: expected CELL=FOLDER or CELL=[USER@]HOST:FOLDER, the cell's name of letters and digits"
         )
-    return Source(cell, where)
+    return RunSource(cell, where)
 
 
 def collect(
     store: Store,
-    sources: Sequence[Source],
+    sources: Sequence[RunSource],
     free: bool = False,
     say: Callable[[str], object] = lambda _: None,
     quiet_s: float = QUIET_S,
@@ -106,7 +106,7 @@ def collect(
     return told
 
 
-def _collect_cell(store: Store, source: Source, names: list[str], told: Told, quiet_s: float) -> None:
+def _collect_cell(store: Store, source: RunSource, names: list[str], told: Told, quiet_s: float) -> None:
     known = store.collected()
     ids = {short: f"{cell}/{run}" for (cell, run), short in known.items()}
     fresh = [name for name in names if (source.cell, name) not in known]
@@ -125,7 +125,7 @@ def _collect_cell(store: Store, source: Source, names: list[str], told: Told, qu
 
 
 def _tried(
-    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+    store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
 ) -> tuple[Collected, Rows] | None:
     """As _taken; a run with a file that cannot be read keeps nobody from the cell's others."""
     try:
@@ -137,7 +137,7 @@ def _tried(
 
 
 def _taken(
-    store: Store, source: Source, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+    store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
 ) -> tuple[Collected, Rows] | None:
     """A sound run, copied, and its rows; None where it waits, is damaged, or is one of `ids` (id -> cell/run) again."""
     with _here(source, name) as folder:
@@ -178,7 +178,7 @@ def _quiet(folder: Path, quiet_s: float) -> bool:
     return time.time() - newest >= quiet_s
 
 
-def _free_cell(store: Store, source: Source, names: list[str], told: Told) -> None:
+def _free_cell(store: Store, source: RunSource, names: list[str], told: Told) -> None:
     """Remove from the cell what is the same there, to the last byte, as in the store; the newest run stays."""
     store.settle()
     known = store.collected()
@@ -207,7 +207,7 @@ class _UnreachableError(FacetdError):
     """A cell does not answer, or does not let us in."""
 
 
-def _names(source: Source) -> list[str]:
+def _names(source: RunSource) -> list[str]:
     """The runs of a cell, oldest first."""
     if not source.remote:
         if not Path(source.where).is_dir():
@@ -219,7 +219,7 @@ def _names(source: Source) -> list[str]:
 
 
 @contextmanager
-def _here(source: Source, name: str) -> Iterator[Path]:
+def _here(source: RunSource, name: str) -> Iterator[Path]:
     """A run as a local folder: the cell's own, or a copy that rsync made."""
     if not source.remote:
         yield Path(source.where) / name
@@ -231,7 +231,7 @@ def _here(source: Source, name: str) -> Iterator[Path]:
         yield Path(folder) / name
 
 
-def _remove(source: Source, name: str) -> None:
+def _remove(source: RunSource, name: str) -> None:
     if not source.remote:
         shutil.rmtree(Path(source.where) / name)
         return

@@ -13,7 +13,7 @@ from typing import Any
 
 from daemon.fleet.layout import Proof, proofs_of, proven_as
 from daemon.review.digest import Digest
-from daemon.review.replay import Seen, apart_mm, paired, untimed
+from daemon.review.replay import ReplayedLook, apart_mm, paired, untimed
 
 Json = dict[str, Any]
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
@@ -23,7 +23,7 @@ UNKNOWN = "unknown"
 TIMINGS = ("then_ms", "now_ms")
 
 
-def judged(run: Digest, seen: Iterable[Seen | str]) -> Json:
+def judged(run: Digest, seen: Iterable[ReplayedLook | str]) -> Json:
     """The looks of one run, or of some of it: {looks, skipped}, as JSON has it."""
     proofs, looks, skipped = proofs_of(run), [], []
     for one in seen:
@@ -34,7 +34,7 @@ def judged(run: Digest, seen: Iterable[Seen | str]) -> Json:
     return {"run": run.name, "looks": looks, "skipped": skipped}
 
 
-def _look(seen: Seen, proof: Proof | None) -> Json:
+def _look(seen: ReplayedLook, proof: Proof | None) -> Json:
     """now: the whole scene, where anything came out differently; it is what a picture of it is drawn from."""
     record = seen.record
     return {
@@ -50,7 +50,7 @@ def _look(seen: Seen, proof: Proof | None) -> Json:
     }
 
 
-def _pair(then: Json | None, now: Json | None, seen: Seen, proof: Proof | None) -> Json:
+def _pair(then: Json | None, now: Json | None, seen: ReplayedLook, proof: Proof | None) -> Json:
     off = apart_mm(then, now) if then and now and then["label"] == now["label"] else None
     return {
         "then": then and then["label"],

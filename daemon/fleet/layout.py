@@ -18,7 +18,7 @@ from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
-from daemon.review.why import NOTHING_WRONG, causes, told
+from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 from daemon.store.places import how_to_add
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def _fault(record: Record) -> Row:
 def _code(record: Record) -> str | None:
     """Of a fault by its images' measures, what the first of them is a sign of."""
     if record.get("findings"):
-        return str(next(told(record)).code)
+        return str(next(causes_of_record(record)).code)
     code: str | None = record.get("code") or record.get("rule")
     return code
 

@@ -39,13 +39,13 @@ STATES = ("faults", "misses", "one eye", "drifts", "dark", "silent", "well")
 """The first that holds is the cell's."""
 
 
-def write_hall(store: Store, days: int, out: Path) -> Path:
+def write_fleet_page(store: Store, days: int, out: Path) -> Path:
     """Write the page of the last `days` days of the store to `out`. Raises StoreError, OSError."""
-    write_atomically(out, render("hall", hall_data(store, days), {}, "daemon.fleet").encode())
+    write_atomically(out, render("fleet", fleet_data(store, days), {}, "daemon.fleet").encode())
     return out
 
 
-def hall_data(store: Store, days: int) -> Json:
+def fleet_data(store: Store, days: int) -> Json:
     """What the page shows. Raises StoreError where there is nothing to show."""
     months = sorted({f.split("month=")[1].split("/")[0] for f in store.fs.glob(store.path("tables/runs/*/*/*"))})
     if not months:
@@ -64,7 +64,7 @@ def hall_data(store: Store, days: int) -> Json:
     parts = _summed(c["parts"] for c in cells)
     causes = dict(sum((Counter(c["causes"]) for c in cells), Counter[str]()).most_common())
     return {
-        "title": "the hall",
+        "title": "the fleet",
         "days": [str(day) for day in shown],
         "cells": sorted(cells, key=lambda c: (STATES.index(c["state"]), c["name"])),
         "parts": parts,

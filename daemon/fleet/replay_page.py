@@ -9,7 +9,7 @@ from pathlib import Path
 from daemon.events.records import Record, record_of
 from daemon.fleet.judged import Json, kinds_of
 from daemon.fleet.store import Store, StoreError, open_store
-from daemon.review.digest import Stop
+from daemon.review.digest import LookStep
 from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
 from daemon.review.pagedata import stop_json
 from daemon.store.outside import FileError, open_below
@@ -33,7 +33,9 @@ def write_replay_page(
         row: Json = {k: v for k, v in one.items() if k != "now"} | {"looks": None}
         record, images = _recorded(one, folders) if spent < PICTURE_BUDGET else (None, {})
         if record is not None:
-            row["looks"] = [stop_json(Stop(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})]
+            row["looks"] = [
+                stop_json(LookStep(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})
+            ]
         for eye, image in images.items():
             pictures[f"{number}-{eye}"] = embedded(image)
             spent += len(image)

@@ -34,7 +34,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class TableSchema:
     """row: what one row is."""
 
     row: str
@@ -74,8 +74,8 @@ def _place(what: str) -> tuple[Column, ...]:
     return tuple(Column(f"{axis}_mm", "real", f"{what} in world coordinates", "mm") for axis in "xyz")
 
 
-TABLES: Mapping[str, Table] = {
-    "runs": Table("a run", _where(
+TABLES: Mapping[str, TableSchema] = {
+    "runs": TableSchema("a run", _where(
         TIME,
         Column("release", "text", "version of facetd"),
         Column("kind", "text", "real, recorded or simulated"),
@@ -91,7 +91,7 @@ TABLES: Mapping[str, Table] = {
         Column("config", "text", "first digits of the hash of the configuration"),
         Column("times_life", "real", "pace of a simulated cell: at another than 1, times are not the cell's", since=4),
     )),
-    "cycles": Table("a pick", _where(
+    "cycles": TableSchema("a pick", _where(
         CYCLE,
         TIME,
         Column("seconds", "real", "from its first record to its last", "s", 1),
@@ -110,7 +110,7 @@ TABLES: Mapping[str, Table] = {
         CALIBRATION,
         Column("eyes", "text", "which looked: both, left or right, or several in turn", since=3),
     )),
-    "looks": Table("a look: a pair of pictures", _where(
+    "looks": TableSchema("a look: a pair of pictures", _where(
         SEQ,
         CYCLE,
         TIME,
@@ -128,7 +128,7 @@ TABLES: Mapping[str, Table] = {
         MODEL,
         Column("eyes", "text", "which looked: both; or left or right, from two places", since=3),
     )),
-    "parts": Table("a part in a look", _where(
+    "parts": TableSchema("a part in a look", _where(
         SEQ,
         CYCLE,
         TIME,
@@ -147,7 +147,7 @@ TABLES: Mapping[str, Table] = {
         Column("depth_mm", "real", "distance from the cameras", "mm"),
         *_place("of its origin"),
     )),
-    "moves": Table("a move of the arm", _where(
+    "moves": TableSchema("a move of the arm", _where(
         SEQ,
         CYCLE,
         TIME,
@@ -160,7 +160,7 @@ TABLES: Mapping[str, Table] = {
         Column("error_mm", "real", "WHERE against the target", "mm"),
         Column("error_deg", "real", "the same in angle", "degrees"),
     )),
-    "faults": Table("a fault, a refusal of the guard, a gap in the log, or a jump of the clock", _where(
+    "faults": TableSchema("a fault, a refusal of the guard, a gap in the log, or a jump of the clock", _where(
         SEQ,
         CYCLE,
         TIME,
@@ -168,6 +168,6 @@ TABLES: Mapping[str, Table] = {
         Column("code", "text", "of the fault, or the guard's rule"),
         Column("text", "text", "in words"),
     )),
-    "health": Table("a look, as a measurement of light, lens and mounting", _where(SEQ, CYCLE, TIME, *_health())),
+    "health": TableSchema("a look, as a measurement of light, lens and mounting", _where(SEQ, CYCLE, TIME, *_health())),
 }  # fmt: skip
 """Parts of the table by name. `cell` and `month` stand in the folders' names, before these columns."""

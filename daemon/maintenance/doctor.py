@@ -78,7 +78,7 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
 
 def mend_of(text: str) -> str:
     """What to do about a fault or a trouble, by its own words; empty where they say nothing, or an operator's stop."""
-    cause = next(why.told(read_prose(text)))
+    cause = next(why.causes_of_record(read_prose(text)))
     return "" if cause.stage == "operator" or cause.code is CauseCode.INTERNAL else cause.remedy
 
 

@@ -96,7 +96,7 @@ def _tail(args: argparse.Namespace) -> int:
     print(f"{folder}")
     try:
         for record in follow(folder, lambda: not args.once and being_written(folder / RUN)):
-            line = told(record)
+            line = record_line(record)
             if line is not None:
                 print(_coloured(record["kind"], line) if colour else line, flush=True)
     except KeyboardInterrupt:
@@ -104,7 +104,7 @@ def _tail(args: argparse.Namespace) -> int:
     return DONE
 
 
-def told(record: Record, utc_offset_s: float = 0.0) -> str | None:
+def record_line(record: Record, utc_offset_s: float = 0.0) -> str | None:
     """One line of a step for people, at the time of their clocks, or None for what would only fill the screen."""
     words = _words(record)
     if words is None:

@@ -22,7 +22,7 @@ Kept = Mapping[str, str | None]
 
 
 @dataclass(frozen=True)
-class Stop:
+class LookStep:
     """One look, the estimate that came of it, and the moves that followed before the next look."""
 
     number: int | None
@@ -49,7 +49,7 @@ class Cycle:
 
     number: int
     records: tuple[Record, ...]
-    stops: tuple[Stop, ...]
+    stops: tuple[LookStep, ...]
     end: Record | None
     truth: Record | None
     in_use: Kept = field(default_factory=dict)
@@ -173,7 +173,7 @@ class Digest:
         return float((self.start or {}).get("times_life") or 1)
 
     @property
-    def stops(self) -> list[Stop]:
+    def stops(self) -> list[LookStep]:
         """Every look of every cycle."""
         return [s for c in self.cycles for s in c.stops]
 
@@ -240,7 +240,7 @@ class Digest:
         }
 
 
-def told_again(records: Sequence[Record]) -> frozenset[int]:
+def repeated_faults(records: Sequence[Record]) -> frozenset[int]:
     """The faults, by seq, that only say once more what stands already: nobody has resumed since, and the cycle and the
     text are the same. A second `stop` while the first one's fault stands is one."""
     standing: tuple[Any, Any] | None = None
@@ -303,16 +303,16 @@ def _cycle(records: list[Record], truths: dict[Any, Record], began: Kept) -> Cyc
     return Cycle(number, tuple(records), tuple(stops_of(records)), end, truths.get(records[0].get("cycle")), began)
 
 
-def stops_of(records: Sequence[Record]) -> list[Stop]:
+def stops_of(records: Sequence[Record]) -> list[LookStep]:
     """Each look with the estimate and the moves up to the next look."""
-    found: list[Stop] = []
+    found: list[LookStep] = []
     at = [k for k, r in enumerate(records) if r["kind"] == "look"]
     for begin, end in pairwise([*at, len(records)]):
         after = records[begin + 1 : end]
         estimate = next((r for r in after if r["kind"] == "estimate"), None)
         moves = tuple(r for r in after if r["kind"] in ("move", "moved", "held_back", "refusal", "hand"))
         look = records[begin]
-        found.append(Stop(look.get("stop"), str(look.get("purpose") or "look"), look, estimate, moves))
+        found.append(LookStep(look.get("stop"), str(look.get("purpose") or "look"), look, estimate, moves))
     return found
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
-from daemon.review.denied import denied, told_of
-from daemon.review.digest import Cycle, Digest, Stop, duration_s, stops_of, told_again
+from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
 from daemon.review.measures import strips
+from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
 from daemon.review.why import causes, in_plain_words
 
@@ -91,7 +91,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
     }
 
 
-def stop_json(stop: Stop) -> Json:
+def stop_json(stop: LookStep) -> Json:
     """One look: parts and refusals in pixels of both eyes, the estimate, the moves after it."""
     look, estimate = stop.look, stop.estimate
     scene = look.get("scene") or {}
@@ -210,9 +210,11 @@ def events(digest: Digest) -> list[Json]:
     found: list[Json] = []
     before, cycle = None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
-    again = told_again(digest.records)
+    again = repeated_faults(digest.records)
     uncounted = {
-        miss["seq"]: {**miss, "kind": "uncounted", "text": told_of(miss)} for c in digest.cycles for miss in denied(c)
+        miss["seq"]: {**miss, "kind": "uncounted", "text": not_counted_text(miss)}
+        for c in digest.cycles
+        for miss in picks_not_counted(c)
     }
     for line in digest.records:
         record = uncounted.get(line["seq"], line)

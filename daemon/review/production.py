@@ -14,9 +14,9 @@ import numpy as np
 
 from daemon.events.codes import BY_TITLE
 from daemon.events.outcomes import UNFINISHED, is_success, tally
-from daemon.review.denied import denied
-from daemon.review.digest import Cycle, Digest, told_again
-from daemon.review.why import NOTHING_WRONG, causes, told
+from daemon.review.digest import Cycle, Digest, repeated_faults
+from daemon.review.not_counted import picks_not_counted
+from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that are no intervention: they begin picks, or allow the moves of step mode, in which every move is asked
@@ -48,7 +48,7 @@ def production(runs: Sequence[Digest]) -> Json:
         "aborted": counted.aborted,
         "interrupted": sum(c.outcome == UNFINISHED for run in runs if not run.going for c in run.cycles),
         "paces": sorted({run.times_life for run in runs if run.cycles}),
-        "uncounted": sum(len(denied(c)) for c in cycles),
+        "uncounted": sum(len(picks_not_counted(c)) for c in cycles),
         "parts": by_part,
         "hourly": 3600 * len(seconds) / worked_s if worked_s > 0 and seconds else None,
         "median_s": float(np.median(seconds)) if seconds else None,
@@ -84,10 +84,10 @@ def _stops(run: Digest) -> Iterable[str]:
             found = [c.name for c in causes(cycle, others, run.going)[:1]]
             ended |= {(cycle.number, name) for name in found}
             yield from found
-    again = told_again(run.records)
+    again = repeated_faults(run.records)
     for record in run.outside:
         if record["kind"] == "fault" and record["seq"] not in again:
-            yield from (c.name for c in told(record) if (record.get("cycle"), c.name) not in ended)
+            yield from (c.name for c in causes_of_record(record) if (record.get("cycle"), c.name) not in ended)
 
 
 def _nameless(cycle: Cycle) -> int:

@@ -44,7 +44,7 @@ NO_LONGER, NOT_BEFORE = "no longer found", "was not found before"
 
 
 @dataclass(frozen=True)
-class Change:
+class ReplayChange:
     """One difference of one look. regression: a part that was named is not, is named otherwise, or has moved."""
 
     seq: int
@@ -64,13 +64,13 @@ class Using:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ReplayedLook:
     """One look again: its record, the scene as scene_json has it now, what came out differently; identical: to the last
     digit (of a look that only followed a part: as far as it can be compared)."""
 
     record: Record
     now: Json
-    changes: tuple[Change, ...]
+    changes: tuple[ReplayChange, ...]
     identical: bool
 
     @property
@@ -81,7 +81,7 @@ class Seen:
 
 def replayed_looks(
     folder: Path, run: Digest, library: FacetLibrary, using: Using, chosen: Container[int] | None = None
-) -> Iterator[Seen | str]:
+) -> Iterator[ReplayedLook | str]:
     """Each look of a run again, or a line that says why it cannot be. chosen: the looks by seq (None: all); library:
     facet types for looks before there was a model. Pictures in which nothing was looked for, as of the board in a
     calibration, are held against nothing and left out.
@@ -113,9 +113,9 @@ def replayed_looks(
         whole = record.get("whole", True)
         found = compare(then, now, whole, using.model is None)
         changes = tuple(
-            Change(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found
+            ReplayChange(int(record["seq"]), record.get("cycle"), part, what, worse) for part, what, worse in found
         )
-        yield Seen(record, now, changes, untimed(then) == untimed(now) if whole else not found)
+        yield ReplayedLook(record, now, changes, untimed(then) == untimed(now) if whole else not found)
 
 
 def _rig(folder: Path, kept: str | None, loaded: dict[str, StereoRig]) -> StereoRig:

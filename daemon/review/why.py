@@ -28,8 +28,8 @@ from daemon.events.codes import (
 from daemon.events.outcomes import NOTHING_TO_PICK, UNFINISHED, Outcome, is_success
 from daemon.events.records import Record
 from daemon.pick.pose_fusion import CHI_SQUARE_6
-from daemon.review.denied import denied, told_of
-from daemon.review.digest import Cycle, Stop
+from daemon.review.digest import Cycle, LookStep
+from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.vision.health import MEASURES
 
 NOTHING_WRONG = NOTHING_TO_PICK | {Outcome.PICKED}
@@ -113,10 +113,10 @@ def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     fault = next(iter(cycle.of("fault")), None)
     if fault is None and cycle.outcome not in (Outcome.FAULT, Outcome.ABORTED):
         return
-    yield from told(fault or cycle.end or {})
+    yield from causes_of_record(fault or cycle.end or {})
 
 
-def told(record: Record) -> Iterator[LikelyCause]:
+def causes_of_record(record: Record) -> Iterator[LikelyCause]:
     """What a fault, or the end of a cycle, is caused by, by its code and by the measures of the images it names."""
     evidence, at = in_plain_words(str(record.get("text") or record.get("why") or "")), int(record.get("seq") or 0)
     cameras: dict[str, set[str]] = {}
@@ -296,8 +296,8 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     slant = round(max((float(r.get("slip_deg") or 0.0) for r in cycle.of("decision")), default=0.0))
     held = sorted({str(c.label) for c in others if is_success(c.outcome)})
     let_slip = last.get("code") in (DecisionCode.CAME_BACK_EMPTY, DecisionCode.KNOCKED_AWAY)
-    if erred := denied(cycle):
-        yield LikelyCause(CauseCode.LOOK_AFTER_LIFT, 0.95, f"{told_of(erred[-1])}{witness}", at)
+    if erred := picks_not_counted(cycle):
+        yield LikelyCause(CauseCode.LOOK_AFTER_LIFT, 0.95, f"{not_counted_text(erred[-1])}{witness}", at)
     elif let_slip or (moved or 0.0) > SQUEEZED_OUT_MM:
         yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, f"{why}{lies}{witness}", at)
     elif slant > SLANTED_DEG:
@@ -310,7 +310,7 @@ def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.GRIPPER, weight, f"the hand closed, and {why}{lies}{witness}", at)
 
 
-def _moved_mm(cycle: Cycle, after: Stop) -> float | None:
+def _moved_mm(cycle: Cycle, after: LookStep) -> float | None:
     """How far the part that was grasped for lies from where it was last thought to."""
     estimates = [s.estimate for s in cycle.stops if s.estimate and _seq(s) < _seq(after)]
     world_from_cyclopean = after.look.get("world_from_cyclopean")
@@ -349,25 +349,25 @@ def _cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         yield LikelyCause(CauseCode.CUT_OFF, 0.95, evidence, _last(cycle))
 
 
-def _outlines_of(stop: Stop) -> int:
+def _outlines_of(stop: LookStep) -> int:
     """How many outlines each camera saw at least, where no facet was made of them."""
     unmatched = (stop.look.get("scene") or {}).get("unmatched")
     return min(unmatched) if unmatched else 0
 
 
-def _patterned(stop: Stop) -> bool:
+def _patterned(stop: LookStep) -> bool:
     """Whether its outlines are the table's pattern, and the eyes were measured to stand as calibrated."""
     knocked_px = (stop.look.get("health") or {}).get("knocked_pair")
     stands = isinstance(knocked_px, float) and knocked_px < MEASURES["knocked"].limit
     return stands and (stop.look.get("scene") or {}).get("nothing") == "patterned"
 
 
-def _rejected(stop: Stop) -> Sequence[Any]:
+def _rejected(stop: LookStep) -> Sequence[Any]:
     rejected: Sequence[Any] = (stop.look.get("scene") or {}).get("rejected") or []
     return rejected
 
 
-def _seq(stop: Stop) -> int:
+def _seq(stop: LookStep) -> int:
     return int(stop.look.get("seq") or 0)
 
 

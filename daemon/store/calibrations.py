@@ -29,7 +29,7 @@ class CalibrationsError(FacetdError):
     """A calibration cannot be kept or found: where, and why."""
 
 
-class _State(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _CalibrationState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     current: int = CONFIGURED
     instead_of: str = ""
     """sha256 of the configuration's file when the current one was taken into use."""
@@ -99,17 +99,17 @@ class Calibrations:
         """Take one that there is into use. Raises CalibrationsError."""
         path = self.folder / "state.json"
         try:
-            write_atomically(path, msgspec.json.encode(_State(number, self._digest() if number else "")))
+            write_atomically(path, msgspec.json.encode(_CalibrationState(number, self._digest() if number else "")))
         except OSError as error:
             raise CalibrationsError(f"{path}: not written: {error.strerror or error}") from None
 
-    def _state(self) -> _State:
+    def _state(self) -> _CalibrationState:
         path = self.folder / "state.json"
         try:
-            return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_State)
+            return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_CalibrationState)
         except (FileError, msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             if not os.path.lexists(path):
-                return _State()
+                return _CalibrationState()
             raise CalibrationsError(f"{path}: cannot be read: {error}; remove it, and `calibrate use N`") from None
 
     def _digest(self) -> str:

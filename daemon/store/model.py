@@ -105,7 +105,7 @@ class _AnyHeader(msgspec.Struct, forbid_unknown_fields=True):
     sha256: str
 
 
-class _Header(_AnyHeader, forbid_unknown_fields=True):
+class _ModelHeader(_AnyHeader, forbid_unknown_fields=True):
     parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)]]
     views: list[_ViewHeader]
 
@@ -202,7 +202,7 @@ def from_bytes(content: bytes) -> ModelFile:
         if plain["version"] == 1:
             first = msgspec.convert({**plain, "sha256": told}, _FirstHeader)
             return ModelFile(_first_model(first, arrays), first.trained, first.codes, str(told))
-        header = msgspec.convert({**plain, "sha256": told}, _Header)
+        header = msgspec.convert({**plain, "sha256": told}, _ModelHeader)
         return ModelFile(_model(header, arrays), header.trained, header.codes, str(told))
     except (msgspec.ValidationError, ArtError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise ModelError(f"does not hold together: {one_line(error)}") from None
@@ -252,7 +252,7 @@ def _library(header: _LibraryHeader) -> FacetLibrary:
     return FacetLibrary(types, header.angle_tolerance_rad, header.ratio_tolerance)
 
 
-def _model(header: _Header, arrays: Arrays) -> Model:
+def _model(header: _ModelHeader, arrays: Arrays) -> Model:
     parameters = MemorySettings(**header.parameters)
     headers = [v.solid for v in header.views if v.solid is not None] + [m.solid for m in header.metric]
     ends = np.cumsum(arrays["corners"]).tolist()
@@ -275,7 +275,7 @@ def _model(header: _Header, arrays: Arrays) -> Model:
     return Model(_library(header.library), parameters, views, artmap, metric)
 
 
-def _memory(header: _Header, parameters: MemorySettings, arrays: Arrays) -> RelationARTMAP:
+def _memory(header: _ModelHeader, parameters: MemorySettings, arrays: Arrays) -> RelationARTMAP:
     relations, counts = np.asarray(arrays["relations"], np.intp), np.asarray(arrays["counts"], np.int64)
     features = FEATURES
     size = len(counts), 1 + features, header.matrix_size, header.matrix_size
@@ -326,7 +326,7 @@ def _check_labels(header: _AnyHeader, views: tuple[TaughtView, ...]) -> None:
 
 
 def _check_parts(
-    header: _Header, views: tuple[TaughtView, ...], metric: dict[str, MetricModel], artmap: RelationARTMAP
+    header: _ModelHeader, views: tuple[TaughtView, ...], metric: dict[str, MetricModel], artmap: RelationARTMAP
 ) -> None:
     """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
     _check_labels(header, views)

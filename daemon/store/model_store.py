@@ -81,7 +81,7 @@ class ToldModel:
     knows: str
 
 
-class _State(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _ModelState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     current: int | None = None
     candidate: int | None = None
     history: tuple[int, ...] = ()
@@ -234,7 +234,7 @@ class ModelStore:
                 raise ModelStoreError(f"the candidate is version {state.candidate} by now: `try` looks with it")
             model = self.load(state.candidate)
             history = state.history if state.current is None else (*state.history, state.current)
-            self._write(_State(state.candidate, None, history))
+            self._write(_ModelState(state.candidate, None, history))
         return state.candidate, model
 
     def rollback(self) -> tuple[int, Model]:
@@ -244,7 +244,7 @@ class ModelStore:
             if not state.history:
                 raise ModelStoreError("there is no earlier model to go back to")
             model = self.load(state.history[-1])
-            self._write(_State(state.history[-1], state.current, state.history[:-1]))
+            self._write(_ModelState(state.history[-1], state.current, state.history[:-1]))
         return state.history[-1], model
 
     def use(self, version: int) -> Model:
@@ -252,7 +252,7 @@ class ModelStore:
         with self._alone():
             state, model = self._state(), self.load(version)
             history = state.history if state.current is None else (*state.history, state.current)
-            self._write(_State(version, None if state.candidate == version else state.candidate, history))
+            self._write(_ModelState(version, None if state.candidate == version else state.candidate, history))
         return model
 
     @contextlib.contextmanager
@@ -274,20 +274,20 @@ class ModelStore:
         finally:
             os.close(handle)
 
-    def _state(self) -> _State:
+    def _state(self) -> _ModelState:
         path = self.folder / "models" / "state.json"
         try:
-            return msgspec.json.decode(read_file(path, LARGEST_NOTE), type=_State)
+            return msgspec.json.decode(read_file(path, LARGEST_NOTE), type=_ModelState)
         except FileError:
             if not os.path.lexists(path):
-                return _State()
+                return _ModelState()
             raise
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             raise ModelStoreError(
                 f"{path}: cannot be read: {error}; restore it, or remove it and `train` again"
             ) from None
 
-    def _write(self, state: _State) -> None:
+    def _write(self, state: _ModelState) -> None:
         path = self.folder / "models" / "state.json"
         try:
             write_atomically(path, msgspec.json.encode(state))

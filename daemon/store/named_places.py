@@ -33,7 +33,7 @@ class NamedPlacesError(FileError):
     """The file of places cannot be written."""
 
 
-class _Line(msgspec.Struct):
+class _PlaceLine(msgspec.Struct):
     v: int
     t: Annotated[str, Meta(max_length=40)]
     who: str
@@ -117,7 +117,7 @@ class NamedPlaces:
 
 def _read(line: bytes) -> NamedPlace | None:
     try:
-        one = msgspec.json.decode(line, type=_Line)
+        one = msgspec.json.decode(line, type=_PlaceLine)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)

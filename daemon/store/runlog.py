@@ -31,7 +31,7 @@ from daemon.errors import spelt
 from daemon.events.upgrade import VERSION
 from daemon.store.files import NO_ROOM, LineFile, OpenFile, Syncer, write_atomically
 from daemon.store.outside import read_file
-from daemon.store.standing import Standing, StandingFile, after
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, after
 
 PATIENCE_S = 0.1
 LINES_WAITING = 20_000
@@ -57,7 +57,7 @@ class RunLog:
         fsync_every_s: float = 1.0,
         patience_s: float = PATIENCE_S,
         on_trouble: Callable[[str | None], object] = lambda _: None,
-        standing: StandingFile | None = None,
+        standing: RecoveryFile | None = None,
     ) -> None:
         """Start a run in `folder` (made if need be). standing: where it is kept what the next start must know; it is
         closed with the log. Raises OSError; FileExistsError where a run is in it already."""
@@ -68,7 +68,7 @@ class RunLog:
         """The pictures that there is no room for: written once the disk takes lines again."""
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
-        self._standing, self._stands = standing, Standing(folder.name)
+        self._standing, self._stands = standing, RecoveryState(folder.name)
         self._lock, self._telling = threading.Lock(), threading.Lock()
         self._lost = 0
         self._behind = False
@@ -195,7 +195,7 @@ class RunLog:
         if self._refused:
             self._pictures.do(self._refused.popleft())
 
-    def _write_standing(self, file: StandingFile, standing: Standing) -> None:
+    def _write_standing(self, file: RecoveryFile, standing: RecoveryState) -> None:
         try:
             file.write(standing)
             self._tell("standing", None)

@@ -17,7 +17,7 @@ import pytest
 
 from daemon.cli import demo as job
 from daemon.ctl import main as facetctl
-from daemon.store.standing import FILE, left_behind
+from daemon.store.recovery_state import FILE, left_behind
 from tests.fakes.once import made_once
 
 AT_MOST_S = 300.0

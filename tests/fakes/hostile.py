@@ -33,7 +33,7 @@ from daemon.fleet.soundness import damages
 from daemon.frontends.line_editor import LineEditor
 from daemon.frontends.socket_server import _message
 from daemon.review.brief import read_brief
-from daemon.review.cli import told
+from daemon.review.cli import record_line
 from daemon.review.digest import digest
 from daemon.review.pagedata import page_data
 from daemon.review.replay import compare
@@ -55,8 +55,8 @@ from daemon.store.npz import Arrays, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
 from daemon.store.places import HOUSE
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runs import check_wire, read_run
-from daemon.store.standing import Standing, StandingFile, left_behind
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.vision.model import empty_model, learn_view
 from daemon.vision.recognition.recognise import recognise_group
@@ -250,7 +250,7 @@ def _run(content: bytes, folder: Path) -> object:
     found = digest("run", run.records, run.skipped)
     json.dumps(page_data(found), allow_nan=False)
     tables(found, "cell")
-    return found.statistics(), [told(record) for record in run.records]
+    return found.statistics(), [record_line(record) for record in run.records]
 
 
 def _wire(content: bytes, folder: Path) -> object:
@@ -261,8 +261,8 @@ def _wire(content: bytes, folder: Path) -> object:
 @cache
 def _standings() -> tuple[bytes, ...]:
     with tempfile.TemporaryDirectory() as folder:
-        file = StandingFile(Path(folder) / "standing")
-        for standing in (Standing("a"), Standing("a", cycle=1, label="cube", hand_closed=True)):
+        file = RecoveryFile(Path(folder) / "standing")
+        for standing in (RecoveryState("a"), RecoveryState("a", cycle=1, label="cube", hand_closed=True)):
             file.write(standing)
         file.close()
         return (file.path.read_bytes(),)

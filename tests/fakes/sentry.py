@@ -19,8 +19,8 @@ import cv2
 from daemon.frontends.client import DaemonUnreachableError
 from daemon.store.model_store import ModelStore
 from daemon.store.outside import FileError
+from daemon.store.recovery_state import FILE, left_behind
 from daemon.store.runs import check_wire, list_runs, read_run
-from daemon.store.standing import FILE, left_behind
 from tests.fakes.running import Running
 
 CONFIG = "log: {keep_free_mb: 0, quota_mb: 100, roll_mb: 25}\n"

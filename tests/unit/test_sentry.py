@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
-from daemon.store.standing import FILE, StandingFile
 from tests.fakes.outlive import Beside, Ways, witness
 from tests.fakes.sentry import Found, Sentry, come_back, go_on, look_over
 
@@ -57,7 +57,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 def left_behind(daemon: Sentry) -> Path:
     """A run as a kill leaves it, in the middle of a pick, with one line torn."""
-    log = RunLog(new_folder(daemon.runs, NOW), standing=StandingFile(daemon.folder / "state" / FILE))
+    log = RunLog(new_folder(daemon.runs, NOW), standing=RecoveryFile(daemon.folder / "state" / FILE))
     log.record("run_start")
     log.record("command", who="bench", text="auto on")
     log.record("cycle_start", cycle=1)

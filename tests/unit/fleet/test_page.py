@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.fleet.layout import add_rows, rows_of
-from daemon.fleet.page import STATES, _by_cause, _worse, hall_data, write_hall
+from daemon.fleet.page import STATES, _by_cause, _worse, fleet_data, write_fleet_page
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import Digest, digest
 from daemon.review.page import read_digest
@@ -47,7 +47,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 @pytest.fixture(scope="module")
 def data(store: Store) -> Any:
-    return hall_data(store, 7)
+    return fleet_data(store, 7)
 
 
 def named(data: Any, number: int) -> Any:
@@ -99,7 +99,7 @@ def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, 
     at_once = looks["t"].take([0] * len(looks))  # times are kept in milliseconds: looks in one are told by number
     rows["looks"] = looks.set_column(at, looks.schema.field(at), at_once)
     add_rows(store, "north", [rows])
-    (north,) = hall_data(store, 7)["cells"]
+    (north,) = fleet_data(store, 7)["cells"]
     assert (north["state"], north["told"]) == ("one eye", [["one eye", f"3 looks with one eye; {told}"]])
 
 
@@ -121,11 +121,11 @@ def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code()
 
 def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="no runs in it yet: `facetctl runs collect"):
-        hall_data(open_store(str(tmp_path)), 7)
+        fleet_data(open_store(str(tmp_path)), 7)
 
 
 def test_the_page_opens_and_a_cell_in_it(store: Store, browser: Any, tmp_path: Path) -> None:
-    browser.get(write_hall(store, 7, tmp_path / "hall.html").as_uri())
+    browser.get(write_fleet_page(store, 7, tmp_path / "hall.html").as_uri())
     assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
     assert len(browser.find_elements("css selector", "#cells .cell")) == CELLS
     browser.find_element("css selector", "#ill button").click()
@@ -141,7 +141,7 @@ def test_where_nothing_was_missed_no_empty_table_stands(browser: Any, tmp_path: 
     made.close()
     store = open_store(str(tmp_path / "store"))
     add_rows(store, "calm", [rows_of(read_digest(made.folder))])
-    browser.get(write_hall(store, 7, tmp_path / "hall.html").as_uri())
+    browser.get(write_fleet_page(store, 7, tmp_path / "hall.html").as_uri())
     assert "Nothing was missed." in browser.find_element("css selector", "body").text
     assert browser.find_elements("id", "causes") == []
     assert browser.get_log("browser") == []
@@ -161,6 +161,6 @@ def test_a_cell_whose_run_goes_on_for_days_is_not_silent_while_it_does(tmp_path:
     store = open_store(str(tmp_path))
     for name, one in (("slow", run(2, 3)), ("gone", run(2, 0)), ("usual", run(6, 0))):
         add_rows(store, name, [rows_of(one)])
-    states = {cell["name"]: (cell["state"], cell["told"]) for cell in hall_data(store, 3)["cells"]}
+    states = {cell["name"]: (cell["state"], cell["told"]) for cell in fleet_data(store, 3)["cells"]}
     assert states["slow"] == ("well", [])
     assert states["gone"] == ("silent", [["silent", "no run since 2026-01-02"]])

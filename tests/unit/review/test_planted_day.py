@@ -146,7 +146,7 @@ def test_the_day_as_status_and_metrics_count_it(day: list[Path]) -> None:
 def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> None:
     pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
     from daemon.fleet.collect import collect, source_of
-    from daemon.fleet.page import hall_data
+    from daemon.fleet.page import fleet_data
     from daemon.fleet.questions import opened
     from daemon.fleet.store import open_store
 
@@ -155,7 +155,7 @@ def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> 
     asked = "SELECT count(*) FILTER (outcome = 'picked'), count(*) FROM cycles WHERE tried"
     assert opened(store).execute(asked).fetchall() == [(20, 23)]
     assert opened(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(6,)]
-    (north,) = hall_data(store, 7)["cells"]
+    (north,) = fleet_data(store, 7)["cells"]
     assert (north["picked"], north["tried"], north["interventions"]) == (20, 23, 6)
     assert north["faults"] == {"camera cable": 1}, "a person's stop is no fault that needs somebody"
 

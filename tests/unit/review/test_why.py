@@ -23,8 +23,8 @@ from daemon.ctl import OFFLINE
 from daemon.events.codes import CATALOGUE
 from daemon.events.upgrade import VERSION
 from daemon.review.brief import read_brief
-from daemon.review.denied import denied
 from daemon.review.digest import digest
+from daemon.review.not_counted import picks_not_counted
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.production import production
@@ -600,7 +600,7 @@ def test_a_look_is_not_said_to_have_erred_where(
 ) -> None:
     look_errs(again, purpose)(made)
     (cycle,) = read_digest(made.close(1)).cycles
-    assert denied(cycle) == [], why_not
+    assert picks_not_counted(cycle) == [], why_not
     assert "look after the lift" not in [cause.name for cause in causes(cycle)]
 
 
@@ -654,7 +654,7 @@ def test_an_estimate_that_says_no_place_denies_nothing(made: MadeRun) -> None:
     look_errs()(made)
     records = read_run(made.close(1)).records
     (cycle,) = digest("r", [{k: v for k, v in r.items() if k != "world_from_part"} for r in records]).cycles
-    assert denied(cycle) == []
+    assert picks_not_counted(cycle) == []
 
 
 def test_a_night_of_misses_is_explained_in_time_that_grows_with_its_looks(made: MadeRun) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from daemon.store.files import InUseError, LineFile, OpenFile, Syncer, being_written, hold, plain, write_atomically
-from daemon.store.standing import StandingFile
+from daemon.store.recovery_state import RecoveryFile
 
 
 def full(*_: object) -> int:
@@ -74,7 +74,7 @@ def test_room_for_what_must_be_known_is_taken_at_the_start_or_the_file_is_named(
 ) -> None:
     monkeypatch.setattr("os.posix_fallocate", full)
     with pytest.raises(OSError, match="No space left") as refused:
-        StandingFile(tmp_path / "standing")
+        RecoveryFile(tmp_path / "standing")
     assert plain(refused.value) == f"{tmp_path / 'standing'}: No space left on device; free some space there"
 
 
@@ -262,7 +262,7 @@ def test_a_lock_and_what_must_be_known_are_their_owners_to_write_and_their_group
     before = os.umask(0o002)
     try:
         os.close(hold(tmp_path / "held"))
-        StandingFile(tmp_path / "standing").close()
+        RecoveryFile(tmp_path / "standing").close()
         LineFile(tmp_path / "lines").close()
     finally:
         os.umask(before)

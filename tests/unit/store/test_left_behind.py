@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from daemon.store.recovery_state import RecoveryFile, RecoveryState
+from daemon.store.recovery_state import left_behind as left_in
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
-from daemon.store.standing import Standing, StandingFile
-from daemon.store.standing import left_behind as left_in
 
 NOW = datetime(2026, 11, 21, 10, tzinfo=UTC)
 Record = tuple[str, dict[str, Any]]
@@ -31,13 +31,13 @@ def runs(tmp_path: Path) -> Path:
     return tmp_path / "runs"
 
 
-def left_behind(runs: Path) -> Standing | None:
+def left_behind(runs: Path) -> RecoveryState | None:
     return left_in(runs.parent / "standing", ran_before=runs.is_dir())
 
 
 def ran(runs: Path, *records: Record, end: dict[str, Any] | None = None) -> None:
     """A run with these records; without `end` it was killed."""
-    log = RunLog(new_folder(runs, NOW), standing=StandingFile(runs.parent / "standing"))
+    log = RunLog(new_folder(runs, NOW), standing=RecoveryFile(runs.parent / "standing"))
     for kind, fields in records:
         log.record(kind, **fields)
     assert log.settle()
@@ -56,7 +56,7 @@ def came_back(runs: Path, *more: Record, end: dict[str, Any] | None = None) -> N
     ran(runs, *found, START, *more, end=end)
 
 
-def gripped(left: Standing | None) -> bool:
+def gripped(left: RecoveryState | None) -> bool:
     return left is not None and left.hand_closed and left.label == "cube"
 
 

@@ -19,8 +19,8 @@ from daemon.store.library import load_facets
 from daemon.store.model_store import ModelStore
 from daemon.store.named_places import NamedPlaces
 from daemon.store.places import HOUSE
+from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runlog import RunLog
-from daemon.store.standing import Standing, StandingFile, left_behind
 from daemon.vision.model import empty_model
 
 STEPS = (
@@ -242,15 +242,15 @@ def test_a_place_that_is_given_a_name(tmp_path: Path) -> None:
 
 
 def test_what_a_restart_must_know(tmp_path: Path) -> None:
-    old, new = Standing("a", cycle=3), Standing("a", cycle=3, hand_closed=True)
+    old, new = RecoveryState("a", cycle=3), RecoveryState("a", cycle=3, hand_closed=True)
 
     def prepare(folder: Path) -> None:
-        file = StandingFile(folder / "standing")
+        file = RecoveryFile(folder / "standing")
         file.write(old)
         file.close()
 
     def close_the_hand(folder: Path) -> None:
-        file = StandingFile(folder / "standing")
+        file = RecoveryFile(folder / "standing")
         file.write(new)
 
     def found(folder: Path) -> bool:

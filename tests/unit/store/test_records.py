@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daemon.events.records import record_of
-from daemon.review.cli import told
+from daemon.review.cli import record_line
 from daemon.review.digest import digest
 from daemon.review.pagedata import page_data
 from daemon.review.tables import tables
@@ -78,7 +78,7 @@ def test_a_line_with_wrong_types_is_skipped_and_named_and_the_rest_is_reviewed(b
     found = digest("run", run.records)
     json.dumps(page_data(found), allow_nan=False)
     tables(found, "cell")
-    assert [told(record) for record in run.records]
+    assert [record_line(record) for record in run.records]
 
 
 ROW = [1.0, 2.0, 3.0, 4.0]

@@ -34,7 +34,10 @@ from daemon.store.model import ModelError
 from daemon.store.model_store import ModelStore
 from daemon.store.runlog import RunLog
 from daemon.store.runs import check_wire, list_runs, read_run
-from daemon.store.standing import FILE, StandingFile, left_behind
+try:
+    from daemon.store.recovery_state import FILE, RecoveryFile, left_behind
+except ImportError:
+    from daemon.store.standing import FILE, StandingFile as RecoveryFile, left_behind
 from daemon.vision.model import empty_model
 
 what, folder = sys.argv[1], Path(sys.argv[2])
@@ -61,7 +64,7 @@ elif what != "read":
         store.accept(store.candidate)
     except TypeError:  # an older one takes whichever there is
         store.accept()
-    log = RunLog(runs / f"2026010{len(list_runs(runs)) + 1}T000000Z", standing=StandingFile(folder / FILE))
+    log = RunLog(runs / f"2026010{len(list_runs(runs)) + 1}T000000Z", standing=RecoveryFile(folder / FILE))
     log.record("run_start", config=log.keep(Path(__file__)))
     log.record("cycle_start", cycle=4, target="cube")
     log.record("auto", on=True, count=3, every_s=None)

@@ -1,4 +1,5 @@
-"""Parts that a look after the lift denied, and that later looks no longer find: the hand let them go over the bin.
+"""Picks not counted: a look after the lift denied the part, later looks no longer find it, and the gripper let it go
+over the bin.
 
 Pure: one cycle in. A pick that is told that it missed opens the hand over the bin all the same, because a look may err;
 whether this one did is seen only when the table is looked at again. Such a part is likely in the bin, and not counted.
@@ -13,19 +14,19 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.events.codes import DecisionCode
 from daemon.events.records import Record
-from daemon.review.digest import Cycle, Stop, carried_out
+from daemon.review.digest import Cycle, LookStep, carried_out
 
 NEAR_MM = 50.0
 """What lies within this of where the part lay may be the part, pushed."""
 
 
-def denied(cycle: Cycle) -> list[Record]:
+def picks_not_counted(cycle: Cycle) -> list[Record]:
     """The misses of a cycle by which a part lies where it lay, while the same survey, looking again after the hand had
     opened over the bin, has nothing there and a part fewer altogether."""
     return [miss for miss in cycle.of("decision") if _says_it_lies_there(miss) and _is_gone_after(cycle, _seq(miss))]
 
 
-def told_of(miss: Record) -> str:
+def not_counted_text(miss: Record) -> str:
     """One of them in words."""
     return (
         f"`{miss.get('why')}`, but nothing did when the table was looked at again: likely in the bin, and not counted"
@@ -56,7 +57,7 @@ def _opened_over_the_bin(cycle: Cycle, at: int) -> bool:
     return any(r.get("purpose") == "bin" for r in after[:opened])
 
 
-def _places(stop: Stop) -> Iterator[Array]:
+def _places(stop: LookStep) -> Iterator[Array]:
     """(3,) world mm of each part of a look that says where it is."""
     if world_from_cyclopean := stop.look.get("world_from_cyclopean"):
         for part in stop.parts:

@@ -11,10 +11,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from daemon.store.recovery_state import SLOT, Auto, RecoveryFile, RecoveryState, after, left_behind
 from daemon.store.runlog import RunLog
-from daemon.store.standing import SLOT, Auto, Standing, StandingFile, after, left_behind
 
-HELD = Standing("a", cycle=4, state="retreat", hand_closed=True, label="cube")
+HELD = RecoveryState("a", cycle=4, state="retreat", hand_closed=True, label="cube")
 
 
 @pytest.fixture
@@ -22,15 +22,15 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "standing"
 
 
-def stood(path: Path, *standings: Standing) -> None:
-    file = StandingFile(path)
+def stood(path: Path, *standings: RecoveryState) -> None:
+    file = RecoveryFile(path)
     for standing in standings:
         file.write(standing)
     file.close()
 
 
 def test_the_newest_counts_whatever_the_clock_says_and_whatever_runs_lie_about(path: Path) -> None:
-    stood(path, Standing("z"), Standing("b"))
+    stood(path, RecoveryState("z"), RecoveryState("b"))
     stood(path, HELD)
     assert left_behind(path, ran_before=True) == HELD
 
@@ -46,7 +46,7 @@ def test_where_the_daemon_never_ran_nothing_is_asked_and_where_the_file_went_awa
 
 @pytest.mark.parametrize("at", [0, 9, SLOT, SLOT + 40])
 def test_a_damaged_slot_is_told_and_nobody_believes_that_the_hand_is_empty(path: Path, at: int) -> None:
-    stood(path, Standing("a"), Standing("a", cycle=1))
+    stood(path, RecoveryState("a"), RecoveryState("a", cycle=1))
     content = bytearray(path.read_bytes())
     content[at] ^= 1
     path.write_bytes(content)
@@ -66,7 +66,7 @@ def test_whatever_else_lies_there_is_told_as_damage(path: Path, content: bytes) 
 
 
 def test_a_power_cut_at_any_byte_of_a_write_leaves_the_old_or_the_new_or_asks(path: Path) -> None:
-    stood(path, Standing("a"), Standing("a", cycle=3))
+    stood(path, RecoveryState("a"), RecoveryState("a", cycle=3))
     before = path.read_bytes()
     stood(path, HELD)
     whole = path.read_bytes()
@@ -76,12 +76,12 @@ def test_a_power_cut_at_any_byte_of_a_write_leaves_the_old_or_the_new_or_asks(pa
             left = left_behind(path, ran_before=True)
             assert left is not None
             assert left.cycle in (3, 4)
-            assert left == HELD or left == Standing("a", cycle=3) or left.damage
+            assert left == HELD or left == RecoveryState("a", cycle=3) or left.damage
 
 
 def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str | None] = []
-    log = RunLog(tmp_path / "run", standing=StandingFile(path), on_trouble=told.append)
+    log = RunLog(tmp_path / "run", standing=RecoveryFile(path), on_trouble=told.append)
 
     def full(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -103,7 +103,7 @@ def test_that_it_cannot_be_kept_is_told_until_it_can(
     """However many lines the log takes meanwhile: the next of them said that all was well again. Once it can, the next
     line has it kept, not the next change."""
     told: list[str | None] = []
-    log = RunLog(tmp_path / "run", standing=StandingFile(path), on_trouble=told.append)
+    log = RunLog(tmp_path / "run", standing=RecoveryFile(path), on_trouble=told.append)
 
     def failing(*_: object) -> int:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -131,11 +131,11 @@ def test_the_file_of_an_older_release_is_read_where_it_wrote(path: Path) -> None
     slots = [b'{"counter":%d,"standing":{"run":"%s","hand_closed":true}}' % one for one in ((2, b"b"), (1, b"a"))]
     path.write_bytes(b"".join((b"%08x %s" % (zlib.crc32(slot), slot)).ljust(4095) + b"\n" for slot in slots))
     left = left_behind(path, ran_before=True)
-    assert left == Standing("b", hand_closed=True)
+    assert left == RecoveryState("b", hand_closed=True)
 
 
 def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "run", standing=StandingFile(path))
+    log = RunLog(tmp_path / "run", standing=RecoveryFile(path))
     log.record("cycle_start", cycle=7, target="cube")
     left = left_behind(path, ran_before=True)
     log.close("killed, as far as this file knows")
@@ -144,7 +144,7 @@ def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: 
 
 
 def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "one", standing=StandingFile(path))
+    log = RunLog(tmp_path / "one", standing=RecoveryFile(path))
     log.record("auto", on=True, count=5, every_s=None)
     log.roll(tmp_path / "two")
     log.record("hand", closed=True)
@@ -156,7 +156,7 @@ def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_
 
 
 def test_a_fault_that_stood_when_the_daemon_ended_or_was_killed_is_told_and_one_that_was_resumed_is_not() -> None:
-    faulty = after(after(Standing("a"), "fault", {"text": "the cable"}), "state", {"from": "idle", "to": "fault"})
+    faulty = after(after(RecoveryState("a"), "fault", {"text": "the cable"}), "state", {"from": "idle", "to": "fault"})
     assert (faulty.fault, faulty.to_be_told) == ("the cable", True)
     resumed = after(faulty, "state", {"from": "fault", "event": "resume", "to": "idle"})
     assert not resumed.to_be_told
@@ -165,7 +165,7 @@ def test_a_fault_that_stood_when_the_daemon_ended_or_was_killed_is_told_and_one_
 
 
 def test_a_text_of_any_length_fits(path: Path) -> None:
-    stood(path, after(Standing("a"), "fault", {"text": "\0\N{GREEK SMALL LETTER ALPHA}" * 10_000}))
+    stood(path, after(RecoveryState("a"), "fault", {"text": "\0\N{GREEK SMALL LETTER ALPHA}" * 10_000}))
     left = left_behind(path, ran_before=True)
     assert left is not None
     assert left.damage == ""
@@ -173,7 +173,7 @@ def test_a_text_of_any_length_fits(path: Path) -> None:
 
 def test_a_closed_file_is_let_go_and_may_be_closed_again(path: Path) -> None:
     before = len(os.listdir("/proc/self/fd"))
-    file = StandingFile(path)
+    file = RecoveryFile(path)
     file.close()
     file.close()
     assert len(os.listdir("/proc/self/fd")) == before
@@ -181,13 +181,13 @@ def test_a_closed_file_is_let_go_and_may_be_closed_again(path: Path) -> None:
 
 @pytest.mark.parametrize("event", [{"from": "paused", "event": "resume"}, {"from": "fault", "event": "stop"}])
 def test_only_a_resume_from_a_fault_settles_a_doubt(event: dict[str, str]) -> None:
-    doubtful = after(Standing("b"), "left", {"run": "a", "cycle": 2, "hand_closed": True})
+    doubtful = after(RecoveryState("b"), "left", {"run": "a", "cycle": 2, "hand_closed": True})
     assert after(doubtful, "state", {**event, "to": "survey"}).in_doubt
     assert not after(doubtful, "state", {"from": "fault", "event": "resume", "to": "idle"}).in_doubt
 
 
 def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> None:
-    StandingFile(path).close()
+    RecoveryFile(path).close()
     assert path.stat().st_size == 2 * SLOT
     assert path.stat().st_blocks * 512 >= 2 * SLOT
     assert left_behind(path, ran_before=False) is None
@@ -196,7 +196,7 @@ def test_the_room_for_both_slots_is_there_from_the_first_moment(path: Path) -> N
 @pytest.mark.parametrize("content", [b"", bytes(2 * SLOT)], ids=["cut to nothing", "zeros"])
 def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Path, content: bytes) -> None:
     """What file systems make of one after a crash, and somebody who empties it: a part in the gripper was forgotten."""
-    stood(path, Standing("a", hand_closed=True))
+    stood(path, RecoveryState("a", hand_closed=True))
     path.write_bytes(content)
     assert left_behind(path, ran_before=False) is None
     left = left_behind(path, ran_before=True)
@@ -206,12 +206,12 @@ def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Pa
 
 
 def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(path: Path) -> None:
-    file = StandingFile(path)
+    file = RecoveryFile(path)
     file.begin("a")
     file.close()
     assert left_behind(path, ran_before=True) is None
-    stood(path, Standing("a", fault="x"))
-    again = StandingFile(path)
+    stood(path, RecoveryState("a", fault="x"))
+    again = RecoveryFile(path)
     again.begin("b")
     again.close()
     left = left_behind(path, ran_before=True)
@@ -219,7 +219,7 @@ def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(p
     assert left.fault == "x", "what stands there is not written over"
 
 
-PICKING = Standing("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)
+PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)
 
 
 @pytest.mark.parametrize(
@@ -271,30 +271,32 @@ def test_an_auto_counts_down_to_nothing() -> None:
         Auto(1, 1.0),
         None,
     ]
-    assert after(Standing("a"), "state", {"event": "placed", "to": "home"}) == Standing("a", state="home")
+    assert after(RecoveryState("a"), "state", {"event": "placed", "to": "home"}) == RecoveryState("a", state="home")
 
 
 @pytest.mark.parametrize(
     ("standing", "told"),
     [
-        (Standing("a"), False),
-        (Standing("a", cycle=1), True),
-        (Standing("a", hand_closed=True), True),
-        (Standing("a", auto=Auto(1, None)), True),
-        (Standing("a", cycle=1, ended=True), False),
-        (Standing("a", fault="x", ended=True), True),
-        (Standing("a", in_doubt=True, ended=True), True),
-        (Standing("a", state="survey", label="cube"), False),
+        (RecoveryState("a"), False),
+        (RecoveryState("a", cycle=1), True),
+        (RecoveryState("a", hand_closed=True), True),
+        (RecoveryState("a", auto=Auto(1, None)), True),
+        (RecoveryState("a", cycle=1, ended=True), False),
+        (RecoveryState("a", fault="x", ended=True), True),
+        (RecoveryState("a", in_doubt=True, ended=True), True),
+        (RecoveryState("a", state="survey", label="cube"), False),
     ],
 )
-def test_somebody_is_asked_where_something_was_cut_off_in_doubt_or_at_fault(standing: Standing, told: bool) -> None:
+def test_somebody_is_asked_where_something_was_cut_off_in_doubt_or_at_fault(
+    standing: RecoveryState, told: bool
+) -> None:
     assert standing.to_be_told is told
 
 
 def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:
     for count in range(1, 6):
-        stood(path, *(Standing(f"run {k}", cycle=k) for k in range(count)))
-        stood(path, Standing("last", cycle=9))
+        stood(path, *(RecoveryState(f"run {k}", cycle=k) for k in range(count)))
+        stood(path, RecoveryState("last", cycle=9))
         content = path.read_bytes()
         assert content.count(b'"last"') == 1
         assert f'"run {count - 1}"'.encode() in content, "the one before it is still whole"
@@ -303,7 +305,7 @@ def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:
 
 def test_the_slot_of_a_number_is_where_every_release_looks_for_it(path: Path) -> None:
     """Odd ones in the second, or a release that takes over would write over the newer of the two."""
-    stood(path, Standing("one"))
+    stood(path, RecoveryState("one"))
     assert path.read_bytes()[:SLOT].strip(b"\0") == b""
-    stood(path, Standing("two"))
+    stood(path, RecoveryState("two"))
     assert b'"two"' in path.read_bytes()[:SLOT]

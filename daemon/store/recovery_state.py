@@ -1,8 +1,10 @@
-"""What must be known after a restart, in one small file of its own: where a pick was cut off, whether a part is in the
-gripper, what `auto` had still to bring, which fault stood.
+"""The recovery state: what the daemon must know after a restart, in one small file. Where a pick was cut off, whether a
+part is in the gripper, what `auto` had still to bring, and which fault was active.
 
 Two slots are written in turn, into space taken when the file was made: a power cut spoils the one that is being written
 and no other, and a full disk takes it all the same. A counter says which is the newer: neither clocks nor names do.
+
+The file and the key in it keep the name `standing` that earlier releases gave them.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ class Auto(msgspec.Struct, frozen=True):
         return Auto(self.count - 1, self.every_s) if self.count > 1 else None
 
 
-class Standing(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How things stand in a run: cycle and state of the pick, what the gripper was last told, which part it was.
+class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
+    """The state of a run: cycle and state of the pick, the last gripper command, which part it was.
 
     in_doubt: what an earlier daemon left was not resolved, or it ended with a part perhaps in the gripper; ended: in
     order; damage: what is wrong with the file that this was read from.
@@ -65,12 +67,12 @@ class Standing(msgspec.Struct, frozen=True, omit_defaults=True):
 
 class _Slot(msgspec.Struct):
     counter: int
-    standing: Standing
+    standing: RecoveryState
 
 
-def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
-    """How things stand after a record of the run log (store/runlog.py lists the kinds). A doubt of before (`left`)
-    stands until an operator's `resume`."""
+def after(standing: RecoveryState, kind: str, fields: Mapping[str, Any]) -> RecoveryState:
+    """The recovery state after a record of the run log (daemon/events/records.py). A doubt from before (`left`) stays
+    until an operator's `resume`."""
     change: dict[str, Any] = {}
     match kind:
         case "left":
@@ -105,7 +107,7 @@ def after(standing: Standing, kind: str, fields: Mapping[str, Any]) -> Standing:
     return msgspec.structs.replace(standing, **cut)
 
 
-class StandingFile(OpenFile):
+class RecoveryFile(OpenFile):
     """The file, open for writing: one process has it. Raises OSError."""
 
     def __init__(self, path: Path) -> None:
@@ -124,10 +126,10 @@ class StandingFile(OpenFile):
         """Where nothing was ever written, write that nothing stands: from then on a file that says nothing is one that
         was lost. Raises OSError."""
         if self._counter == 0:
-            self.write(Standing(run))
+            self.write(RecoveryState(run))
             self.sync()
 
-    def write(self, standing: Standing) -> None:
+    def write(self, standing: RecoveryState) -> None:
         """Put it into the older slot. Raises OSError."""
         content = msgspec.json.encode(_Slot(self._counter + 1, standing))
         slot = f"{zlib.crc32(content):08x} ".encode() + content
@@ -136,7 +138,7 @@ class StandingFile(OpenFile):
         self._counter += 1
 
 
-def left_behind(path: Path, ran_before: bool) -> Standing | None:
+def left_behind(path: Path, ran_before: bool) -> RecoveryState | None:
     """What the last daemon left that somebody must look at; else None. A file that cannot be believed, or is missing or
     says nothing where there were runs before, is such a thing: then nobody knows what the gripper holds."""
     try:
@@ -155,8 +157,8 @@ def left_behind(path: Path, ran_before: bool) -> Standing | None:
     return newest.standing if newest.standing.to_be_told else None
 
 
-def _unknown(damage: str, known: Standing | None = None) -> Standing:
-    known = known or Standing(run="before")
+def _unknown(damage: str, known: RecoveryState | None = None) -> RecoveryState:
+    known = known or RecoveryState(run="before")
     return msgspec.structs.replace(known, in_doubt=True, hand_closed=True, damage=damage)
 
 
