@@ -35,7 +35,7 @@ SIGMAS = 4.0
 """Of forty cells with five parts each one in a hundred pages says something that is chance."""
 LEAST_SHARE = 0.01
 """A difference of shares that nobody would walk over for."""
-STATES = ("faults", "misses", "one eye", "drifts", "dark", "silent", "well")
+STATES = ("faults", "misses", "one camera", "drifts", "dark", "silent", "well")
 """The first that holds is the cell's."""
 
 
@@ -272,8 +272,8 @@ def _one_eyed(cell: Json) -> list[tuple[str, str]]:
     eyes, count = cell["eyes"]
     if not count:
         return []
-    now = "both look again" if eyes == "both" else f"the {eyes} one looks alone"
-    return [("one eye", f"{count} looks with one eye; {now}")]
+    now = "both are in use again" if eyes == "both" else f"the {eyes} camera is in use alone"
+    return [("one camera", f"{count} looks with one camera; {now}")]
 
 
 def _turned(cell: Json) -> list[tuple[str, str]]:
@@ -282,7 +282,7 @@ def _turned(cell: Json) -> list[tuple[str, str]]:
         known = [turn for turn in cell["turn"][axis] if turn is not None]
         usual = cell["usual"][axis]
         if known and usual is not None and abs(known[-1] - usual) > NEAR * Watching().stop_deg:
-            told.append(("drifts", f"right eye: {axis} {known[-1] - usual:+.2f} degrees since it was calibrated"))
+            told.append(("drifts", f"{axis} of the right camera {known[-1] - usual:+.2f} degrees since calibration"))
     return told
 
 
@@ -290,7 +290,7 @@ def _dark(cell: Json) -> list[tuple[str, str]]:
     known = [light for light in cell["light"] if light is not None]
     limit = MEASURES["darkness"].limit
     if known and known[-1] < limit / NEAR:
-        return [("dark", f"brightest hundredth at {known[-1]:.0f} grey levels, {limit:.0f} is too dark")]
+        return [("dark", f"99th-percentile brightness {known[-1]:.0f} grey levels, limit {limit:.0f}")]
     return []
 
 

@@ -1,4 +1,4 @@
-"""The night on one time axis: each measure of a run with its limit, and whether it ever came near it. Pure.
+"""Measures of a run over time, each with its limit, and whether it came near it. Pure.
 
 A strip is calm, and stays closed on the page, until a value comes near its limit.
 """
@@ -20,18 +20,18 @@ from daemon.vision.health import MEASURES, Clue
 NEAR = 0.7
 """Of a limit: a value beyond this share of it is near."""
 TITLES = {
-    "darkness": "light: the brightest hundredth",
-    "saturation": "burnt out",
-    "covered": "contrast of the picture",
-    "focus": "width of the sharpest edges",
-    "motion": "blur by motion",
-    "half": "rows that repeat (half a frame)",
-    "torn": "tear between two moments",
-    "frozen": "pictures the same as before",
-    "doubled": "both eyes the same",
-    "swapped": "eyes swapped",
-    "knocked": "one eye above the other",
-    "epipolar": "corners off their epipolar lines",
+    "darkness": "brightness, 99th percentile",
+    "saturation": "overexposed pixels",
+    "covered": "image contrast",
+    "focus": "edge width (focus)",
+    "motion": "motion blur",
+    "half": "repeated rows (half a frame)",
+    "torn": "torn frame",
+    "frozen": "repeated frames",
+    "doubled": "both cameras the same image",
+    "swapped": "cameras swapped",
+    "knocked": "vertical disparity",
+    "epipolar": "epipolar error",
 }
 AXES = ("pitch", "roll", "vergence")
 
@@ -89,8 +89,8 @@ def _of_pick(run: Digest, zero: float, limits: Json) -> list[Strip]:
     off: list[float | None] = [r.get("error_mm") for r in moved]
     return [
         Strip("error at the grasp", "mm", limits.get("grasp_mm"), True, ended_s, predicted),
-        Strip("seconds a pick", "s", None, True, picked_s, {"": [c.seconds for c in picked]}),
-        Strip("arm off where it was sent", "mm", limits.get("arrival_mm"), True, _s(moved, zero), {"": off}),
+        Strip("cycle time", "s", None, True, picked_s, {"": [c.seconds for c in picked]}),
+        Strip("arrival error of the arm", "mm", limits.get("arrival_mm"), True, _s(moved, zero), {"": off}),
     ]
 
 
@@ -124,9 +124,7 @@ def _drift(run: Digest, zero: float) -> Strip:
         known = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
         watch, drift = observe(watch, Clue(np.array(turn), known, ""), settings)
         line.append(0.0 if drift is None else abs(drift.degrees))
-    return Strip(
-        "right eye turned against the left", "°", settings.stop_deg, True, _s(run.of("look"), zero), {"": line}
-    )
+    return Strip("stereo rotation drift", "°", settings.stop_deg, True, _s(run.of("look"), zero), {"": line})
 
 
 def number(value: Any) -> float | None:

@@ -23,9 +23,10 @@ MOST_CYCLES = 1000
 """So many are shown, the newest; figures and measures are of all."""
 Json = dict[str, Any]
 IN_STATE = {
-    "survey": "look from above", "second_view": "look from elsewhere", "choose": "choose a part", "stop_n": "go nearer",
-    "looking": "look", "estimating": "say where it is", "final": "reach for it", "closing": "close the hand",
-    "retreat": "lift it", "verify": "see that it is held", "place": "bring it away", "home": "go home",
+    "survey": "survey the table", "second_view": "look from another side", "choose": "choose a part",
+    "stop_n": "approach", "looking": "look", "estimating": "estimate the pose", "final": "move to the grasp",
+    "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "place": "place",
+    "home": "move home",
 }  # fmt: skip
 """What a pick does in its states, for people."""
 
@@ -161,9 +162,9 @@ def _move(record: Json) -> Json:
     elif kind == "moved":
         text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'))} mm off"
     elif kind == "hand":
-        text = "hand closes" if record.get("closed") else "hand opens"
+        text = "gripper closes" if record.get("closed") else "gripper opens"
     elif kind == "held_back":
-        text = f"the {record.get('what')} was held back as it was typed: nothing has left"
+        text = f"{record.get('what')} taken back before it was sent"
     else:
         text = f"refused: {record.get('rule')}: {record.get('text')}"
     return {"kind": kind, "text": text}
@@ -242,14 +243,14 @@ def events(digest: Digest) -> list[Json]:
 
 EVENTS = {
     "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
-    "held_back": "held back as it was typed",
+    "held_back": "taken back before it was sent",
 }  # fmt: skip
 
 
 def _event_text(record: Json) -> str:
     kind = record["kind"]
     if kind == "eyes":
-        return f"looking with {record.get('alone') or 'both'}: {record.get('why')}"
+        return f"cameras in use: {record.get('alone') or 'both'}: {record.get('why')}"
     if kind == "gained":
         return (
             f"look {record.get('look')} at {record.get('about')}: was {record.get('before')}; now {record.get('after')}"

@@ -143,13 +143,13 @@ def compared(before: Json, now: Json) -> list[Json]:
 
 
 PLAIN = (
-    ("picks an hour", "hourly", "", False),
-    ("a pick, median", "median_s", "s", True),
-    ("a pick, 95 %", "p95_s", "s", True),
-    ("looks a pick", "looks", "", True),
-    ("error predicted at the grasp", "grasp_mm", "mm", True),
+    ("picks per hour", "hourly", "", False),
+    ("cycle time, median", "median_s", "s", True),
+    ("cycle time, 95th percentile", "p95_s", "s", True),
+    ("looks per pick", "looks", "", True),
+    ("predicted error at the grasp", "grasp_mm", "mm", True),
     ("true error at the grasp", "true_mm", "mm", True),
-    ("parts without a name", "nameless", "", True),
+    ("unidentified parts", "nameless", "", True),
     ("interventions", "interventions", "", True),
 )
 """Name, key, unit, whether less is better."""

@@ -63,7 +63,7 @@ def main() -> None:
             best = min(spent)
             print(f"{best[0]:8.2f} {best[1]:12.2f}  {question.text} ({len(rows)} rows, first {rows[:1]})")
         wall, cpu = time.perf_counter(), time.process_time()
-        page = write_fleet_page(store, 7, Path(spare) / "hall.html")
+        page = write_fleet_page(store, 7, Path(spare) / "fleet.html")
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         found = opened_ms(page)
         print(f"a week: {page.stat().st_size / 1e3:.0f} kB, made in {wall:.1f} s ({cpu:.1f} s of processor), "

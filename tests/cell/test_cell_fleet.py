@@ -71,8 +71,8 @@ def test_four_are_collected_and_the_damaged_one_is_told_of(store: Store) -> None
 
 
 def test_the_page_of_the_hall_opens_and_a_cell_in_it(store: Store, browser: Any, tmp_path: Path) -> None:
-    assert ctl.main(["fleet", store.url, "--out", str(tmp_path / "hall.html")]) == 0
-    browser.get((tmp_path / "hall.html").as_uri())
+    assert ctl.main(["fleet", store.url, "--out", str(tmp_path / "fleet.html")]) == 0
+    browser.get((tmp_path / "fleet.html").as_uri())
     assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
     cards = browser.find_elements("css selector", "#cells .cell")
     assert len(cards) == 4

@@ -1,4 +1,4 @@
-// Shows all cells of a hall from the data in the page. Nothing is fetched.
+// Shows all cells of a fleet from the data in the page. Nothing is fetched.
 "use strict";
 (() => {
 const data = JSON.parse(by("data").textContent), cells = data.cells, days = data.days;
@@ -12,7 +12,7 @@ const thousands = (n) => n.toLocaleString("en").replaceAll(",", "\u202f");
 const kindOf = (c) => c.state.replaceAll(" ", "-");
 const lasts = (list) => [...list].reverse().find(known);
 
-by("verdict").textContent = ill.length ? `${well} of ${plural(cells.length, "cell")} are well, ${ill.length} ${ill.length === 1 ? "needs" : "need"} somebody` : cells.length === 1 ? "The one cell is well" : `All ${plural(cells.length, "cell")} are well`;
+by("verdict").textContent = ill.length ? `${ill.length} of ${plural(cells.length, "cell")} ${ill.length === 1 ? "needs" : "need"} attention` : cells.length === 1 ? "The one cell is in order" : `All ${plural(cells.length, "cell")} are in order`;
 by("verdict").className = ill.some((c) => c.state === "misses" || c.state === "faults") ? "bad" : ill.length ? "" : "good";
 by("summary").append(...[data.simulated ? el("b", { class: "tag" }, "simulated") : null, `${days[0]} to ${days[days.length - 1]} (UTC)`].filter(Boolean));
 by("ill").append(...ill.flatMap((c) => [el("button", { type: "button", onclick: () => open(c) }, c.name), el("span", { class: `state ${kindOf(c)}` }, c.state),
@@ -22,11 +22,11 @@ const tile = (name, value, under, kind) => el("div", { class: `tile ${kind || ""
 const count = (state) => cells.filter((c) => c.told.some(([kind]) => kind === state)).length;
 const bars = (name, entries) => el("div", { class: "tile list" }, el("span", {}, name), ...(entries.length ? entries : [el("b", {}, "nothing")]));
 by("tiles").append(
-  tile("picked", percent(all), `${thousands(all[0])} of ${thousands(all[1])}`), tile("cells that miss", count("misses"), "more than chance explains", count("misses") ? "bad" : ""),
-  tile("cameras that drift", count("drifts"), `by ${number(data.limits.near * data.limits.drift)}° and more`, count("drifts") ? "warn" : ""), tile("lamps that fade", count("dark"), `near ${number(data.limits.light)} grey levels`, count("dark") ? "warn" : ""),
+  tile("picked", percent(all), `${thousands(all[0])} of ${thousands(all[1])}`), tile("cells that miss parts", count("misses"), "significantly more than the others", count("misses") ? "bad" : ""),
+  tile("cameras that drift", count("drifts"), `by ${number(data.limits.near * data.limits.drift)}° and more`, count("drifts") ? "warn" : ""), tile("cells that are too dark", count("dark"), `near ${number(data.limits.light)} grey levels`, count("dark") ? "warn" : ""),
   tile("cells with faults", count("faults"), `${plural(sum(cells.map((c) => sum(Object.values(c.faults)))), "fault")} in all`, count("faults") ? "bad" : ""), tile("interventions by people", thousands(sum(cells.map((c) => c.interventions)))),
   bars("success by part", Object.entries(data.parts).map(([label, of]) => el("div", {}, el("i", { class: rate(of) < 99 ? "bad" : "good" }, percent(of)), ` ${label.replaceAll("_", " ")} `, el("small", {}, `${thousands(of[0])} of ${thousands(of[1])}`)))),
-  bars("stopped by", Object.entries(data.causes).slice(0, 6).map(([name, n]) => el("div", {}, el("i", { class: "bad" }, thousands(n)), ` ${name}`))));
+  bars("causes of stops", Object.entries(data.causes).slice(0, 6).map(([name, n]) => el("div", {}, el("i", { class: "bad" }, thousands(n)), ` ${name}`))));
 
 by("tiles").after(el("p", { class: "dim" }, data.definition));
 
@@ -45,13 +45,13 @@ function open(c) {
   const points = (list) => list.map((y, k) => [k, y, days[k]]);
   const own = (title, y, series, limit, fit) => chart(title, series.map(([name, list]) => ({ name, points: points(list) })), { x: "day", y, limit, fit, xs: at, xName: (k) => days[k].slice(5) });
   one.replaceChildren(el("h2", {}, `${c.name} `, el("span", { class: `state ${kindOf(c)}` }, c.state)),
-    ...(c.told.length ? c.told.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "Nothing that chance does not explain, and no measure near its limit.")]),
+    ...(c.told.length ? c.told.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "No significant difference to the other cells, and no measure near its limit.")]),
     el("dl", {}, ...[["picked", `${thousands(c.picked)} of ${thousands(c.tried)}, ${percent([c.picked, c.tried])}${c.before[1] ? `; ${percent(c.before)} in the four weeks before` : ""}`],
-      ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ["stopped by", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
-      ["faults", Object.entries(c.faults).map(([name, n]) => `${n} ${name}`).join(", ") || "none"], ["a look", known(c.ms) ? `${number(c.ms)} ms` : "–"], ["last run until", `${c.last.slice(0, 16).replace("T", " ")}, facetd ${c.release || "–"}`]].flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)])),
-    el("div", { class: "charts" }, ...[own("Success", "% of tried", [["", c.success.map(rate)]], null, [low, 100]), own("Right eye turned against its calibration", "degrees", Object.entries(c.turn)),
-      own("Light: the brightest hundredth", "grey levels", [["", c.light]], data.limits.light), own("Corners off their epipolar lines", "px", [["", c.epipolar]], data.limits.epipolar),
-      own("Error predicted at the grasp", "mm", [["", c.mm]]), own("A pick, median", "s", [["", c.seconds]])].filter(Boolean)));
+      ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ["causes of stops", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
+      ["faults", Object.entries(c.faults).map(([name, n]) => `${n} ${name}`).join(", ") || "none"], ["time of a look", known(c.ms) ? `${number(c.ms)} ms` : "–"], ["last run until", `${c.last.slice(0, 16).replace("T", " ")}, facetd ${c.release || "–"}`]].flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)])),
+    el("div", { class: "charts" }, ...[own("Success", "% of tried", [["", c.success.map(rate)]], null, [low, 100]), own("Stereo rotation against the calibration", "degrees", Object.entries(c.turn)),
+      own("Brightness, 99th percentile", "grey levels", [["", c.light]], data.limits.light), own("Epipolar error", "px", [["", c.epipolar]], data.limits.epipolar),
+      own("Predicted error at the grasp", "mm", [["", c.mm]]), own("Cycle time, median", "s", [["", c.seconds]])].filter(Boolean)));
   one.hidden = false;
   document.querySelectorAll("#cells .cell").forEach((card) => card.setAttribute("aria-pressed", String(card.dataset.cell === c.name)));
   history.replaceState(null, "", `#${encodeURIComponent(c.name)}`);  // a cell's own address, to be sent to somebody
@@ -83,10 +83,10 @@ function trend(title, y, kinds, of, limit, fit) {
 const turned = (c) => days.map((_, k) => { const off = Object.entries(c.turn).map(([axis, list]) => (known(list[k]) ? Math.abs(list[k] - (c.usual[axis] || 0)) : null)).filter(known); return off.length ? Math.max(...off) : null; });
 by("trends").append(...[
   trend("Success", "% of tried", ["misses", "faults"], (c) => c.success.map(rate), null, [low, 100]),
-  trend("Right eye turned since it was calibrated", "degrees", ["drifts"], turned, data.limits.drift),
-  trend("Light: the brightest hundredth", "grey levels", ["dark"], (c) => c.light, data.limits.light),
-  trend("Corners off their epipolar lines", "px", ["drifts"], (c) => c.epipolar, data.limits.epipolar),
-  trend("Error predicted at the grasp", "mm", ["misses"], (c) => c.mm), trend("A pick, median", "s", ["misses"], (c) => c.seconds),
+  trend("Stereo rotation drift since calibration", "degrees", ["drifts"], turned, data.limits.drift),
+  trend("Brightness, 99th percentile", "grey levels", ["dark"], (c) => c.light, data.limits.light),
+  trend("Epipolar error", "px", ["drifts"], (c) => c.epipolar, data.limits.epipolar),
+  trend("Predicted error at the grasp", "mm", ["misses"], (c) => c.mm), trend("Cycle time, median", "s", ["misses"], (c) => c.seconds),
 ].filter(Boolean));
 
 by("models").tHead.append(el("tr", {}, ...["model", "since", "cells", "picked", "of tried", "error mm"].map((name) => el("th", {}, name))));
@@ -96,7 +96,7 @@ by("causes").tBodies[0].append(...Object.entries(data.causes).map(([name, n]) =>
   const most = cells.filter((c) => c.causes[name]).sort((a, b) => b.causes[name] - a.causes[name]).slice(0, 4);
   return el("tr", {}, el("td", { class: "remedy" }, name, el("br"), el("small", {}, data.remedies[name])), el("td", {}, thousands(n)), el("td", { class: "k-cause" }, ...most.flatMap((c, k) => [k ? ", " : "", el("b", {}, c.name), ` ${c.causes[name]}`])));
 }));
-if (!Object.keys(data.causes).length) by("causes").replaceWith("Nothing was missed.");
+if (!Object.keys(data.causes).length) by("causes").replaceWith("No pick failed.");
 const asked = cells.find((c) => c.name === decodeURIComponent(window.location.hash.slice(1)));
 if (asked) open(asked);
 document.documentElement.dataset.ready = "yes";

@@ -13,7 +13,7 @@ const worst = data.strips.filter((s) => s.near === 2).map((s) => s.name);
 by("verdict").append(...[
   done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried", notTried(done),
   stoppedBy(stops),
-  worst.length ? `. Beyond its limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
+  worst.length ? `. Beyond the limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
 by("verdict").className = failed || worst.length ? "bad" : "good";
 const cell = data.cell;
 const simulated_ = (c) => (known(c.times_life) && c.times_life !== 1 ? `simulated, ${atPace(c.times_life)}` : "simulated");
@@ -40,12 +40,12 @@ const partOf = (p, label) => (p.parts[label] ? share(p.parts[label]) : "–");
 by("tiles").append(
   tile("picked of tried", `${done.picked} of ${done.tried}`, [done.released ? `${done.released} released, not confirmed` : null, done.uncounted ? `${done.uncounted} more likely in the bin` : null,
     done.aborted ? `${done.aborted} ended by a person` : null, done.interrupted ? `${done.interrupted} interrupted` : null, beside((p) => share([p.picked, p.tried]))].filter(Boolean).join(" · "), failed ? "bad" : done.uncounted || done.released ? "warn" : "", data.definition),
-  tile("picks an hour", number(done.hourly), paceOf(done) || beside((p) => number(p.hourly))),
-  tile("a pick, median", duration(done.median_s), paceOf(done) || [`95 %: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
+  tile("picks per hour", number(done.hourly), paceOf(done) || beside((p) => number(p.hourly))),
+  tile("cycle time, median", duration(done.median_s), paceOf(done) || [`95th percentile: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
   tile("interventions by people", done.interventions, beside((p) => `${p.interventions}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.interventions ? "warn" : ""),
-  tile("without a name", done.nameless, beside((p) => `${p.nameless}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.nameless ? "warn" : ""),
+  tile("unidentified parts", done.nameless, beside((p) => `${p.nameless}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.nameless ? "warn" : ""),
   tile("error at the grasp", known(done.grasp_mm) ? `${number(done.grasp_mm)} mm` : "–",
-    [`predicted, median`, known(done.true_mm) ? `true ${number(done.true_mm)} mm` : null].filter(Boolean).join(" · ")),
+    ["predicted, median", known(done.true_mm) ? `true ${number(done.true_mm)} mm` : null].filter(Boolean).join(" · ")),
   el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, [n, of]]) =>
     el("div", {}, el("i", { class: n < of ? "bad" : "good" }, `${n} of ${of}`), ` ${label} `, el("small", {}, beside((p) => partOf(p, label))))),
   Object.keys(done.parts).length ? null : el("b", {}, "–")),
@@ -64,7 +64,7 @@ if (data.against) {
       el("tbody", {}, ...data.against.rows.map((row) => el("tr", { class: row.matters }, el("td", {}, row.name),
         el("td", { class: "num" }, shown(row, row.before)), el("td", { class: "num" }, shown(row, row.now)), el("td", { class: "num delta" }, sign(row)),
         el("td", { class: "mark" }, row.matters ? (row.matters === "worse" ? "▼ worse" : "▲ better") : ""))))),
-    el("p", { class: "dim" }, "Marked where a share differs by more than twice what chance would, or a time or an error by more than a tenth."),
+    el("p", { class: "dim" }, "Marked: a share that differs by more than two standard errors, or a time or error that differs by more than 10 %."),
     ...data.against.differences.filter((d) => !d.same && (d.before || d.after)).map((d) => el("details", { open: d.lines.length < 30 },
       el("summary", {}, `${d.name}: ${d.before || "–"} → ${d.after || "–"}`), d.lines.length ? el("pre", {}, d.lines.join("\n")) : null)));
 }
@@ -112,7 +112,7 @@ function stripRow(strip) {
 const strips = [...data.strips].sort((a, b) => b.near - a.near).map(stripRow);
 by("strips").append(row("cycles", bars), data.events.length ? row("faults, changes", marks) : "", ...strips, row("", el("div", { class: "ends" }, ...ends)), cursor);
 const calm = data.strips.filter((s) => s.near === 0 && known(s.limit)).length;
-by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "Nothing came near its limit. " : ""}A calm measure is a line; its name opens it. A bar is a cycle; it opens with its pictures.`));
+by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it. Click a bar to open the cycle with its images.`));
 const atPointer = (e) => {                            // what was there at the moment under the pointer
   const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
   if (part < 0 || part > 1) { cursor.hidden = true; return; }
@@ -140,7 +140,7 @@ function nearest(sorted, s) {
 // ---- table
 const simulated = data.cycles.some((c) => known(c.true_mm));
 const oneEyed = data.cycles.some((c) => c.eyes && c.eyes !== "both");
-const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ...(oneEyed ? [["eyes", "eyes"]] : []), ["s", "time"], ["mm", "predicted mm"],
+const columns = [["n", "cycle"], ["t", "at"], ["label", "part"], ["outcome", "outcome"], ["looks", "looks"], ...(oneEyed ? [["eyes", "cameras"]] : []), ["s", "time"], ["mm", "predicted mm"],
   ...(simulated ? [["true_mm", "true mm"]] : []), ["cause", "why"]];
 const NUMBERS = ["n", "looks", "s", "mm", "true_mm"];
 let order = "n", ascending = true, wanted = "all", opened = null;
@@ -195,7 +195,7 @@ function open(number_) {
   place.hidden = false;
   place.replaceChildren(...[
     el("h2", {}, `Cycle ${cycle.n}: ${cycle.label || "no part"} `, el("span", { class: `o ${cycle.outcome.replace(" ", "-")}` }, cycle.outcome)),
-    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.eyes && cycle.eyes !== "both" ? ` (eyes: ${cycle.eyes})` : ""}. ${cycle.why || ""}`),
+    el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.eyes && cycle.eyes !== "both" ? ` (cameras: ${cycle.eyes})` : ""}. ${cycle.why || ""}`),
     ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
     el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
       el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,
@@ -221,20 +221,20 @@ function lookView(stop) {
   const add = (name, value) => { if (known(value) && value !== "") info.append(el("dt", {}, name), el("dd", {}, value)); };
   if (stop.estimate) {
     add("estimate", `${stop.estimate.label} at ${stop.estimate.at.map((x) => number(x)).join(", ")} mm, ±${number(stop.estimate.mm)} mm ±${number(stop.estimate.deg)}° at the grasp`);
-    add("agreement", `chi-square ${number(stop.estimate.chi2)} with the looks before (22.5 is the most)`);
+    add("agreement", `chi-square ${number(stop.estimate.chi2)} against the looks before (limit 22.5)`);
   }
   for (const p of stop.parts) {
-    add(p.label, [known(p.conf) ? `confidence ${share([p.conf, 1])}` : null, known(p.ratio) ? `match ratio ${number(p.ratio)}` : null, p.runner ? `next likest ${p.runner}` : null,
-      known(p.res) ? `off its model by ${number(p.res)} mm` : null, p.why].filter(Boolean).join(", "));
+    add(p.label, [known(p.conf) ? `confidence ${share([p.conf, 1])}` : null, known(p.ratio) ? `match ratio ${number(p.ratio)}` : null, p.runner ? `runner-up ${p.runner}` : null,
+      known(p.res) ? `residual ${number(p.res)} mm` : null, p.why].filter(Boolean).join(", "));
   }
-  for (const g of stop.guesses) add("nearest", `${g.label}: ${Math.round(100 * g.share)} % of its edges show (drawn through), the others do not (dashed)`);
+  for (const g of stop.guesses) add("nearest", `${g.label}: ${Math.round(100 * g.share)} % of its edges show (solid lines); the others do not (dashed)`);
   const findings = Object.values(stop.health.findings || {});
   for (const f of findings) add("picture", typeof f === "string" ? f : f.advice || f.text);
   const measures = Object.entries(stop.health).filter(([, v]) => typeof v === "number").map(([k, v]) => `${k.replaceAll("_", " ")} ${number(v)}`).join(", ");
   return el("div", {}, eyes(stop, (eye) => pictures[`${stop.seq}-${eye}`]), info,
     stop.moves.length ? el("div", {}, el("h3", {}, "What followed"), el("ul", {}, ...stop.moves.map((m) => el("li", { class: m.kind === "refusal" ? "warn" : null }, m.text)))) : null,
     stop.notes.length ? el("details", {}, el("summary", {}, plural(stop.notes.length, "note")), el("ul", {}, ...stop.notes.map((n) => el("li", {}, n)))) : null,
-    stop.rejected.length ? el("details", {}, el("summary", {}, `${plural(stop.rejected.length, "outline")} refused`),
+    stop.rejected.length ? el("details", {}, el("summary", {}, `${plural(stop.rejected.length, "rejected outline")}`),
       el("ul", {}, ...stop.rejected.map((r) => el("li", {}, `${r.eye}: ${r.why}`)))) : null,
     el("details", {}, el("summary", {}, "measures and times"), el("p", { class: "dim" }, measures), el("p", { class: "dim" }, Object.entries(stop.seconds).map(([k, v]) => `${k.replaceAll("_", " ")} ${Math.round(1000 * v)} ms`).join(", "))));
 }
@@ -246,7 +246,7 @@ by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e)
 const inAll = (parts) => {
   const count = {};
   for (const p of parts) count[p.label] = (count[p.label] || 0) + 1;
-  const named = ([label, n]) => (label !== "unknown" ? (n > 1 ? `${n} × ${label}` : label) : n > 1 ? `${n} parts without a name` : "a part without a name");
+  const named = ([label, n]) => (label !== "unknown" ? (n > 1 ? `${n} × ${label}` : label) : n > 1 ? `${n} unidentified parts` : "an unidentified part");
   return Object.entries(count).map(named).join(", ") || "nothing seen";
 };
 by("other-list").append(...data.outside.map((stop) => {
@@ -266,10 +266,10 @@ by("plot-list").append(...[
     { name: "median", points: atLook.map((v, i) => [i + 1, quantile(v, 0.5), `of ${v.length} picks`]) },
     { name: "95 %", points: atLook.map((v, i) => [i + 1, quantile(v, 0.95), `of ${v.length} picks`]) },
   ], { x: "look at the part", y: "mm", limit, xs: atLook.map((_, i) => i + 1) }),
-  Object.keys(data.states).length ? el("figure", { class: "chart" }, el("figcaption", {}, "Where the time of a pick goes: median seconds in each state"),
+  Object.keys(data.states).length ? el("figure", { class: "chart" }, el("figcaption", {}, "Median time in each state of a pick"),
     el("div", { class: "states" }, ...Object.entries(data.states).filter(([, s]) => s > 0).map(([name, s]) => el("div", {}, el("span", {}, name.replaceAll("_", " ")),
       el("i", { style: `width:${60 * s / Math.max(...Object.values(data.states))}%` }), el("b", {}, duration(s)))))) : null,
 ].filter(Boolean));
-if (!by("plot-list").children.length) by("plot-list").append(el("p", { class: "dim" }, "nothing was approached"));
+if (!by("plot-list").children.length) by("plot-list").append(el("p", { class: "dim" }, "No part was approached."));
 document.documentElement.dataset.ready = "yes";
 })();

@@ -19,6 +19,10 @@ const svg = (tag, attributes = {}, text = null) => {
 };
 const known = (value) => value !== null && value !== undefined;
 
+// ---- types of facets in the words of geometry
+const POLYGONS = { 3: "triangle", 4: "quadrilateral", 5: "pentagon", 6: "hexagon", 7: "heptagon", 8: "octagon", 9: "nonagon", 10: "decagon", 12: "dodecagon" };
+const facetName = (type) => { const sides = /^polygon(\d+)$/.exec(type || ""); return sides ? POLYGONS[sides[1]] || `${sides[1]}-sided polygon` : (type || "").replaceAll("_", " "); };
+
 // ---- numbers: as many digits as mean something
 const number = (value) => {
   if (!known(value)) return "–";
@@ -43,8 +47,8 @@ const atPace = (pace) => (pace === 1 ? "real time" : `${number(pace)} times real
 const paceOf = (p) => (p.paces.some((pace) => pace !== 1) ? (known(p.median_s) ? "runs in real time only" : `simulated at ${p.paces.map(atPace).join(", ")}: no cycle times`) : null);
 
 // ---- what stopped it, how often, and what to do about it
-const stoppedBy = (stops) => (stops.length ? `. Stopped by: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
-const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "stopped by"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "nothing")]));
+const stoppedBy = (stops) => (stops.length ? `. Causes of stops: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
+const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "causes of stops"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "none")]));
 
 // ---- times: the cell's own, UTC under the pointer
 const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
@@ -73,8 +77,8 @@ function large(look, source) {
 }
 function eyeView(look, eye, key, source) {
   const box = el("div", { class: "eye" });
-  if (!source) { box.append(el("div", { class: "none" }, `${eye}: the picture is not in this page`)); return box; }
-  const image = el("img", { src: source, alt: `${eye} eye` });
+  if (!source) { box.append(el("div", { class: "none" }, `${eye}: the image is not in this page`)); return box; }
+  const image = el("img", { src: source, alt: `${eye} camera` });
   const layer = svg("svg");
   image.addEventListener("load", () => layer.setAttribute("viewBox", `-0.5 -0.5 ${image.naturalWidth} ${image.naturalHeight}`));
   const outline = (points, name) => layer.append(svg("polygon", { points: points.map((p) => p.join(",")).join(" "), class: name }));
@@ -86,7 +90,7 @@ function eyeView(look, eye, key, source) {
       if (!f[key].length) continue;
       outline(f[key], p.label === "unknown" ? "unknown" : "facet");
       const [x, y] = middle(f[key]);
-      layer.append(svg("text", { x, y, class: "type", "text-anchor": "middle" }, (f.type || "").replaceAll("_", " ")));
+      layer.append(svg("text", { x, y, class: "type", "text-anchor": "middle" }, facetName(f.type)));
       all.push(...f[key]);
     }
     if (all.length) layer.append(svg("text", { x: Math.min(...all.map((q) => q[0])), y: Math.min(...all.map((q) => q[1])) - 6 }, p.label));
@@ -118,6 +122,7 @@ function curve(points, [x0, x1], [y0, y1], width, height, gap = Infinity) {
     dots: sorted.length <= 60 ? sorted.map(([x, [, high]]) => [x, py(high)]) : [], px, py };
 }
 // A chart with axes, units and its limit. series: [{name, points, colour, dotless}]; options: x, y titles, limit, on(point index)
+const COLOURS = 6;
 function chart(title, series, options) {
   const width = 460, height = 190, box = el("figure", { class: "chart" }, el("figcaption", {}, title));
   const every = series.flatMap((s) => s.points).filter((p) => known(p[1]));
@@ -142,13 +147,13 @@ function chart(title, series, options) {
   if (known(options.limit)) layer.append(svg("line", { x1: 0, x2: width, y1: scale.py(options.limit), y2: scale.py(options.limit), class: "limit" }),
     svg("text", { x: width, y: scale.py(options.limit) - 4, "text-anchor": "end", class: "limit" }, `limit ${number(options.limit)}`));
   series.forEach((s, k) => {
-    const { path } = curve(s.points, span, [low, top], width, height), name = `line c${s.colour ?? k}`;
+    const { path } = curve(s.points, span, [low, top], width, height), name = `line c${s.colour ?? k % COLOURS}`;
     if (!s.dotsOnly) layer.append(svg("path", { d: path, class: name }));
     const count = s.points.filter((p) => known(p[1])).length;
     if ((s.dotless && count > 1) || count > 200) return;
     s.points.forEach((p, i) => {
       if (!known(p[1])) return;
-      const dot = svg("circle", { cx: scale.px(p[0]), cy: scale.py(p[1]), r: options.on ? 4 : 2.5, class: `dot c${s.colour ?? k}` });
+      const dot = svg("circle", { cx: scale.px(p[0]), cy: scale.py(p[1]), r: options.on ? 4 : 2.5, class: `dot c${s.colour ?? k % COLOURS}` });
       dot.append(svg("title", {}, `${s.name ? `${s.name}: ` : ""}${number(p[1])} ${options.y}${p[2] ? `, ${p[2]}` : ""}`));
       if (options.on) { dot.classList.add("leads"); dot.addEventListener("click", () => options.on(i)); }
       layer.append(dot);
@@ -156,7 +161,7 @@ function chart(title, series, options) {
   });
   box.append(layer);
   const named = series.filter((s) => s.name && s.legend !== false);
-  if (named.length > 1) box.append(el("div", { class: "legend" }, ...named.map((s) => el("span", { class: `c${s.colour ?? series.indexOf(s)}` }, s.name))));
+  if (named.length > 1) box.append(el("div", { class: "legend" }, ...named.map((s) => el("span", { class: `c${s.colour ?? series.indexOf(s) % COLOURS}` }, s.name))));
   return box;
 }
 function ticks(low, high, whole = false) {

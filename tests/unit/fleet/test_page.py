@@ -1,4 +1,4 @@
-"""What the hall's page says of each cell, and that it opens."""
+"""What the fleet's page says of each cell, and that it opens."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) ->
     assert named(data, made_year.WORSE)["state"] == "misses"
     assert named(data, made_year.SILENT)["state"] == "silent"
     assert [text for kind, text in named(data, 6)["told"] if kind == "drifts"] == [
-        f"right eye: pitch {named(data, 6)['turn']['pitch'][-1] - named(data, 6)['usual']['pitch']:+.2f} degrees "
-        "since it was calibrated"
+        f"pitch of the right camera {named(data, 6)['turn']['pitch'][-1] - named(data, 6)['usual']['pitch']:+.2f} degrees "
+        "since calibration"
     ]
     assert named(data, 4)["state"] == "dark"
 
@@ -84,7 +84,9 @@ def test_counts_of_the_page_are_those_of_the_days_it_shows(data: Any) -> None:
     assert named(data, made_year.SILENT)["tried"] == 4 * 40
 
 
-@pytest.mark.parametrize(("back", "told"), [(False, "the left one looks alone"), (True, "both look again")])
+@pytest.mark.parametrize(
+    ("back", "told"), [(False, "the left camera is in use alone"), (True, "both are in use again")]
+)
 def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, told: str) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
     made.pick()
@@ -100,7 +102,7 @@ def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, 
     rows["looks"] = looks.set_column(at, looks.schema.field(at), at_once)
     add_rows(store, "north", [rows])
     (north,) = fleet_data(store, 7)["cells"]
-    assert (north["state"], north["told"]) == ("one eye", [["one eye", f"3 looks with one eye; {told}"]])
+    assert (north["state"], north["told"]) == ("one camera", [["one camera", f"3 looks with one camera; {told}"]])
 
 
 def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
@@ -125,7 +127,7 @@ def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:
 
 
 def test_the_page_opens_and_a_cell_in_it(store: Store, browser: Any, tmp_path: Path) -> None:
-    browser.get(write_fleet_page(store, 7, tmp_path / "hall.html").as_uri())
+    browser.get(write_fleet_page(store, 7, tmp_path / "fleet.html").as_uri())
     assert browser.execute_script("return document.documentElement.dataset.ready") == "yes"
     assert len(browser.find_elements("css selector", "#cells .cell")) == CELLS
     browser.find_element("css selector", "#ill button").click()
@@ -141,8 +143,8 @@ def test_where_nothing_was_missed_no_empty_table_stands(browser: Any, tmp_path: 
     made.close()
     store = open_store(str(tmp_path / "store"))
     add_rows(store, "calm", [rows_of(read_digest(made.folder))])
-    browser.get(write_fleet_page(store, 7, tmp_path / "hall.html").as_uri())
-    assert "Nothing was missed." in browser.find_element("css selector", "body").text
+    browser.get(write_fleet_page(store, 7, tmp_path / "fleet.html").as_uri())
+    assert "No pick failed." in browser.find_element("css selector", "body").text
     assert browser.find_elements("id", "causes") == []
     assert browser.get_log("browser") == []
 

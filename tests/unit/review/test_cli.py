@@ -47,7 +47,7 @@ def test_a_week_of_runs_is_one_page_and_each_point_leads_to_its_run(tmp_path: Pa
         made.close()
     assert ctl.main(["review", "--week", "--runs", str(runs)]) == 0
     browser.get((runs / "week.html").as_uri())
-    assert browser.find_element("id", "verdict").text == "5 of 6 picked in 3 runs. Stopped by: part slipped."
+    assert browser.find_element("id", "verdict").text == "5 of 6 picked in 3 runs. Causes of stops: part slipped."
     assert "Success by part" in browser.find_element("id", "trends").text
     browser.find_elements("css selector", "#trends svg circle.leads")[1].click()
     assert browser.find_element("id", "verdict").text.startswith("1 of 2 picked")

@@ -67,7 +67,7 @@ def test_what_was_held_back_as_it_was_typed_is_shown_so_and_was_not_carried_out(
     (cycle,) = read_digest(made.folder).cycles
     assert [r.get("purpose", r["kind"]) for r in carried_out(cycle.records)] == ["hand", "home"]
     shown = [move["text"] for move in stop_json(cycle.stops[0])["moves"]]
-    assert shown[1] == "the move was held back as it was typed: nothing has left"
+    assert shown[1] == "move taken back before it was sent"
 
 
 def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_changed(made: MadeRun) -> None:
@@ -79,7 +79,7 @@ def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_chan
     assert [c.eyes for c in run.cycles] == ["both", "left"]
     data = page_data(run)
     assert [c["eyes"] for c in data["cycles"]] == ["both", "left"]
-    assert "looking with left: right eye: frozen" in [e["text"] for e in data["events"]]
+    assert "cameras in use: left: right eye: frozen" in [e["text"] for e in data["events"]]
 
 
 def test_each_pick_has_the_model_and_the_calibration_it_was_made_with(made: MadeRun, tmp_path: Path) -> None:

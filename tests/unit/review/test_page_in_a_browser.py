@@ -77,9 +77,9 @@ def test_what_came_near_its_limit_is_open_and_what_was_calm_is_not(browser: Any,
     made.look("look", focus_left=0.4, motion_left=5.9)
     open_page(browser, write_page(made.close(), tmp_path / "page.html"))
     strips = {s.text.splitlines()[0]: s for s in browser.find_elements("css selector", ".strip")}
-    assert "open" in strips["blur by motion"].get_attribute("class")
-    assert strips["blur by motion"].find_elements("css selector", "line.limit")
-    calm = strips["width of the sharpest edges"]
+    assert "open" in strips["motion blur"].get_attribute("class")
+    assert strips["motion blur"].find_elements("css selector", "line.limit")
+    calm = strips["edge width (focus)"]
     assert not calm.find_elements("css selector", "line.limit")
     calm.find_element("css selector", ".name").click()
     assert calm.find_elements("css selector", "line.limit")
@@ -113,7 +113,7 @@ def test_the_cycle_under_the_pointer_is_marked_in_the_table_and_told_with_its_va
 def test_charts_have_units_and_names(browser: Any, page: Path) -> None:
     open_page(browser, page)
     told = browser.find_element("id", "plots").text
-    for words in ("Predicted error at the grasp, look by look", "mm", "look at the part", "median", "look from above"):
+    for words in ("Predicted error at the grasp, look by look", "mm", "look at the part", "median", "survey the table"):
         assert words in told
 
 
@@ -137,7 +137,7 @@ def test_a_look_that_saw_three_parts_without_a_name_says_so_once(browser: Any, t
     made = MadeRun(tmp_path / "20260102T030405Z")
     made.look("find it", *(part(label) for label in ("unknown", "unknown", "cube", "unknown")))
     open_page(browser, write_page(made.close(), tmp_path / "page.html"))
-    assert "find it: 3 parts without a name, cube" in browser.find_element("id", "other-list").text
+    assert "find it: 3 unidentified parts, cube" in browser.find_element("id", "other-list").text
 
 
 def test_a_phone_needs_no_sideways_scrolling(browser: Any, page: Path) -> None:

@@ -118,7 +118,7 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
     assert approach["guesses"] == [{"label": "prism", "share": 0.33, "l": shown, "r": []}]
     assert approach["estimate"] == {"label": "cube", "mm": 0.78, "deg": 0.22, "chi2": 1.3, "at": [10.0, 20, 30]}
     assert approach["moves"] == [
-        {"kind": "hand", "text": "hand closes"},
+        {"kind": "hand", "text": "gripper closes"},
         {"kind": "move", "text": "joint to bin [] at 50 %, not sent (dry)"},
         {"kind": "refusal", "text": "refused: table: too low"},
     ]
@@ -131,7 +131,7 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
 
 def test_a_hand_that_opens_is_not_one_that_closes() -> None:
     found = digest("x", [line("cycle_start", 0, seq=0), look(1, "survey", seq=1), line("hand", 2, closed=False, seq=2)])
-    assert stop_json(found.cycles[0].stops[0])["moves"] == [{"kind": "hand", "text": "hand opens"}]
+    assert stop_json(found.cycles[0].stops[0])["moves"] == [{"kind": "hand", "text": "gripper opens"}]
 
 
 def test_a_look_of_which_nothing_was_kept_is_shown_all_the_same() -> None:
@@ -194,11 +194,11 @@ def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
         (9.0, "clock", None, "the machine's clock jumped by -60.0 s", state),
         (11.0, "fault", 8, "fault: link: no answer", state),
         (12.0, "gap", 8, "records are missing: full", state),
-        (12.5, "eyes", 8, "looking with left: right eye: frozen", state),
+        (12.5, "eyes", 8, "cameras in use: left: right eye: frozen", state),
         (13.0, "run_end", 8, "the run ended: stopped", state),
     ]
     none = [line("model", 0, action="start", version=None, seq=0), line("eyes", 1, alone=None, why="mended", seq=1)]
-    assert [e["text"] for e in events(digest("x", none))] == ["no model in use", "looking with both: mended"]
+    assert [e["text"] for e in events(digest("x", none))] == ["no model in use", "cameras in use: both: mended"]
     assert [e["after"] for e in events(digest("x", none))] == [None, None]
 
 
@@ -288,5 +288,5 @@ def test_after_a_calibration_the_eyes_usual_place_is_another(made: MadeRun) -> N
     looks(25, 0.0)
     made.write("run_start", reloaded=True, calibration="kept/33333333aa.yaml")
     looks(25, 0.3)
-    strip = next(one for one in strips(read_digest(made.close())) if one["name"].startswith("right eye"))
+    strip = next(one for one in strips(read_digest(made.close())) if one["name"].startswith("stereo rotation"))
     assert (strip["worst"], len(strip["s"])) == (0.0, 50)

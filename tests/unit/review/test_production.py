@@ -136,7 +136,7 @@ def test_a_difference_matters_where_chance_would_not_make_it() -> None:
     assert [row["matters"] for row in some] == [None] * len(some)
     many = {row["name"]: row for row in compared(before, {**before, "picked": 80, "median_s": 8.0})}
     assert (many["picked of tried"]["matters"], many["picked of tried"]["delta"]) == ("worse", pytest.approx(-15))
-    assert many["a pick, median"]["matters"] == "better"
+    assert many["cycle time, median"]["matters"] == "better"
 
 
 def test_a_strip_is_calm_near_or_beyond_its_limit(tmp_path: Path) -> None:
@@ -144,5 +144,5 @@ def test_a_strip_is_calm_near_or_beyond_its_limit(tmp_path: Path) -> None:
         made = MadeRun(tmp_path / f"2026010{near + 1}T000000Z", pictures=False)
         made.look("look", focus_left=0.4)
         made.look("look", focus_left=value)
-        (strip,) = [s for s in strips(read_digest(made.close())) if s["name"] == "width of the sharpest edges"]
+        (strip,) = [s for s in strips(read_digest(made.close())) if s["name"] == "edge width (focus)"]
         assert (strip["near"], strip["worst"], strip["limit"]) == (near, value, 1.5)
