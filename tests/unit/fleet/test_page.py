@@ -59,9 +59,9 @@ def test_each_cell_that_suffers_is_told_of_by_what_it_suffers_from(data: Any) ->
     assert list(data["remedies"]) == list(data["causes"])
     assert named(data, made_year.WORSE)["state"] == "misses"
     assert named(data, made_year.SILENT)["state"] == "silent"
+    turned = named(data, 6)["turn"]["pitch"][-1] - named(data, 6)["usual"]["pitch"]
     assert [text for kind, text in named(data, 6)["told"] if kind == "drifts"] == [
-        f"pitch of the right camera {named(data, 6)['turn']['pitch'][-1] - named(data, 6)['usual']['pitch']:+.2f} degrees "
-        "since calibration"
+        f"pitch of the right camera {turned:+.2f} degrees since calibration"
     ]
     assert named(data, 4)["state"] == "dark"
 
