@@ -19,7 +19,7 @@ from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import SAID, Interruption, Let, RefusedError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import HeldBackError, Workcell
-from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
+from daemon.events.codes import BY_OPERATOR, FaultCause, cause_of
 
 T = TypeVar("T")
 AT_REST_S = 2.0
@@ -46,7 +46,7 @@ class Supervisor:
         cell.robot.held = self._held_back
         self.fault: str | None = None
         self.fault_cause = BY_OPERATOR
-        """What the last fault was caused by."""
+        """What the last stop was caused by; an alarm that it was not confirmed has the same cause."""
         """What stands until resume."""
         self._let, self._let_by = Let.NOTHING, 0
         """What an operator let, and the stop that had been seen to work then."""
@@ -301,6 +301,7 @@ class Supervisor:
         """The arm first, then the report. fault: what stands from now on, if anything. Gives what `stop` does."""
         if fault is not None and not self._stopping.alarm:
             self.latch(_on_top_of(self.fault, fault))
+        if not self._stopping.alarm:
             self.fault_cause = cause
         if not self._stop_as_then:
             self._let = Let.NOTHING
@@ -346,7 +347,7 @@ class Supervisor:
         else:
             self._alarmed_in = self._openings
             self.latch(text)
-            self._report(Interruption.ERROR, text, FaultCause(CauseCode.STOP_UNCONFIRMED))
+            self._report(Interruption.ERROR, text, self.fault_cause)
 
     def _report(self, event: Interruption, fault: str | None, cause: FaultCause) -> None:
         if fault is not None and fault not in self._told:

@@ -69,7 +69,6 @@ class CauseCode(StrEnum):
     MOVED_BY_OTHERS = "moved_by_others"
     RESTARTED = "restarted"
     COMPUTER_SLEPT = "computer_slept"
-    STOP_UNCONFIRMED = "stop_unconfirmed"
     UNMATCHED_OUTLINES = "unmatched_outlines"
     NOT_KNOWN = "not_known"
 
@@ -252,11 +251,6 @@ CATALOGUE: Mapping[CauseCode, CatalogueEntry] = {
     ),
     CauseCode.COMPUTER_SLEPT: CatalogueEntry(
         "computer slept", "computer", "keep the computer from sleeping or standing still; then `resume`"
-    ),
-    CauseCode.STOP_UNCONFIRMED: CatalogueEntry(
-        "stop not confirmed",
-        "arm",
-        "press the emergency stop; see that the arm is at rest and the line in order, then `resume`",
     ),
     CauseCode.UNMATCHED_OUTLINES: CatalogueEntry(
         "outlines without a facet",

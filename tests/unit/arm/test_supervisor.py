@@ -1166,14 +1166,14 @@ def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
 
 
 @pytest.mark.parametrize(
-    ("act", "why"),
+    ("act", "why", "code"),
     [
-        (lambda s: s.abort(), "aborted by the operator"),
-        (lambda s: s.stop("by hand"), "stopped by hand"),
-        (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair"),
+        (lambda s: s.abort(), "aborted by the operator", "operator_stop"),
+        (lambda s: s.stop("by hand"), "stopped by hand", "operator_stop"),
+        (lambda s: s.fail("cameras", "no pair", CAMERAS), "cameras: no pair", "camera_lost"),
     ],
 )
-def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why):
+def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, code):
     world, supervisor, _ = supervised()
     failing_aborts(world, StopRefusedError("no such word"), 1)
 
@@ -1183,6 +1183,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why):
 
     asyncio.run(story())
     assert supervisor.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
+    assert {fault["code"] for fault in world.said("fault")} == {code}
 
 
 def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
