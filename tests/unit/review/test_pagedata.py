@@ -202,6 +202,16 @@ def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
     assert [e["after"] for e in events(digest("x", none))] == [None, None]
 
 
+def test_a_fault_is_told_by_its_cause_and_a_persons_stop_is_no_fault() -> None:
+    found = [
+        line("fault", 0, code="camera_lost", text="CameraError: left camera is gone", seq=0),
+        line("fault", 1, code="operator_stop", text="stopped by ann", seq=1),
+    ]
+    assert [e["text"] for e in events(digest("x", found))] == [
+        "fault: camera cable: left camera is gone", "stopped by ann",
+    ]  # fmt: skip
+
+
 def test_the_figures_of_a_run(run: Digest) -> None:
     assert run.statistics() == {
         "run": "20260102T030401Z", "started": "2026-01-02T03:04:01.000Z", "seconds": 13.0, "cycles": 2, "tried": 1,

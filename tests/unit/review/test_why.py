@@ -17,7 +17,7 @@ import yaml
 from daemon import frames
 from daemon.commands import every_command
 from daemon.commands.calibrating import KINDS
-from daemon.commands.maintaining import ROBOT
+from daemon.commands.controller_terminal import ROBOT
 from daemon.config import Config
 from daemon.ctl import OFFLINE
 from daemon.events.codes import CATALOGUE
