@@ -16,6 +16,7 @@ from tests.manuals.__main__ import PAGES, PIECES, with_piece
 
 STALE = "it is made from the code: `python -m tests.manuals` (or `make docs`), and commit what that writes"
 COMMANDS = HOUSE / "docs" / "COMMANDS.md"
+MANUALS = [HOUSE / "README.md", *sorted(f for room in ("deploy", "docs") for f in (HOUSE / room).rglob("*.md"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -68,3 +69,22 @@ def test_every_command_and_every_job_has_its_section() -> None:
 
 def test_every_argument_says_what_it_is() -> None:
     assert re.findall(r"^\| `.*` \|  \|$", COMMANDS.read_text(encoding="utf-8"), re.MULTILINE) == []
+
+
+def anchors(page: Path) -> set[str]:
+    """The names by which the headings of a page are reached, as GitHub makes them, and its own."""
+    text = page.read_text(encoding="utf-8")
+    heads = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads} | set(
+        re.findall(r'<a id="(\w+)"', text)
+    )
+
+
+@pytest.mark.parametrize("page", MANUALS, ids=lambda page: str(page.relative_to(HOUSE)))
+def test_every_link_of_a_manual_leads_somewhere(page: Path) -> None:
+    dead = []
+    for file, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text(encoding="utf-8")):
+        there = page.parent / file if file else page
+        if not there.exists() or (anchor and anchor not in anchors(there)):
+            dead.append((file, anchor))
+    assert dead == []
