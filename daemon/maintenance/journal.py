@@ -183,8 +183,7 @@ def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
         case "refusal":
             return f"refused, {fields.get('rule')}: {fields.get('text')}"
         case "fault":
-            code, text = str(fields.get("code")), str(fields.get("text"))
-            return fault_line(text if text.startswith((code, STOPPED)) else f"{code}: {text}")
+            return fault_line(str(fields.get("text")))
         case "rest":
             return str(fields.get("text"))
         case "command":

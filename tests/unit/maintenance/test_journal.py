@@ -19,9 +19,8 @@ class Nowhere:
     ("kind", "fields", "sentence"),
     [
         ("fault", {"code": "operator_stop", "text": "stopped by ann"}, "STOPPED by ann"),
-        ("fault", {"code": "stopped by ann", "text": "stopped by ann"}, "STOPPED by ann"),
-        ("fault", {"code": "CameraError", "text": "CameraError: no pair"}, "FAULT CameraError: no pair"),
-        ("fault", {"code": "at work", "text": "it was stopped"}, "FAULT at work: it was stopped"),
+        ("fault", {"code": "camera_lost", "text": "CameraError: no pair"}, "FAULT CameraError: no pair"),
+        ("fault", {"code": "found_moving", "text": "at work: it was stopped"}, "FAULT at work: it was stopped"),
         ("cycle_end", {"cycle": 2, "outcome": "fault", "label": None, "why": "no pair"}, "cycle 2: fault: no pair"),
         ("cycle_end", {"cycle": 3, "outcome": "picked", "label": "cube", "why": ""}, "cycle 3: picked cube"),
         ("cycle_start", {"cycle": 4, "target": None}, "cycle 4: looking for any part"),
@@ -47,7 +46,9 @@ def test_a_log_that_cannot_be_written_keeps_nobody_from_hearing_of_a_fault(monke
     monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append(text))
     noticed: list[str] = []
     with pytest.raises(OSError, match="No space"):
-        journal.JournalledLog(Full(), lambda kind, text, who: noticed.append(text)).record("fault", code="a", text="b")
+        journal.JournalledLog(Full(), lambda kind, text, who: noticed.append(text)).record(
+            "fault", code="a", text="a: b"
+        )
     assert told == noticed == ["FAULT a: b"]
 
 
