@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
 from drivers.puma560 import PUMA560
@@ -27,6 +28,9 @@ TOO_LOOSE_MM = 0.3
 MISFIT_MORE = 2.4
 """A reading: steps are whole degrees, so that what the last digits of the joints leave out is the same in all readings,
 and adds up in each; zeros that are free swallow it."""
+STRAIGHT_DEG, ALONE = 10.0, 0.1
+"""Joints 4 and 6 turn about one axis where theirs are no farther apart; a joint turns alone where no other turns by a
+greater share."""
 LEAST_TOLD = 0.001
 """mm or degrees: no controller prints its places so finely that less could be told."""
 
@@ -86,9 +90,29 @@ def _found(
     places: Array, printed: Array, digits: tuple[float, float], arms: Sequence[PublishedArm]
 ) -> tuple[ArmFound, Likeness | None, tuple[float, float, float, float]]:
     """The arm, which of arms it is like, and how well its lengths are known."""
-    found = find_arm(places, printed, digits)
+    try:
+        found = find_arm(places, printed, digits)
+    except NoArmError as error:
+        raise NoArmError(f"{error}{_straight(places, printed)}") from None
     sigma = found.sigma["a2"], found.sigma["a3"], found.sigma["d3"], found.sigma["d4"]
     return found, likeness(found.lengths_mm, sigma, arms), sigma
+
+
+def _straight(places: Array, printed: Array) -> str:
+    """What to do if the wrist was straight: joints 4 and 6, each turned by itself, turned the tool about one axis."""
+    turned = np.diff(printed, axis=0)
+    axes = {}
+    for k, step in enumerate(turned):
+        joint = int(np.abs(step).argmax())
+        if joint in (3, 5) and np.abs(np.delete(step, joint)).max() < ALONE * np.abs(step[joint]):
+            axis = frames.difference(places[k + 1], places[k])[3:]
+            axes[joint] = axis / np.linalg.norm(axis)
+    if len(axes) < 2 or abs(float(axes[3] @ axes[5])) < np.cos(np.radians(STRAIGHT_DEG)):
+        return ""
+    return (
+        f". The wrist was straight (joint 5 read {printed[0, 4]:.1f} degrees): joints 4 and 6 turned about one axis. "
+        "Bend joint 5 by 30 degrees or more with the pendant, and say it again"
+    )
 
 
 def _lengths(found: ArmFound) -> str:

@@ -57,10 +57,11 @@ class Tell:
 
 @dataclass(frozen=True)
 class Consult:
-    """A question for the person: answered by a word. about: what for, `power-up`, `move`, `power` or `pendant`."""
+    """A question for the person: answered by a word. about: what for, `power-up`, `move`, `power`, `calibrate` or
+    `pendant`."""
 
     way: ClassVar = "asks"
-    about: Literal["power-up", "move", "power", "pendant"]
+    about: Literal["power-up", "move", "power", "calibrate", "pendant"]
     text: str
 
 
@@ -212,7 +213,7 @@ def same_place(before: Where, now: Where) -> bool:
     return off_mm <= REST_MM and off_deg <= 5 * REST_DEG and now.turned_deg(before) <= REST_DEG
 
 
-def agreed(about: Literal["move", "power", "pendant"], text: str) -> Generator[Step, Any, bool]:
+def agreed(about: Literal["move", "power", "calibrate", "pendant"], text: str) -> Generator[Step, Any, bool]:
     """Whether the person says yes to it: whatever else is said is no."""
     said = yield Consult(about, f"{text}. (yes or no)")
     return str(said).strip().lower() in ("y", "yes")

@@ -26,14 +26,16 @@ from drivers.val2.acquaintance import (
     listen,
 )
 from drivers.val2.conversation import POISON
+from drivers.val2.dialect import Dialect
 from drivers.val2.wire import Where
 
-MOTION_S = 30.0
+MOTION_S, CALIBRATION_S = 30.0, 180.0
 STEP_DEG, ROUNDS, SPEED, SHARE = 2.0, (1.0, 1.0, -1.0, -1.0), 20, 1
 """A move: so many degrees; there and back; at so many percent of the monitor speed of so many percent."""
 FINE_DIGITS = 2
 """WHERE with fewer behind its points is read to the other side as well: twice as far apart, twice as often."""
 FIRST_JOINT, CUT_AFTER_S = 6, 0.2
+CALIBRATE = Dialect().calibrate_word
 OFF_DEG = 0.15
 
 
@@ -76,7 +78,7 @@ def _drive(joint: int, degrees: float) -> str:
 def _cut_short(known: Acquaintance, here: Where) -> Steps:
     """Begin a step and stop it at once: whether it ended short, where, and how many seconds that took."""
     yield Tell(f"joint {FIRST_JOINT} by {STEP_DEG:g} degrees, cut short by {known.stop_word}")
-    for _ in range(3):
+    for _ in range(4):
         misread = False
         for sign in (1.0, -1.0):
             known.moved = True
@@ -106,9 +108,40 @@ def _cut_short(known: Acquaintance, here: Where) -> Steps:
                 )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
         said = "; ".join(errors)
+        if "NOT CALIBRATED" in said.upper():
+            here = yield from _calibrated(known, said)
+            continue
         if not (yield from agreed("power", f"The controller says {said}. Put that right, then say yes")):
             break
     raise UnclearError(f"the arm does not move: the controller says {'; '.join(errors)}. What does it need?")
+
+
+def _calibrated(known: Acquaintance, said: str) -> Steps:
+    """Type CAL, if the person lets it: this terminal is the controller's only one. Where the arm is afterwards. Raises
+    UnclearError."""
+    word = known.findings["calibrate_word"].value if "calibrate_word" in known.findings else CALIBRATE
+    if not (
+        yield from agreed(
+            "calibrate",
+            f"The controller says {said}. May I type {word}? The arm then turns each joint by itself to find its zero, "
+            "as its manual says. It must stand clear as for the small turns, your hand on the emergency stop",
+        )
+    ):
+        raise UnclearError(
+            f"the arm is not calibrated, and nothing was moved. Type {word} at this terminal yourself, or let me do it "
+            "when you say it again?"
+        )
+    known.moved = True
+    answer = yield from ask(known, word, CALIBRATION_S)
+    if answer.question is not None:
+        answer = yield from ask(known, "Y", CALIBRATION_S)
+    if answer.errors or not answer.prompt:
+        raise UnclearError(
+            f"{word} was answered by {'; '.join(answer.errors) or repr(answer.raw)}. What does the controller need "
+            "before it calibrates?"
+        )
+    yield Tell(f"calibrated: {word} was carried out")
+    return (yield from at_rest(known))
 
 
 def _step(known: Acquaintance, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:

@@ -53,6 +53,8 @@ MARGIN = 2.0
 """A pause that was enough once, so many times: adapters and computers send characters in clusters."""
 VAL_DIGITS = 2, 3
 ENOUGH, APART_DEG = 12, 5.0
+STRAIGHT_DEG = 10.0
+"""A wrist this near to straight leaves joints 4 and 6 one axis, as far as WHERE's digits tell."""
 BY_PENDANT = (
     "Bring the arm with the pendant to another place, far from the others, each joint turned by 20 degrees or more, "
     "and say yes once it rests; no, when these are enough"
@@ -67,6 +69,7 @@ def introduce(known: Acquaintance, bauds: Sequence[int] = BAUDS, pendant: bool =
     yield from _line(known)
     yield from _stop_words(known)
     if (yield from _may_move()):
+        yield from _bent_wrist(known)
         yield from first_moves(known)
     if pendant:
         yield from _by_pendant(known)
@@ -238,6 +241,24 @@ def _may_move() -> Generator[Step, Any, bool]:
         "The arm must stand clear of everything by 25 cm, its wrist bent, nobody within reach, your hand on "
         "the emergency stop",
     )
+
+
+def _bent_wrist(known: Acquaintance) -> Steps:
+    """Before anything moves, the person bends a wrist that is straight, as at READY, where people start: from there
+    joints 4 and 6 turn about one axis, and the readings fit no arm. Where a controller counts joint 5 otherwise, 0 may
+    be a bent wrist: the person decides."""
+    here = known.readings[-1]
+    while abs(here.joints_deg[4]) < STRAIGHT_DEG:
+        if not (
+            yield from agreed(
+                "pendant",
+                f"Joint 5 reads {here.joints_deg[4]:.1f} degrees: the wrist is straight, as at READY, and from there "
+                "nobody can tell which arm this is. Bend joint 5 with the pendant by 30 degrees or more, and say yes "
+                "once it rests; no, where the wrist is bent and this controller counts joint 5 otherwise",
+            )
+        ):
+            return
+        here = yield from at_rest(known)
 
 
 def _by_pendant(known: Acquaintance) -> Steps:

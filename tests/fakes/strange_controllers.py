@@ -111,6 +111,7 @@ async def meet(
     stop_s: float | None = None,
     dead: bool = False,
     pendant: bool = False,
+    calibrated: bool = True,
     full: Callable[[Controller], bool] = lambda controller: False,
 ) -> Contact:
     """The first contact, by a person who says Y to power-up questions and yes to moves. full: whether the disk that the
@@ -118,7 +119,7 @@ async def meet(
     loop = asyncio.get_running_loop()
     arm = SimulatedArm(strange.geometry, np.radians(strange.joints_deg))
     controller = Controller(arm, strange.manners, cold=strange.cold)
-    controller.machine.calibrated = True
+    controller.machine.calibrated = calibrated
     if dead:
         controller.machine.alive = False
         controller.output(float("inf"))
@@ -154,7 +155,6 @@ def willing(controller: Controller, consult: Consult) -> str:
     """Somebody who says yes, and switches arm power on when asked."""
     if consult.about == "power":
         controller.machine.switch_arm_power_on()
-        controller.machine.calibrated = True
     return "Y" if consult.about == "power-up" else "yes"
 
 

@@ -86,6 +86,79 @@ def test_the_words_in_which_a_controller_asks_at_power_up_are_learnt_where_they_
     assert all(Dialect(power_up_asks=found).asks_after_power_up(question) for question in asks) is learnt
 
 
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_controller_that_is_not_calibrated_is_offered_cal_and_is_asked_first(seed: int) -> None:
+    asked: list[str] = []
+
+    def answered(controller: Controller, consult: Consult) -> str:
+        if consult.about == "calibrate":
+            asked.append(consult.text)
+            assert not any(line.strip().startswith("CAL") for line in controller.lines), "not before the yes"
+        return willing(controller, consult)
+
+    contact = in_simulated_time(lambda: meet(draw(seed), answered, calibrated=False))
+    assert len(asked) == 1
+    assert "not calibrated" in asked[0].lower()
+    assert sum(line.startswith("CAL") for line in typed(contact)) == 1
+    assert contact.controller.machine.calibrated
+    assert len(contact.known.readings) > 12
+    assert list(again(contact.transcript)) == []
+
+
+def test_where_cal_is_not_agreed_to_nothing_moves_and_what_to_do_is_told() -> None:
+    def answered(controller: Controller, consult: Consult) -> str:
+        return "no" if consult.about == "calibrate" else willing(controller, consult)
+
+    with pytest.raises(UnclearError, match="not calibrated, and nothing was moved"):
+        in_simulated_time(lambda: meet(draw(0), answered, calibrated=False))
+    assert not moved(strangers[-1])
+    assert not any(line.startswith("CAL") for line in typed(strangers[-1]))
+
+
+def straight_wristed() -> Any:
+    strange = draw(0)
+    joints = strange.joints_deg.copy()
+    joints[4] = 0.4
+    plain = replace(strange.manners, joint_signs=(1, 1, 1, 1, 1, 1), joint_zeros_deg=(0.0,) * 6)
+    return replace(strange, joints_deg=joints, manners=plain)
+
+
+def test_a_straight_wrist_is_told_before_anything_moves_and_bent_by_the_person() -> None:
+    strange, asked = straight_wristed(), list[str]()
+
+    def bent(controller: Controller, consult: Consult) -> str:
+        if consult.about == "pendant":
+            asked.append(consult.text)
+            assert not moved_yet(controller)
+            joints = strange.joints_deg.copy()
+            joints[4] = -40.0 if len(asked) > 1 else 3.0
+            controller.machine.arm.motion = standing(np.radians(joints))
+        return willing(controller, consult)
+
+    def moved_yet(controller: Controller) -> bool:
+        return any(isinstance(event, MotionRecord) for event in controller.machine.history.since(0)[1])
+
+    contact = in_simulated_time(lambda: meet(strange, bent))
+    assert ["straight" in text for text in asked] == [True, True], "bent by 3 degrees it is straight still"
+    assert "Joint 5 reads 0.4 degrees" in asked[0]
+    assert arm_of(contact.known).found.lengths_mm[0] == pytest.approx(strange.geometry.a2_mm, abs=0.5)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_where_no_arm_fits_a_wrist_that_stayed_straight_is_named(straight: bool, monkeypatch) -> None:
+    def stubborn(controller: Controller, consult: Consult) -> str:
+        return "no" if consult.about == "pendant" else willing(controller, consult)
+
+    def none_fits(*_: Any) -> None:
+        raise NoArmError("no arm fits")
+
+    known = in_simulated_time(lambda: meet(straight_wristed() if straight else draw(0), stubborn)).known
+    monkeypatch.setattr("daemon.cell.introduced_arm.find_arm", none_fits)
+    with pytest.raises(NoArmError, match="no arm fits") as raised:
+        arm_of(known)
+    assert ("The wrist was straight (joint 5 read 0." in str(raised.value)) is straight
+
+
 def test_each_move_is_one_joint_by_two_degrees_and_is_announced_and_the_stop_is_proven_before_the_others() -> None:
     contact = in_simulated_time(lambda: meet(draw(0)))
     legs = [event for event in contact.controller.machine.history.since(0)[1] if isinstance(event, MotionRecord)]
