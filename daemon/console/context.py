@@ -32,7 +32,7 @@ from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.sufficiency import Sufficiency
 from daemon.teaching.trainer import Trainer
-from daemon.vision.facets import Table, table_at
+from daemon.vision.facets import TablePlane, table_at
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
 """What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
@@ -84,7 +84,7 @@ class CommandContext:
         known = [*self.trainer.parts, *self.trainer.model.labels, *self.trainer.model_store.labels()]
         return list(dict.fromkeys(known))
 
-    def table_in(self, seen: Look) -> Table:
+    def table_in(self, seen: Look) -> TablePlane:
         """The table in the cyclopean frame of a look."""
         return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
 

@@ -21,8 +21,8 @@ from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
-from daemon.vision.image import Eyes
-from daemon.vision.refine import Fit, borne_out, fit_each, fit_edges, refit, shown
+from daemon.vision.image import StereoImages
+from daemon.vision.refine import Fit, edge_support, fit_each, fit_edges, refit, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -160,7 +160,7 @@ def in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
     near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
-    return borne_out(target.shape, _eyes_on_the_hand(taken, mount), near, REACH_MM) >= HELD
+    return edge_support(target.shape, _eyes_on_the_hand(taken, mount), near, REACH_MM) >= HELD
 
 
 def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:
@@ -170,7 +170,7 @@ def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) 
     return shown(closed_fingers(gripper), eyes, near, FINGERS_REACH_MM) > FINGERS_SHOW
 
 
-def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> Eyes:
+def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> StereoImages:
     """A pair's pictures as they show what goes with the cameras: one camera that took both has it in one place in
     both."""
     eyes = taken.eyes

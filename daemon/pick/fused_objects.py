@@ -18,7 +18,7 @@ from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts
-from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, only, weld
+from daemon.vision.facets import Fused, SeenFrom, connected, fuse, group_of, merge_vertices, only
 from daemon.vision.geometry import Polyhedron, axes_in, inside
 from daemon.vision.values import Group
 
@@ -93,7 +93,7 @@ def seen_from(look: Look, groups: Sequence[Group], doubt: Doubt) -> SeenFrom:
 
 
 def _seen_whole(look: Look, doubt: Doubt) -> SeenFrom:
-    return seen_from(look, [weld(part.facets) for part in look.scene.parts if part.facets], doubt)
+    return seen_from(look, [merge_vertices(part.facets) for part in look.scene.parts if part.facets], doubt)
 
 
 def _agreed(named: Sequence[ObservedPart], recogniser: PartRecogniser) -> list[ObservedPart]:

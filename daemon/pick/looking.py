@@ -16,7 +16,7 @@ from daemon.events.codes import BY_MEASURE
 from daemon.pick.moved_pair import MovedPair, Places, hints, with_arm
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
-from daemon.vision.facets import Table, table_at
+from daemon.vision.facets import TablePlane, table_at
 from daemon.vision.geometry import Polyhedron, StereoRig, moved_rig
 from daemon.vision.health import (
     Clue,
@@ -30,7 +30,7 @@ from daemon.vision.health import (
     misleading,
     sharpness,
 )
-from daemon.vision.image import Eyes, VisionError, open_eyes
+from daemon.vision.image import StereoImages, VisionError, open_stereo
 from daemon.vision.look import outlines
 from daemon.vision.refine import Fit
 from daemon.vision.values import FacetView, Scene
@@ -70,9 +70,9 @@ class Taken(ByReference):
         return self.pictures.left.pixels, self.pictures.right.pixels
 
     @property
-    def eyes(self) -> Eyes:
+    def eyes(self) -> StereoImages:
         """Both images made ready for edges."""
-        return open_eyes(*self.images, self.rig)
+        return open_stereo(*self.images, self.rig)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Look(ByReference):
     from_light_s: float
     epipolar_px: float
     clue: Clue
-    table: Table | None = None
+    table: TablePlane | None = None
     health: tuple[Finding, ...] = ()
     tracked: Fit | None = None
 
@@ -168,7 +168,9 @@ class Observation:
     clue: Clue
 
 
-def observed(recogniser: PartRecogniser, taken: Taken, table: Table | None, expected: Expected | None) -> Observation:
+def observed(
+    recogniser: PartRecogniser, taken: Taken, table: TablePlane | None, expected: Expected | None
+) -> Observation:
     """See what is in a pair; arguments and errors as those of take_look. Takes up to a second: a Compute's."""
     health = _health(taken)
     tracked = None if expected is None else expected.fit(taken)
@@ -209,7 +211,7 @@ async def take_look(
     )
 
 
-def _seen(recogniser: PartRecogniser, taken: Taken, table: Table | None) -> Scene:
+def _seen(recogniser: PartRecogniser, taken: Taken, table: TablePlane | None) -> Scene:
     scene = recogniser.see(*taken.images, table, taken.rig)
     return scene if taken.moved is None else with_arm(scene, taken.rig, taken.moved.arm)
 

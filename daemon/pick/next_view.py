@@ -20,7 +20,7 @@ from daemon.pick import viewpoints
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart
 from daemon.pick.settings import SurveyView
-from daemon.vision.facets import weld
+from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import (
     Polyhedron,
     StereoRig,
@@ -104,7 +104,7 @@ def hypotheses_of(
     world_from_look = part.look.world_from_cyclopean
     facets = sorted(part.facets, key=lambda f: -float(np.linalg.norm(area_vector(f.corners_mm))))
     for some in (part.facets, *((f,) for f in facets)):
-        group = weld(some)
+        group = merge_vertices(some)
         found = [
             PartHypothesis(
                 one.label,
@@ -122,7 +122,7 @@ def hypotheses_of(
         if found:
             break
     else:
-        group, left = weld(part.facets), 1.0
+        group, left = merge_vertices(part.facets), 1.0
     here = strange(part, group, left)
     whole = left + sum(h.probability for h in found)
     return tuple(replace(h, probability=h.probability / whole) for h in (*found, here))
@@ -130,7 +130,7 @@ def hypotheses_of(
 
 def strange(part: ObservedPart, group: Group | None = None, probability: float = 1.0) -> PartHypothesis:
     """That a part, or a group of its facets, is something not taught."""
-    seen = (group or weld(part.facets)).polyhedron
+    seen = (group or merge_vertices(part.facets)).polyhedron
     every = tuple(range(len(seen.facets)))
     return PartHypothesis(UNKNOWN, seen, part.look.world_from_cyclopean, np.zeros((6, 6)), every, probability)
 

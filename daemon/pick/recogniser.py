@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from daemon.compute.calls import ByReference
 from daemon.store.model import load
-from daemon.vision.facets import Table
+from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import Model
-from daemon.vision.recognition import Standing, recognise, standing
+from daemon.vision.recognition import CandidatePose, recognise, standing
 from daemon.vision.report import scene_json
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group, Part, Scene
@@ -29,14 +29,14 @@ Image = NDArray[np.uint8]
 class PartRecogniser(Protocol):
     """What turns images into parts: ModelRecogniser, or a test's own."""
 
-    def see(self, left: Image, right: Image, table: Table | None, rig: StereoRig | None = None) -> Scene:
+    def see(self, left: Image, right: Image, table: TablePlane | None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; table: where it is; rig: this pair's, where it is not the
         usual one. Takes up to a second: a Compute's."""
 
     def recognise(self, group: Group) -> tuple[Part, ...]:
         """Facets that hang together, of one look or of many, as parts, in the frame they are in."""
 
-    def standing(self, group: Group) -> tuple[Standing, ...]:
+    def standing(self, group: Group) -> tuple[CandidatePose, ...]:
         """Every taught part and pose that facets which hang together allow, the likeliest first."""
 
     def shape(self, label: str) -> Polyhedron | None:
@@ -64,7 +64,7 @@ class ModelRecogniser(ByReference):
             return ModelRecogniser, (self.model, self.rig, self.settings)
         return of_file, (self.file, self.rig, self.settings)
 
-    def see(self, left: Image, right: Image, table: Table | None = None, rig: StereoRig | None = None) -> Scene:
+    def see(self, left: Image, right: Image, table: TablePlane | None = None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
         not the usual one. Raises VisionError."""
         return look(left, right, rig or self.rig, self.model, self.settings, thread_time, table)
@@ -73,7 +73,7 @@ class ModelRecogniser(ByReference):
         """Facets that hang together, as parts."""
         return tuple(found.part for found in recognise((group,), self.model))
 
-    def standing(self, group: Group) -> tuple[Standing, ...]:
+    def standing(self, group: Group) -> tuple[CandidatePose, ...]:
         """Every taught part and pose that facets which hang together allow."""
         return standing(group, self.model)
 

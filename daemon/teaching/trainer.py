@@ -25,7 +25,7 @@ from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
-from daemon.vision.facets import Table, table_of
+from daemon.vision.facets import TablePlane, table_of
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import VisionError
 from daemon.vision.look import look
@@ -138,7 +138,7 @@ class Trainer:
         return [view for view in self.model_store.views() if view.name not in known]
 
     def check(
-        self, label: str, left: Image, right: Image, table: Table | None, moved: Places | None = None
+        self, label: str, left: Image, right: Image, table: TablePlane | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
         """The facets of the one part in view, and of what else is. Raises TeachError or VisionError where a view cannot
         be learnt from."""
@@ -180,7 +180,7 @@ class Trainer:
         return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
 
     def only_part(
-        self, left: Image, right: Image, table: Table | None, moved: Places | None = None
+        self, left: Image, right: Image, table: TablePlane | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
         """As check, whatever it is; sought with the full effort. moved: where one eye took both from. Raises TeachError
         for none or several, VisionError."""
@@ -334,7 +334,7 @@ class Trainer:
 
 
 def teaching_note(
-    who: str, calibration: str, table: Table | None, facets: Sequence[Facet], moved: Places | None = None
+    who: str, calibration: str, table: TablePlane | None, facets: Sequence[Facet], moved: Places | None = None
 ) -> dict[str, Any]:
     """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen, and
     where one eye was for each picture."""

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from daemon.vision.evidence import all_explained, beside, named_by_segments, with_all_they_show
-from daemon.vision.facets import Table, facets_step_by_step, without_table
+from daemon.vision.evidence import all_accounted_for, checked_for_missing, named_by_edges, without_overlaps
+from daemon.vision.facets import TablePlane, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
-from daemon.vision.hypotheses import prepare, rested
-from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.hypotheses import prepare, snapped_to_support
+from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
-from daemon.vision.refine import sharpened
+from daemon.vision.refine import refined_parts
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, NearestGuess, Part, Scene
 
@@ -32,7 +32,7 @@ def look(
     model: Model | None = None,
     settings: VisionSettings | None = None,
     clock: Callable[[], float] | None = None,
-    table: Table | None = None,
+    table: TablePlane | None = None,
 ) -> Scene:
     """See, name and locate everything in one stereo pair.
 
@@ -48,14 +48,14 @@ def look(
     now = clock or (lambda: 0.0)
     known = model or empty_model(FacetLibrary(()))
     full = settings or VisionSettings()
-    eyes = open_eyes(left, right, rig)
+    eyes = open_stereo(left, right, rig)
     if known.labels:
         prepare(known)
     began = now()
-    brief = by_facets = _by_facets(eyes, full.brief() if known.labels else full, known, table, now)
+    brief = by_facets = _by_facets(eyes, full.coarse() if known.labels else full, known, table, now)
     naming = brief.seconds
-    if _worth_a_closer_look(brief.found) and eyes.quiet(full):
-        closer = _by_facets(eyes, full.closer(), known, table, now)
+    if _worth_a_closer_look(brief.found) and eyes.uncluttered(full):
+        closer = _by_facets(eyes, full.fine(), known, table, now)
         by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
@@ -65,19 +65,19 @@ def look(
     found = verified = _verified(found, (), (), known, eyes) if refines else found
     seconds["refine"] = now() - start
     guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Recognised]()
-    if known.labels and not all_explained(found, view, known, eyes):
+    if known.labels and not all_accounted_for(found, view, known, eyes):
         start = now()
-        found, view = beside(found, view, (), known, eyes)
-        if not all_explained(found, view, known, eyes) and any(outlines(view)):
-            straight = named_by_segments(
+        found, view = without_overlaps(found, view, (), known, eyes)
+        if not all_accounted_for(found, view, known, eyes) and any(outlines(view)):
+            straight = named_by_edges(
                 eyes,
                 known,
                 found,
                 lambda: (now() - began) / full.budget_s,
                 table,
-                lambda new: all_explained(*beside(found, view, new, known, eyes), known, eyes),
+                lambda new: all_accounted_for(*without_overlaps(found, view, new, known, eyes), known, eyes),
             )
-            found, view = beside(found, view, straight.named, known, eyes)
+            found, view = without_overlaps(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
             by_edges = straight.named
         seconds["edges"] = now() - start
@@ -86,7 +86,7 @@ def look(
     if refines:
         refined = _verified(found, verified, by_edges, known, eyes)
         laid = [new.part for one, new in zip(found, refined, strict=True) if one in by_edges]
-        parts = rested([one.part for one in refined], known, ground, laid)
+        parts = snapped_to_support([one.part for one in refined], known, ground, laid)
     seconds["refine"] += now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels:
@@ -102,14 +102,14 @@ def _verified(
     before: Sequence[Recognised],
     by_edges: Sequence[Recognised],
     known: Model,
-    eyes: Eyes,
+    eyes: StereoImages,
 ) -> tuple[Recognised, ...]:
     """What has a name, where its edges have it, as what edges named is already; without its name where too much of what
     it should show is missing. What was verified before stays as it is."""
     new = [one for one in found if one not in before]
-    parts = sharpened([one.part for one in new], known, eyes, [one.part for one in by_edges])
+    parts = refined_parts([one.part for one in new], known, eyes, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
-    told = dict(zip(new, with_all_they_show(refined, known, eyes), strict=True))
+    told = dict(zip(new, checked_for_missing(refined, known, eyes), strict=True))
     return tuple(told.get(one, one) for one in found)
 
 
@@ -122,7 +122,7 @@ class _ByFacets(NamedTuple):
 
 
 def _by_facets(
-    eyes: Eyes, effort: VisionSettings, known: Model, table: Table | None, now: Callable[[], float]
+    eyes: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _ByFacets:
     """What facets name with some effort; nothing more is asked for once all are named."""
     groups, found, naming = None, tuple[Recognised, ...](), 0.0
@@ -133,7 +133,7 @@ def _by_facets(
             groups = seen.groups
             found = recognise(view.groups, known)
         naming += now() - start
-        if known.labels and all_explained(found, view, known, eyes):
+        if known.labels and all_accounted_for(found, view, known, eyes):
             break
     return _ByFacets(found, view, naming)
 

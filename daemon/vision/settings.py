@@ -91,15 +91,15 @@ class VisionSettings:
     """Processor time that a look may take, s. What it then leaves out is in its notes. The costliest looks take a third
     of it on a desktop's core, so that a computer three times as slow sees the same."""
 
-    def brief(self) -> VisionSettings:
+    def coarse(self) -> VisionSettings:
         """The same for a look that knows parts, at little cost: half-size pixels, few levels, the largest regions only;
         what that leaves unnamed is looked for by straight edges.
         """
         return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)
 
-    def closer(self) -> VisionSettings:
+    def fine(self) -> VisionSettings:
         """The brief effort at full-size pixels: for small parts, where few edges are followed up."""
-        return replace(self.brief(), shrinks=(1,))
+        return replace(self.coarse(), shrinks=(1,))
 
     def unhurried(self) -> VisionSettings:
         """The same for a look that nobody waits for: what it names must not hang on how fast the computer is."""

@@ -20,7 +20,7 @@ from daemon.arrays import Array
 from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rig import StereoRig
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.fakes import rendered
@@ -166,7 +166,7 @@ def print_stages() -> None:
     for scene in sorted(rendered.ALL.glob("clean-B-*")):
         pair = rendered.pair(scene)
         t = [time.process_time()]
-        eyes = open_eyes(*pair, rig)
+        eyes = open_stereo(*pair, rig)
         outlines = outlines_of(eyes, settings, in_one=True)
         t.append(time.process_time())
         candidates = find_candidates(outlines, eyes, settings)

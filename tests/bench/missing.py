@@ -31,7 +31,7 @@ from daemon.main import tame_malloc
 from daemon.vision.evidence import missing
 from daemon.vision.evidence.missing import Against
 from daemon.vision.geometry import StereoRig
-from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from daemon.vision.values import Part, Scene
@@ -123,7 +123,7 @@ def scenes() -> Iterator[Seen]:
         rig = rendered.rig(rendered.ALL, told["rig"])
         for body, part in matched(_unchecked(pair, rig, model), told)[0]:
             if part is not None and part.named and part.recognition.label == body["label"]:
-                yield _measured(("scenes", told["tags"][0], folder.name, True), part, model, open_eyes(*pair, rig))
+                yield _measured(("scenes", told["tags"][0], folder.name, True), part, model, open_stereo(*pair, rig))
 
 
 def families(seeds: range) -> Iterator[Seen]:
@@ -133,7 +133,7 @@ def families(seeds: range) -> Iterator[Seen]:
         pair, lies, photo = shown(family, seed)
         if telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part) < TELLS_MM:
             continue
-        eyes = open_eyes(photo.left, photo.right, rig)
+        eyes = open_stereo(photo.left, photo.right, rig)
         for mode in ("alone", "stranger"):
             model = _model(pair, lies, mode)
             scene = _unchecked((photo.left, photo.right), rig, model)
@@ -152,7 +152,7 @@ def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene
         return look(*pair, rig, model)
 
 
-def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: Eyes) -> Seen:
+def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: StereoImages) -> Seen:
     solid = model.metric[part.recognition.label].solid
     return Seen(*who, missing.speaks_against(solid, part.cyclopean_from_part, eyes))
 

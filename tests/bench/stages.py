@@ -22,29 +22,29 @@ import cv2
 import numpy as np
 
 from daemon.main import tame_malloc
-from daemon.vision.evidence import beside, named_by_segments
-from daemon.vision.facets import candidates, completion, joining, matching, reconstruct, weld
-from daemon.vision.image import both_eyes, one_eye
+from daemon.vision.evidence import named_by_edges, without_overlaps
+from daemon.vision.facets import candidates, completion, joining, matching, merge_vertices, reconstruct
+from daemon.vision.image import camera_image, stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise
-from daemon.vision.refine import sharpened
+from daemon.vision.refine import refined_parts
 from tests.bench.recognise import test_folders, trained
 from tests.fakes import rendered
 
 SETS = ("clean", "shadow", "textured", "multi")
 EVERY_S, ROUNDS = 0.001, 5
-EYE = one_eye.OneEye
+EYE = camera_image.CameraImage
 BEGINNINGS: dict[str, tuple[Any, ...]] = {
-    "pixels": (both_eyes.open_eyes, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
-    "outlines": (one_eye.outlines_near, EYE.rough),
-    "corners": (one_eye.fits,),
+    "pixels": (stereo_images.open_stereo, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
+    "outlines": (camera_image.outlines_near, EYE.rough),
+    "corners": (camera_image.fits,),
     "matching": (matching.in_both, matching.match_polygons, candidates.candidates, candidates.choose),
     "completing": (completion.complete,),
-    "welding": (weld, joining.settled),
+    "welding": (merge_vertices, joining.settled),
     "facets, rest": (reconstruct.facets_step_by_step,),
     "naming": (recognise,),
-    "edges": (named_by_segments, beside),
-    "sharpening": (sharpened,),
+    "edges": (named_by_edges, without_overlaps),
+    "sharpening": (refined_parts,),
     "rest": (look,),
 }
 

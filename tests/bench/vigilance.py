@@ -29,10 +29,10 @@ import numpy as np
 from daemon.main import tame_malloc
 from daemon.vision.facets import facets_step_by_step
 from daemon.vision.geometry import Polyhedron, StereoRig
-from daemon.vision.image import open_eyes
+from daemon.vision.image import open_stereo
 from daemon.vision.model import MetricModel, Model, relearnt
 from daemon.vision.recognition import places_of, recognise
-from daemon.vision.recognition.fits import Hypothesis, Way
+from daemon.vision.recognition.fits import FacetHypothesis, Way
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import FacetView, Scene
 from tests.bench.look_alikes import shown
@@ -132,7 +132,7 @@ def many_parts() -> Set:
 
 def _facets(pair: tuple[Image, Image], rig: StereoRig) -> FacetView:
     """All that the full effort finds."""
-    *_, view = facets_step_by_step(open_eyes(*pair, rig), VisionSettings())
+    *_, view = facets_step_by_step(open_stereo(*pair, rig), VisionSettings())
     return view
 
 
@@ -201,9 +201,9 @@ def _counted(row: Row) -> Iterator[None]:
 
     def counting(
         seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way], tolerance_mm: float
-    ) -> tuple[Hypothesis, ...]:
+    ) -> tuple[FacetHypothesis, ...]:
         row.measured += len(ways) if len(seen.facets) > 1 else 0
-        found: tuple[Hypothesis, ...] = before(seen, metric, ways, tolerance_mm)
+        found: tuple[FacetHypothesis, ...] = before(seen, metric, ways, tolerance_mm)
         return found
 
     setattr(RECOGNISE, "fitted", counting)  # noqa: B010

@@ -10,7 +10,7 @@ import numpy as np
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model import Model, empty_model, learn_solids, learn_view, type_facet
-from daemon.vision.recognition.fits import Hypothesis, fitted, lone_ways
+from daemon.vision.recognition.fits import FacetHypothesis, fitted, lone_ways
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
 from tests.fakes.solids import CUBE, PENTAGONAL, PYRAMID, TRIANGULAR, Body, pose, view_of
@@ -45,7 +45,7 @@ def remembered(parts: Mapping[str, Polyhedron], parameters: MemorySettings | Non
     return learn_solids(empty_model(LIBRARY, parameters), [(label, one, "") for label, one in typed.items()])
 
 
-def hypotheses(seen: Polyhedron, model: Model, vigilance: float | None = None) -> tuple[Hypothesis, ...]:
+def hypotheses(seen: Polyhedron, model: Model, vigilance: float | None = None) -> tuple[FacetHypothesis, ...]:
     """What the memory recalls of facets at a vigilance (none: the model's), or of a lone one its sizes; each fitted."""
     if len(seen.facets) == 1:
         ways = lone_ways(seen, model.metric)

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.weld import weld
+from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.values import Facet, Group
 
 LATERAL_MM, DEPTH_MM = 0.08, 0.4  # at 350 mm, 700 px focal length, 60 mm base, 0.1 px
@@ -116,4 +116,4 @@ def view_of(
     """What one look measures of a part: every facet turned to the camera."""
     corners = frames.apply(cyclopean_from_part, body.corners_mm)
     shown = seen_facets(body, cyclopean_from_part)
-    return weld(tuple(measured(corners[list(body.facets[f])], rng, noise) for f in shown))
+    return merge_vertices(tuple(measured(corners[list(body.facets[f])], rng, noise) for f in shown))

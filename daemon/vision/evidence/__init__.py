@@ -1,7 +1,7 @@
 """Whether a part is where a hypothesis has it: evidence from both pictures, competing hypotheses, overlaps."""
 
-from daemon.vision.evidence.by_edges import named_by_segments
-from daemon.vision.evidence.missing import with_all_they_show
-from daemon.vision.evidence.overlaps import all_explained, beside
+from daemon.vision.evidence.by_edges import named_by_edges
+from daemon.vision.evidence.missing import checked_for_missing
+from daemon.vision.evidence.overlaps import all_accounted_for, without_overlaps
 
-__all__ = ["all_explained", "beside", "named_by_segments", "with_all_they_show"]
+__all__ = ["all_accounted_for", "checked_for_missing", "named_by_edges", "without_overlaps"]

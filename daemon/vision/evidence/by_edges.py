@@ -23,31 +23,31 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.evidence.inlier_share import explained
+from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.overlaps import covered, lies_on
-from daemon.vision.evidence.photo_consistency import likeness, print_apart_px
-from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, Laid, laid_near
+from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
+from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_near
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
-from daemon.vision.facets import Table, seen_table, triangulated_covariance, weld
-from daemon.vision.geometry import Baseline, Polyhedron, Shape, planarity
+from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulated_covariance
+from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron, planarity
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
     SEARCHED,
-    Ground,
-    Likely,
+    EdgeHypothesis,
     Search,
-    directed_map,
-    elsewhere,
-    flat_on,
-    guessed_by_facets,
-    guessed_in_space,
-    guessed_on_table,
-    lookalikes,
-    nearby,
+    SupportPlane,
+    edge_distances,
+    hypotheses_from_facets,
+    hypotheses_from_junctions,
+    hypotheses_on_support,
+    indistinguishable_turns,
+    lies_on_support,
     other_sizes,
-    rests_on,
+    perturbed_poses,
+    self_similarity,
+    snapped_pose,
 )
-from daemon.vision.image import Eyes
+from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
 from daemon.vision.refine import SCALE, Fit, LaidFacet, best_fitted, facets_in_view, facets_laid
@@ -83,24 +83,24 @@ NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
 
 
-class Straight(NamedTuple):
+class NamedByEdges(NamedTuple):
     """What straight edges name, what came nearest to it where they name nothing, what there was no time for, and the
     table, where that is seen or known."""
 
     named: list[Recognised]
     guesses: tuple[NearestGuess, ...]
     left_out: tuple[str, ...]
-    ground: Ground | None = None
+    ground: SupportPlane | None = None
 
 
-def named_by_segments(
-    eyes: Eyes,
+def named_by_edges(
+    eyes: StereoImages,
     model: Model,
     known: Sequence[Recognised],
     spent: Callable[[], float] = lambda: 0.0,
-    told: Table | None = None,
+    told: TablePlane | None = None,
     enough: Callable[[Sequence[Recognised]], bool] = bool,
-) -> Straight:
+) -> NamedByEdges:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
     Unnamed groups of facets say what each could be, and rule out what does not have them. spent: the share of the
@@ -108,31 +108,31 @@ def named_by_segments(
     on that one may lie on something else. enough: whether so many more names leave nothing to be named.
     """
     if spent() > SEARCHED:
-        return Straight([], (), ("straight edges were not looked for",))
+        return NamedByEdges([], (), ("straight edges were not looked for",))
     unnamed = [one.group for one in known if not one.named]
     named = [covered(one, model, eyes) for one in known if one.named]
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    search = Search(eyes, model, unnamed, named, maps, Ground.of(seen_table(eyes, told), told))
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    search = Search(eyes, model, unnamed, named, maps, SupportPlane.of(seen_table(eyes, told), told))
     fewest = FEWEST_TESTS * len(model.labels)
-    by_facets = guessed_by_facets(search, spent)
-    laid = _by_odds(laid_near(search, by_facets.likely))
+    by_facets = hypotheses_from_facets(search, spent)
+    laid = _by_odds(registered_near(search, by_facets.likely))
     _, found, _ = _proven(search, laid, max(by_facets.tests, fewest), spent)
     if found and enough(found):
-        return Straight(found, (), (), search.ground)
+        return NamedByEdges(found, (), (), search.ground)
     tests, left_out = 0, tuple[str, ...]()
-    for guessed in (guessed_in_space, guessed_on_table):
+    for guessed in (hypotheses_from_junctions, hypotheses_on_support):
         likely, of, unasked = guessed(search, spent)
         tests += of
         chances = max(tests, fewest)
-        fresh = _by_odds(laid_near(search, likely))
+        fresh = _by_odds(registered_near(search, likely))
         if spent() < SEARCHED:
-            fresh += laid_near(search, _undecided(fresh, chances, eyes))
+            fresh += registered_near(search, _undecided(fresh, chances, eyes))
         laid = _by_odds([*laid, *fresh])
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
         if named or found or search.ground is None or spent() > SEARCHED:
             break  # the second way is for looks that would come home with nothing, and needs a table
-    nearest = list[Laid]()
+    nearest = list[RegisteredPart]()
     for one in laid:
         if one.borne.share > NEAREST and not any(one.overlaps(other) for other in (*taken, *nearest)):
             nearest.append(one)
@@ -140,15 +140,15 @@ def named_by_segments(
     if nearest and not named and not found and spent() < 1:
         apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
     guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
-    return Straight(found, guesses, left_out, search.ground)
+    return NamedByEdges(found, guesses, left_out, search.ground)
 
 
 def _proven(
-    search: Search, laid: Sequence[Laid], tests: int, spent: Callable[[], float]
-) -> tuple[list[Laid], list[Recognised], tuple[str, ...]]:
+    search: Search, laid: Sequence[RegisteredPart], tests: int, spent: Callable[[], float]
+) -> tuple[list[RegisteredPart], list[Recognised], tuple[str, ...]]:
     """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
     and what there was no time for."""
-    taken, found = list[Laid](), list[Recognised]()
+    taken, found = list[RegisteredPart](), list[Recognised]()
     for k, one in enumerate(laid):
         if spent() > 1:
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
@@ -165,14 +165,14 @@ def _proven(
     return taken, found, ()
 
 
-def _ahead_of(one: Laid, other: Laid) -> bool:
+def _ahead_of(one: RegisteredPart, other: RegisteredPart) -> bool:
     """Whether of two parts laid at one place it is the first: by the edges that only one of them has, and by whether it
     lies on the table. The print of a face may be where another part would have its edges."""
     edges = by_own_edges(one.seen, other.seen) - LEAST_APART
     return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] > 0
 
 
-def _proven_if_cut_off(one: Laid, confidence: float, search: Search) -> bool:
+def _proven_if_cut_off(one: RegisteredPart, confidence: float, search: Search) -> bool:
     """Whether what is in view of a part proves it and how long it is, where it leaves a picture."""
     eyes, tolerance = search.eyes, search.model.parameters.tolerance_mm
     if not cut_off(one.solid, one.pose, eyes):
@@ -180,18 +180,18 @@ def _proven_if_cut_off(one: Laid, confidence: float, search: Search) -> bool:
     return confidence > LEAST_CUT_OFF and ahead_of_sizes(one.solid, one.pose, one.seen, eyes, tolerance) > LEAST_APART
 
 
-def _by_odds(laid: Iterable[Laid]) -> list[Laid]:
+def _by_odds(laid: Iterable[RegisteredPart]) -> list[RegisteredPart]:
     return sorted(laid, key=lambda one: -one.odds)
 
 
-def _guess(one: Laid, apart_px: float) -> NearestGuess:
+def _guess(one: RegisteredPart, apart_px: float) -> NearestGuess:
     ends = [np.stack([seen.edges.start, seen.edges.end], 1) for seen in one.seen]
     return NearestGuess(one.label, ends[0], ends[1], one.seen[0].shows, one.seen[1].shows, apart_px)
 
 
-def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
+def _undecided(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -> list[EdgeHypothesis]:
     """Other poses of the likeliest part at each place, where its edges do not decide whether it is there."""
-    places, found = list[Laid](), list[Likely]()
+    places, found = list[RegisteredPart](), list[EdgeHypothesis]()
     for one in laid:
         odds = one.odds - np.log(tests)
         if odds < UNDECIDED[0] or len(places) == MOST_UNDECIDED:
@@ -200,22 +200,22 @@ def _undecided(laid: Sequence[Laid], tests: int, eyes: Eyes) -> list[Likely]:
             continue
         places.append(one)
         if odds < UNDECIDED[1]:
-            poses = nearby(one.solid, one.pose)
-            found += [Likely(one.label, pose, one.tries * (1 + len(poses))) for pose in poses]
+            poses = perturbed_poses(one.solid, one.pose)
+            found += [EdgeHypothesis(one.label, pose, one.tries * (1 + len(poses))) for pose in poses]
     return found
 
 
-def _contradicts(group: Group, one: Laid) -> bool:
+def _contradicts(group: Group, one: RegisteredPart) -> bool:
     """Whether a group of facets, measured together where the part is laid, has one that lies on none of its faces; a
     lone facet may be a chance of two patterns."""
-    shapes = [Shape.of(facet.left_px) for facet in group.facets]
+    shapes = [PlanarShape.of(facet.left_px) for facet in group.facets]
     inside = [shape.common(one.covers) > shape.area / 2 for shape in shapes]
     return len(shapes) > 1 and any(
         there and not lies_on(facet, one.solid, one.pose) for facet, there in zip(group.facets, inside, strict=True)
     )
 
 
-def _confidence(one: Laid, search: Search, tests: int) -> float:
+def _confidence(one: RegisteredPart, search: Search, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance; 0 where that
     is not enough for a name."""
     odds = one.odds - np.log(tests)
@@ -231,7 +231,7 @@ def _confidence(one: Laid, search: Search, tests: int) -> float:
     return _probability(odds)
 
 
-def _for_and_against(one: Laid, search: Search) -> Iterator[tuple[float, float]]:
+def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[float, float]]:
     """What else than its edges speaks for a laid part, or against it, in log odds, the cheapest first; and how much
     more what follows can add."""
     eyes, maps = search.eyes, search.maps
@@ -239,11 +239,11 @@ def _for_and_against(one: Laid, search: Search) -> Iterator[tuple[float, float]]
     yield CONTRADICTED * any(_contradicts(group, one) for group in search.unnamed), yet
     gain = other_sizes(one.solid, one.pose, eyes.geometry, maps)
     yield -BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1), yet
-    share = explained(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), eyes)
+    share = edge_inlier_share(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), eyes)
     yield BY_EXPLAINED * ((USUAL_EXPLAINED if share is None else share) - USUAL_EXPLAINED), MOST_LIKENESS
-    again = elsewhere(one.solid, one.pose, eyes.geometry, maps[0])
+    again = self_similarity(one.solid, one.pose, eyes.geometry, maps[0])
     yield -BY_ELSEWHERE * max(again - USUAL_ELSEWHERE, 0.0), MOST_LIKENESS
-    alike = likeness(one.solid, one.pose, eyes)
+    alike = face_consistency(one.solid, one.pose, eyes)
     yield BY_LIKENESS * ((USUAL_LIKENESS if alike is None else max(alike, 0.0)) - USUAL_LIKENESS), 0.0
 
 
@@ -257,12 +257,12 @@ OF_ODDS = 0.5
 three sigmas (python -m tests.bench.poses); of fits alone 76 and 81 were."""
 
 
-def placed(seen: Laid, confidence: float, same: Sequence[Laid], search: Search) -> Recognised:
+def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPart], search: Search) -> Recognised:
     """The part with the facets that both eyes have in view, measured where its sides show; same: the same part as it
     was laid there, this way and others."""
     eyes, model = search.eyes, search.model
-    near = [Likely(seen.label, pose) for pose in nearby(seen.solid, seen.pose)]
-    same = [*same, *laid_near(search, near)]
+    near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
+    same = [*same, *registered_near(search, near)]
     alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist())
     fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
@@ -277,23 +277,23 @@ def placed(seen: Laid, confidence: float, same: Sequence[Laid], search: Search) 
     equivalents = _alike(seen.solid, pose, [f.index for f in laid])
     covariance = covariance + _spread(seen, same, alike)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
-    return Recognised(weld(list(facets)), part)
+    return Recognised(merge_vertices(list(facets)), part)
 
 
-def _on_ground(ground: Ground | None, solid: Polyhedron, fit: Fit) -> tuple[Array, Array]:
+def _on_ground(ground: SupportPlane | None, solid: Polyhedron, fit: Fit) -> tuple[Array, Array]:
     """Pose (4, 4) and covariance (6, 6) of a fit, on the table if that is seen and it lies there."""
     pose, covariance = fit.cyclopean_from_part, fit.covariance
-    lies = ground is not None and ground.seen and rests_on(ground, solid, pose)
-    found = flat_on(ground.table, solid, pose, covariance) if ground is not None and lies else None
+    lies = ground is not None and ground.seen and lies_on_support(ground, solid, pose)
+    found = snapped_pose(ground.table, solid, pose, covariance) if ground is not None and lies else None
     return found or (pose, covariance)
 
 
-def _odds_of_place(one: Laid) -> float:
+def _odds_of_place(one: RegisteredPart) -> float:
     """Log odds of a part's lying just there: of how many tries that is the best says nothing of it."""
     return one.odds + float(np.log(one.tries))
 
 
-def _spread(best: Laid, same: Sequence[Laid], alike: Array) -> Array:
+def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) -> Array:
     """(6, 6) by how much the place is in doubt of a part that could lie in several ways, each as likely as its edges
     there, alike (S, 4, 4) the poses at which it would look the same as where it is likeliest."""
     spread, total = np.zeros((6, 6)), 1.0
@@ -310,7 +310,7 @@ def _spread(best: Laid, same: Sequence[Laid], alike: Array) -> Array:
 def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int]) -> Array:
     """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
     or where others of the solid do."""
-    turns = lookalikes(solid, tuple(solid.corners_of(facets).tolist()))
+    turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))
     return np.array([pose @ frames.inverse(turn) for turn in turns])
 
 

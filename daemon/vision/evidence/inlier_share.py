@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import hull, pixels
-from daemon.vision.image import Eyes
+from daemon.vision.image import StereoImages
 from daemon.vision.refine import ExpectedEdges, across
 
 ASIDE_PX = 3.0
@@ -22,7 +22,9 @@ OFF_PX, TURNED, BEYOND = 2.5, np.sin(np.radians(10.0)), 0.05
 angle between them."""
 
 
-def explained(solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, ExpectedEdges], eyes: Eyes) -> float | None:
+def edge_inlier_share(
+    solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, ExpectedEdges], eyes: StereoImages
+) -> float | None:
     """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
     the edges it should show; None where there are none."""
     own = every = 0.0

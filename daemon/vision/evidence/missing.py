@@ -19,10 +19,10 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.geometry import Polyhedron, hidden
-from daemon.vision.image import Eyes, OneEye, levels_across, slopes_across
+from daemon.vision.image import CameraImage, StereoImages, levels_across, slopes_across
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, without_name
-from daemon.vision.refine import ROOM_PX, THIN_PX, Placements, across
+from daemon.vision.refine import ROOM_PX, THIN_PX, ShapeBatch, across
 
 PLACES, REACH_PX = 24, 7
 """On each edge, at which is looked, and how far to either hand."""
@@ -84,13 +84,13 @@ class Against:
         return f"{self.missing:.0%} of what that should show is in neither picture"
 
 
-def with_all_they_show(found: Sequence[Recognised], model: Model, eyes: Eyes) -> tuple[Recognised, ...]:
+def checked_for_missing(found: Sequence[Recognised], model: Model, eyes: StereoImages) -> tuple[Recognised, ...]:
     """The named ones with a confidence that counts what speaks against them; without their names where that is too
     much."""
     return tuple(_checked(one, model, eyes) if one.named else one for one in found)
 
 
-def _checked(one: Recognised, model: Model, eyes: Eyes) -> Recognised:
+def _checked(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
     verdict = one.part.recognition
     against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
     confidence = verdict.confidence * (1 - against.twin)
@@ -99,7 +99,7 @@ def _checked(one: Recognised, model: Model, eyes: Eyes) -> Recognised:
     return replace(one, part=replace(one.part, recognition=replace(verdict, confidence=confidence)))
 
 
-def speaks_against(solid: Polyhedron, pose: Array, eyes: Eyes) -> Against:
+def speaks_against(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Against:
     """What speaks against a part's being at cyclopean_from_part (4, 4)."""
     both = edge_places(solid, pose, eyes)
     return Against(missing_share(both), missing_in_both_px(both), off_faces_px(solid, pose, eyes))
@@ -124,7 +124,7 @@ class EdgePlaces:
     spread: Array
 
 
-def edge_places(solid: Polyhedron, pose: Array, eyes: Eyes) -> tuple[EdgePlaces, EdgePlaces]:
+def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> tuple[EdgePlaces, EdgePlaces]:
     """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
     left, right = (_samples(solid, pose, *one) for one in zip(eyes.views, eyes.geometry.eyes_mm, strict=True))
     return left, right
@@ -153,10 +153,10 @@ def missing_in_both_px(both: Sequence[EdgePlaces]) -> float:
     return float(sum((seen.length_px[:, None] * (each & lost)).sum() for seen, each in zip(both, missing, strict=True)))
 
 
-def _samples(solid: Polyhedron, pose: Array, view: OneEye, eye_mm: Array) -> EdgePlaces:
+def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> EdgePlaces:
     ends = solid.lines[0]
     corners = view.eye.camera.project(frames.apply(pose, solid.corners_mm))
-    thick = Placements.of([solid]).thickness(corners)
+    thick = ShapeBatch.of([solid]).thickness(corners)
     hands = np.where((thick >= THIN_PX[1])[_hands(solid)], _hands(solid), -1)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     places = solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares

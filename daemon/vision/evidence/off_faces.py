@@ -16,7 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, hidden
-from daemon.vision.image import Eyes, OneEye, find_segments, levels_across, runs, slopes_across
+from daemon.vision.image import CameraImage, StereoImages, find_segments, levels_across, runs, slopes_across
 from daemon.vision.refine import across
 
 LEAST_FACING = 0.3
@@ -37,7 +37,7 @@ elsewhere, where the edge is off the face."""
 _OFFSETS_PX = np.arange(-REACH_PX - 0.5, REACH_PX + 1.0)
 
 
-def off_faces_px(solid: Polyhedron, pose: Array, eyes: Eyes) -> float:
+def off_faces_px(solid: Polyhedron, pose: Array, eyes: StereoImages) -> float:
     """Length, px over both images, of edges within a part at cyclopean_from_part (4, 4) that are off its faces."""
     facing = np.min([solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm], axis=0) > LEAST_FACING
     if not facing.any():
@@ -66,7 +66,7 @@ class _FaceMap(NamedTuple):
         return found
 
 
-def _face_map(solid: Polyhedron, pose: Array, view: OneEye, eye_mm: Array) -> _FaceMap:
+def _face_map(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> _FaceMap:
     """The faces painted the farthest first, their borders over them."""
     points = frames.apply(pose, solid.corners_mm)
     at = (view.eye.camera.project(points) - (SCALE - 1) / 2) / SCALE
@@ -82,7 +82,7 @@ def _face_map(solid: Polyhedron, pose: Array, view: OneEye, eye_mm: Array) -> _F
     return _FaceMap(painted.astype(np.intp), low)
 
 
-def _blank(view: OneEye, seen: _FaceMap, facing: Flags) -> bool:
+def _blank(view: CameraImage, seen: _FaceMap, facing: Flags) -> bool:
     """Whether a camera sees no edge of any length on the faces."""
     (left, top), (height, width) = seen.low.tolist(), seen.face.shape
     scale = view.scale(SCALE)
@@ -90,7 +90,7 @@ def _blank(view: OneEye, seen: _FaceMap, facing: Flags) -> bool:
     return int((strong & np.append(facing, False)[seen.face]).sum()) < FEWEST
 
 
-def _off_in(solid: Polyhedron, pose: Array, eyes: Eyes, facing: Flags, maps: list[_FaceMap], one: int) -> float:
+def _off_in(solid: Polyhedron, pose: Array, eyes: StereoImages, facing: Flags, maps: list[_FaceMap], one: int) -> float:
     """Length, px, of the edges that one image shows and the other has off the faces."""
     view, other, geometry = eyes.views[one], eyes.views[1 - one], eyes.geometry
     at, way, length_px = _pieces(view, maps[one], facing)
@@ -116,7 +116,7 @@ def _off_in(solid: Polyhedron, pose: Array, eyes: Eyes, facing: Flags, maps: lis
     return float(length_px[seen][(strong > STRONG) & missing & elsewhere].sum())
 
 
-def _pieces(view: OneEye, seen: _FaceMap, facing: Flags) -> tuple[Array, Array, Array]:
+def _pieces(view: CameraImage, seen: _FaceMap, facing: Flags) -> tuple[Array, Array, Array]:
     """Straight segments on faces that look at both cameras, in pieces: their middles (N, 2) px, unit ways (N, 2) and
     lengths (N,) px."""
     low, high = SCALE * seen.low, SCALE * (seen.low + seen.face.shape[::-1])
@@ -131,7 +131,7 @@ def _pieces(view: OneEye, seen: _FaceMap, facing: Flags) -> tuple[Array, Array, 
     return at[keep], (way / lengths[of, None])[keep], (lengths / count)[of][keep]
 
 
-def _on_plane(solid: Polyhedron, pose: Array, view: OneEye, face: Index, px: Array) -> Array:
+def _on_plane(solid: Polyhedron, pose: Array, view: CameraImage, face: Index, px: Array) -> Array:
     """(N, 3) mm, cyclopean: where the sights of pixels (N, 2) meet the planes of faces (N,)."""
     camera = view.eye.camera
     turn, centre = camera.cyclopean_from_camera[:3, :3], camera.cyclopean_from_camera[:3, 3]

@@ -9,9 +9,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, Shape
+from daemon.vision.geometry import PlanarShape, Polyhedron
 from daemon.vision.hypotheses import COVERED, silhouette
-from daemon.vision.image import Eyes
+from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, joined, recognised
 from daemon.vision.values import Facet, FacetView, Group, Rejected
@@ -20,8 +20,8 @@ ON_FACE_MM, ON_FACE_SIGMAS = 4.0, 3.0
 """How far off a face a facet may have been measured that lies on it: whichever is more."""
 
 
-def beside(
-    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: Eyes
+def without_overlaps(
+    found: Sequence[Recognised], view: FacetView, more: Sequence[Recognised], model: Model, eyes: StereoImages
 ) -> tuple[tuple[Recognised, ...], FacetView]:
     """What was found with more named parts, those left out that lie where one was named; and the view with the groups
     and refused outlines that are left.
@@ -35,7 +35,7 @@ def beside(
     new = [(r, shape) for r, shape in new if not any(shape.covers(other) > COVERED for other in taken)]
 
     def theirs(facet: Facet, alone: bool) -> bool:
-        shape = Shape.of(facet.left_px)
+        shape = PlanarShape.of(facet.left_px)
         over = [*(own for _, own in new), *(taken if alone else ())]
         return any(shape.common(own) > COVERED * shape.area for own in over) or any(
             lies_on(facet, model.metric[r.label].solid, r.part.cyclopean_from_part) for r in named
@@ -57,29 +57,30 @@ def lies_on(facet: Facet, solid: Polyhedron, pose: Array) -> bool:
         turn = flat_from_camera[:3, :3]
         x, y, z = np.diagonal(turn @ facet.covariance_mm2 @ turn.T, axis1=1, axis2=2).T
         off, aside = (np.maximum(ON_FACE_SIGMAS * np.sqrt(spread), ON_FACE_MM) for spread in (z, x + y))
-        if (np.abs(flat[:, 2]) < off).all() and (Shape.of(ring[:, :2]).depth(flat[:, :2]) > -aside).all():
+        if (np.abs(flat[:, 2]) < off).all() and (PlanarShape.of(ring[:, :2]).depth(flat[:, :2]) > -aside).all():
             return True
     return False
 
 
-def all_explained(found: Sequence[Recognised], view: FacetView, model: Model, eyes: Eyes) -> bool:
+def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model, eyes: StereoImages) -> bool:
     """Whether something was found and all of it has a name, and whatever else both eyes outline lies where that is."""
     if not found or not all(one.named for one in found):
         return False
-    rest = [Shape.of(one.corners_px) for one in view.rejected if one.unexplained]
+    rest = [PlanarShape.of(one.corners_px) for one in view.rejected if one.unexplained]
     taken = [covered(one, model, eyes) for one in found] if rest else []
     return all(any(shape.common(own) > COVERED * shape.area for own in taken) for shape in rest)
 
 
-def covered(one: Recognised, model: Model, eyes: Eyes) -> Shape:
+def covered(one: Recognised, model: Model, eyes: StereoImages) -> PlanarShape:
     """What a named part covers in the left eye."""
     return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
 
 
 def _covers(group: Group, outline: Rejected) -> bool:
-    shape = Shape.of(outline.corners_px)
+    shape = PlanarShape.of(outline.corners_px)
     return any(
-        shape.covers(Shape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED for f in group.facets
+        shape.covers(PlanarShape.of(f.right_px if outline.eye == "right" else f.left_px)) > COVERED
+        for f in group.facets
     )
 
 

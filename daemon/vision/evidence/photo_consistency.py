@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, Shape
-from daemon.vision.image import Eyes
+from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.image import StereoImages
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
 FEWEST, ENOUGH = 12, 1600
@@ -27,7 +27,7 @@ LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
 
-def likeness(solid: Polyhedron, pose: Array, eyes: Eyes, apart_px: float = 0.0) -> float | None:
+def face_consistency(solid: Polyhedron, pose: Array, eyes: StereoImages, apart_px: float = 0.0) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there, along
     epipolar lines, the eyes have it."""
@@ -37,7 +37,7 @@ def likeness(solid: Polyhedron, pose: Array, eyes: Eyes, apart_px: float = 0.0) 
         ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], _on_face(solid, index)))
         borders, seen = (_seen(points, eyes, apart_px) for points in (ring, places))
         inside = [
-            (Shape.of(own).depth(px) > MARGIN_PX) & ((px > 0) & (px < most)).all(1)
+            (PlanarShape.of(own).depth(px) > MARGIN_PX) & ((px > 0) & (px < most)).all(1)
             for px, own in zip(seen, borders, strict=True)
         ]
         keep = np.all(inside, axis=0)
@@ -50,18 +50,18 @@ def likeness(solid: Polyhedron, pose: Array, eyes: Eyes, apart_px: float = 0.0) 
     return None if total <= LEAST_PRINT * count else 1.0 - apart / total
 
 
-def print_apart_px(solid: Polyhedron, pose: Array, eyes: Eyes) -> float:
+def print_apart_px(solid: Polyhedron, pose: Array, eyes: StereoImages) -> float:
     """By how many px along epipolar lines print lies apart in the eyes from where a part's edges, at a pose (4, 4),
     have it; 0 where it agrees, or where nobody can tell."""
-    here = likeness(solid, pose, eyes)
+    here = face_consistency(solid, pose, eyes)
     if here is None or not NEARLY < here < AGREES:
         return 0.0
-    there = [(likeness(solid, pose, eyes, by) or 0.0, by) for by in TRIED_PX]
+    there = [(face_consistency(solid, pose, eyes, by) or 0.0, by) for by in TRIED_PX]
     most, by = max(there)
     return by if most > AGREES and 1 - most < MUCH_LESS * (1 - here) else 0.0
 
 
-def _seen(points: Array, eyes: Eyes, apart_px: float) -> tuple[Array, Array]:
+def _seen(points: Array, eyes: StereoImages, apart_px: float) -> tuple[Array, Array]:
     """Where either eye has points (N, 3) that are so much farther apart in both, (N, 2) px each."""
     geometry = eyes.geometry
     left, right = geometry.project(points)

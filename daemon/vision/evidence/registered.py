@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, Shape
-from daemon.vision.hypotheses import COVERED, Likely, Search, rests_on, silhouette
-from daemon.vision.refine import Borne, Placements, Stretches, settled, stretches_of
+from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
+from daemon.vision.refine import EdgeEvidence, EdgeSamples, ShapeBatch, aligned_to_edges, edge_samples_of
 
 BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -3.0
 """What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
@@ -26,7 +26,7 @@ those looks that were worth -2 and more without it, 288 of 295 true ones lay on 
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class RegisteredPart:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
     evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
     guess it is the best; rests: whether it lies on the table, where that is seen."""
@@ -34,9 +34,9 @@ class Laid:
     label: str
     solid: Polyhedron
     pose: Array
-    seen: tuple[Stretches, Stretches]
-    borne: Borne
-    covers: Shape
+    seen: tuple[EdgeSamples, EdgeSamples]
+    borne: EdgeEvidence
+    covers: PlanarShape
     tries: float = 1.0
     rests: bool | None = None
 
@@ -46,21 +46,23 @@ class Laid:
         by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
         return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
 
-    def overlaps(self, other: Laid) -> bool:
+    def overlaps(self, other: RegisteredPart) -> bool:
         """Whether both cannot be there."""
         return self.covers.covers(other.covers) > COVERED
 
 
-def laid_near(search: Search, likely: Sequence[Likely]) -> Iterator[Laid]:
+def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
     eyes, model, ground = search.eyes, search.model, search.ground
     solids = [model.metric[one.label].solid for one in likely]
-    laid, tolerance = Placements.of(solids), model.parameters.tolerance_mm
-    poses = settled(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
-    seen = stretches_of(laid, eyes, poses, tolerance)
+    laid, tolerance = ShapeBatch.of(solids), model.parameters.tolerance_mm
+    poses = aligned_to_edges(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
+    seen = edge_samples_of(laid, eyes, poses, tolerance)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
-        rests = None if ground is None else rests_on(ground, solid, pose)
-        yield Laid(one.label, solid, pose, own, Borne.of(own), silhouette(solid, pose, eyes), one.tries, rests)
+        rests = None if ground is None else lies_on_support(ground, solid, pose)
+        yield RegisteredPart(
+            one.label, solid, pose, own, EdgeEvidence.of(own), silhouette(solid, pose, eyes), one.tries, rests
+        )

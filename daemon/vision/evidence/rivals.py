@@ -19,8 +19,8 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import in_sizes, pixels
-from daemon.vision.image import Eyes
-from daemon.vision.refine import Placements, Stretches, stretches_of
+from daemon.vision.image import StereoImages
+from daemon.vision.refine import EdgeSamples, ShapeBatch, edge_samples_of
 
 ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so nearly the same way
 SAME_PX = 2.0  # an edge no farther off shows by the same slopes
@@ -31,13 +31,13 @@ same place, has speak for that: less leaves the name open, however little the ot
 edges give parts with twins that differ in a side this leaves 89 right and one wrong; of 184 without twins 182."""
 
 
-def by_own_edges(one: Sequence[Stretches], other: Sequence[Stretches]) -> float:
+def by_own_edges(one: Sequence[EdgeSamples], other: Sequence[EdgeSamples]) -> float:
     """By how many nats the edges that only one has, in either eye, speak more for it than those that only the other has
     speak for that."""
     return sum(_alone(a, b) - _alone(b, a) for a, b in zip(one, other, strict=True))
 
 
-def _alone(one: Stretches, other: Stretches) -> float:
+def _alone(one: EdgeSamples, other: EdgeSamples) -> float:
     """Nats of the edges of one, as far as none of the other lies there."""
     edges, others = one.edges, other.edges
     way, along = (each.end - each.start for each in (edges, others))
@@ -50,17 +50,19 @@ def _alone(one: Stretches, other: Stretches) -> float:
     return float((1 - shared) @ one.nats)
 
 
-def cut_off(solid: Polyhedron, pose: Array, eyes: Eyes) -> bool:
+def cut_off(solid: Polyhedron, pose: Array, eyes: StereoImages) -> bool:
     """Whether a part at cyclopean_from_part (4, 4) leaves the picture of either eye."""
     most = np.array(eyes.rig.image_size) - 1
     seen = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
     return any(bool(((px < 0) | (px > most)).any()) for px in seen)
 
 
-def ahead_of_sizes(solid: Polyhedron, pose: Array, seen: Sequence[Stretches], eyes: Eyes, tolerance_mm: float) -> float:
+def ahead_of_sizes(
+    solid: Polyhedron, pose: Array, seen: Sequence[EdgeSamples], eyes: StereoImages, tolerance_mm: float
+) -> float:
     """By how many nats what both eyes show at a pose (4, 4) speaks more for a part than for the same part longer or
     shorter there, whichever is nearest to it."""
     sizes = in_sizes(solid)
-    laid = Placements.of(sizes)
-    both = stretches_of(laid, eyes, pose[None].repeat(len(sizes), 0), tolerance_mm)
+    laid = ShapeBatch.of(sizes)
+    both = edge_samples_of(laid, eyes, pose[None].repeat(len(sizes), 0), tolerance_mm)
     return min(by_own_edges(seen, [one.only(k, laid) for one in both]) for k in range(len(sizes)))

@@ -6,25 +6,25 @@ from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.patterned_table import seen_table
 from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
-from daemon.vision.facets.table import Table, table_at, table_of, without_table
-from daemon.vision.facets.weld import weld
+from daemon.vision.facets.table import TablePlane, table_at, table_of, without_table
+from daemon.vision.facets.vertices import merge_vertices
 
 __all__ = [
     "Fused",
     "SeenFrom",
-    "Table",
+    "TablePlane",
     "connected",
     "facets_seen",
     "facets_step_by_step",
     "find_facets",
     "fuse",
     "group_of",
+    "merge_vertices",
     "only",
     "seen_table",
     "shared_motion",
     "table_at",
     "table_of",
     "triangulated_covariance",
-    "weld",
     "without_table",
 ]

@@ -9,9 +9,9 @@ from itertools import compress
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.facets.matching import Match, in_both, match_polygons
-from daemon.vision.geometry import Baseline, Shape, disparity, fit_plane, planarities, rings, weighted_plane
-from daemon.vision.image import Eyes, Fitted, Outline, fits, outlines_near
+from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
+from daemon.vision.geometry import Baseline, PlanarShape, disparity, fit_plane, planarities, rings, weighted_plane
+from daemon.vision.image import Fitted, Outline, StereoImages, fits, outlines_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, Polygon
 
@@ -35,15 +35,15 @@ class Candidate:
     left: Fitted
     right: Fitted
     worth: float
-    left_shape: Shape
-    right_shape: Shape
+    left_shape: PlanarShape
+    right_shape: PlanarShape
 
     def covers(self, other: Candidate) -> float:
         """Greatest part, in either eye, of the smaller of the two that both cover."""
         return max(self.left_shape.covers(other.left_shape), self.right_shape.covers(other.right_shape))
 
 
-def outlines_of(eyes: Eyes, settings: VisionSettings, *, in_one: bool) -> list[tuple[Outline, ...]]:
+def outlines_of(eyes: StereoImages, settings: VisionSettings, *, in_one: bool) -> list[tuple[Outline, ...]]:
     """The left and the right eye's outlines, best supported first; in_one: those as well that one eye alone shows."""
     rough = [view.rough(settings) for view in eyes.views]
     if not in_one:
@@ -53,7 +53,9 @@ def outlines_of(eyes: Eyes, settings: VisionSettings, *, in_one: bool) -> list[t
     return outlines_near(list(zip(eyes.views, rough, strict=True)), settings)
 
 
-def find_candidates(outlines: Sequence[Sequence[Outline]], eyes: Eyes, settings: VisionSettings) -> list[Candidate]:
+def find_candidates(
+    outlines: Sequence[Sequence[Outline]], eyes: StereoImages, settings: VisionSettings
+) -> list[Candidate]:
     """Pairs of the left and the right eye's outlines that fit along the epipolar lines, fitted and triangulated; of
     similar pairs only the best few.
     """
@@ -77,19 +79,21 @@ def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baselin
     found = []
     for facet, (left, right, support) in zip(facets, fitted, strict=True):
         worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
-        found.append(Candidate(facet, left, right, worth, Shape.of(facet.left_px), Shape.of(facet.right_px)))
+        found.append(
+            Candidate(facet, left, right, worth, PlanarShape.of(facet.left_px), PlanarShape.of(facet.right_px))
+        )
     return found
 
 
-def _best_few(matches: list[Match], left: Sequence[Outline], right: Sequence[Outline]) -> list[Match]:
+def _best_few(matches: list[PolygonMatch], left: Sequence[Outline], right: Sequence[Outline]) -> list[PolygonMatch]:
     """Of matches of much the same region the best two, by how far the outlines are seen and how well they match."""
 
-    def rank(m: Match) -> float:
+    def rank(m: PolygonMatch) -> float:
         support = min(left[m.left].support, right[m.right].support)
         return m.cost * _PER_PX + _PER_CORNER * len(left[m.left].corners) - support
 
-    kept: list[Match] = []
-    shapes: list[tuple[Shape, Shape]] = []
+    kept: list[PolygonMatch] = []
+    shapes: list[tuple[PlanarShape, PlanarShape]] = []
     for m in sorted(matches, key=rank):
         both = left[m.left].shape, right[m.right].shape
         alike = sum(both[0].union(s[0]) > _SAME_UNION or both[1].union(s[1]) > _SAME_UNION for s in shapes)

@@ -16,7 +16,7 @@ from daemon.arrays import Array
 from daemon.vision.facets.candidates import COVERED, Candidate, candidates, flatness_sigmas
 from daemon.vision.facets.grouping import same_edges
 from daemon.vision.geometry import Baseline, areas, rings
-from daemon.vision.image import Eyes, OneEye, Outline, fits, outlined, probe_sides
+from daemon.vision.image import CameraImage, Outline, StereoImages, fits, outlined, probe_sides
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Polygon
 
@@ -36,7 +36,7 @@ class _Hinge:
 
 
 def complete(
-    chosen: list[Candidate], outlines: Sequence[Sequence[Outline]], eyes: Eyes, settings: VisionSettings
+    chosen: list[Candidate], outlines: Sequence[Sequence[Outline]], eyes: StereoImages, settings: VisionSettings
 ) -> list[Candidate]:
     """Further facets, none of which covers a chosen one or another; outlines: of the left and the right eye."""
     added: list[Candidate] = []
@@ -77,8 +77,8 @@ def _common_side(corners: Array, own: Polygon, far: Polygon) -> _Hinge | None:
 def _swing(
     outline: Outline,
     hinge: _Hinge,
-    seen: OneEye,
-    other: OneEye,
+    seen: CameraImage,
+    other: CameraImage,
     is_left: bool,
     geometry: Baseline,
     settings: VisionSettings,
@@ -111,7 +111,7 @@ def _swing(
     return None if off or flatness_sigmas(made.facet) > settings.planarity_sigmas else made
 
 
-def _turned(outline: Outline, hinge: _Hinge, seen: OneEye, other: OneEye) -> Array:
+def _turned(outline: Outline, hinge: _Hinge, seen: CameraImage, other: CameraImage) -> Array:
     """The outline in the other eye for every turn about the hinge, (T, N, 2) px."""
     here = seen.eye.ideal(outline.corners)
     n = len(here)

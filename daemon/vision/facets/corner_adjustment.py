@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Index
-from daemon.vision.geometry import Baseline, Eye
+from daemon.vision.geometry import Baseline, RectifiedCamera
 from daemon.vision.image import Sides
 
 PLANE_MM = 0.02  # how flat a real facet is
@@ -34,7 +34,7 @@ class EdgeObservations:
     weight: Array
 
 
-def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: Eye) -> EdgeObservations:
+def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: RectifiedCamera) -> EdgeObservations:
     """All facets' sides in one eye, one facet's after the other's; ends and weight as EdgeObservations has them."""
     start, end = eye.ideal(np.concatenate([*(s.start for s in sides), *(s.end for s in sides)])).reshape(2, -1, 2)
     x, y = (end - start).T

@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets.association import OF_SHORTEST, Pieces, Ring, one_corner, one_facet, one_thing, uncontradicted
 from daemon.vision.facets.grouping import connected
-from daemon.vision.facets.looks_adjustment import LEAST_MM2, Adjusted, LookCorners, adjusted, shared_motion
+from daemon.vision.facets.looks_adjustment import LEAST_MM2, FusedCorners, LookCorners, adjusted, shared_motion
 from daemon.vision.facets.outlining import LEAST_SINE, Plane, outlines, plane_of, supposed
 from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, planarity, sides_of
 from daemon.vision.values import Facet, Group
@@ -91,7 +91,7 @@ def fuse(looks: Sequence[SeenFrom], shared: Array, table_mm: float | None = None
     seen = [_corners(one) for one in looks]
     places, error, owner = [one.base_from_cyclopean for one in looks], np.zeros(9), list[Index]()
     moved, spread, facets = list[Array](), list[Array](), list[Pieces]()
-    whole: Adjusted | None = None
+    whole: FusedCorners | None = None
     for doubted in (True, False):
         moved = [_based(one, place, error) for one, place in zip(seen, places, strict=True)]
         spread = [place[:3, :3] @ one.covariance_mm2 @ place[:3, :3].T for one, place in zip(seen, places, strict=True)]
@@ -276,7 +276,9 @@ def _doubt(one: LookCorners, shared: Array) -> Array:
     return np.asarray(own @ one.covariance @ own.swapaxes(1, 2) + alike @ shared @ alike.swapaxes(1, 2))
 
 
-def _fused(looks: Sequence[SeenFrom], whole: Adjusted, pieces: _Measured, shapes: Sequence[tuple[int, Ring]]) -> Fused:
+def _fused(
+    looks: Sequence[SeenFrom], whole: FusedCorners, pieces: _Measured, shapes: Sequence[tuple[int, Ring]]
+) -> Fused:
     """shapes: (set of pieces, ring); of two that claim one side of an edge that which was seen oftener stays."""
     edges, kept = set[tuple[int, int]](), list[tuple[int, Ring]]()
     for k, ring in sorted(shapes, key=lambda shape: -len(pieces.facets[shape[0]])):

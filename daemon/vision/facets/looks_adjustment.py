@@ -36,7 +36,7 @@ class LookCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class Adjusted:
+class FusedCorners:
     """corners_mm (V, 3) base; covariance_mm2 (3 V, 3 V) of all together; places (L, 4, 4) base_from_cyclopean; error
     (9,), which all looks share; misfit: rms of what is left, sigmas."""
 
@@ -58,7 +58,9 @@ def shared_motion(points_mm: Array, focal_px: float, baseline_mm: float) -> Arra
     return rows
 
 
-def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array, unseen: Array = NONE) -> Adjusted:
+def adjusted(
+    looks: Sequence[LookCorners], planes: Sequence[Index], shared: Array, unseen: Array = NONE
+) -> FusedCorners:
     """Least-squares corners, places and shared errors. planes: corner numbers of each facet of four or more; shared
     (9, 9): covariance of the shared errors; unseen (U, 3): where corners begin that no look measured, which come behind
     the others, and which planes alone hold.
@@ -113,7 +115,7 @@ def adjusted(looks: Sequence[LookCorners], planes: Sequence[Index], shared: Arra
     free = max(3 * float(trust.sum()) - first + sum(len(p) - 3 for p in planes), 1.0)
     misfit = float(np.sqrt(squares / free))
     covariance = np.asarray(np.linalg.inv(hessian), float)[:first, :first] * max(1.0, misfit**2)
-    return Adjusted(corners, covariance, np.array(places), off[last:], misfit)
+    return FusedCorners(corners, covariance, np.array(places), off[last:], misfit)
 
 
 def _seen(one: LookCorners, place: Array, error: Array) -> tuple[Array, Array, Array]:

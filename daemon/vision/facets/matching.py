@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Baseline, Eye
+from daemon.vision.geometry import Baseline, RectifiedCamera
 from daemon.vision.settings import VisionSettings
 
 _ROUGH_PX = 2.0
@@ -19,7 +19,7 @@ _ROUGH_PX = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class PolygonMatch:
     """Left polygon `left` may be right polygon `right`; its corner i is the right's corner (i + shift) mod N.
 
     cost: px, rms distance of the corners from their epipolar lines and of their disparities from a plane's.
@@ -31,7 +31,9 @@ class Match:
     cost: float
 
 
-def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings) -> list[Match]:
+def match_polygons(
+    left: list[Array], right: list[Array], geometry: Baseline, settings: VisionSettings
+) -> list[PolygonMatch]:
     """Every match that epipolar lines, depth range and planarity allow, cheapest first.
 
     left, right: corners (N, 2) px of each polygon, anticlockwise as seen.
@@ -43,13 +45,13 @@ def match_polygons(left: list[Array], right: list[Array], geometry: Baseline, se
     gap = np.abs(one.boxes[:, None, 1::2] - other.boxes[:, 1::2]).max(2)
     pairs = np.argwhere((one.count[:, None] == other.count) & (gap < band))
     corners = one.count[pairs[:, 0]]
-    found = list[Match]()
+    found = list[PolygonMatch]()
     for count in sorted(set(corners.tolist())):
         i, j = pairs[corners == count].T
         a, b = (eye.corners[eye.first[own, None] + np.arange(count)] for eye, own in ((one, i), (other, j)))
         shift, cost = _best_shifts(a, b, geometry, settings)
         good = np.isfinite(cost)
-        found += map(Match, *(column[good].tolist() for column in (i, j, shift, cost)))
+        found += map(PolygonMatch, *(column[good].tolist() for column in (i, j, shift, cost)))
     return sorted(found, key=lambda m: (m.cost, m.left, m.right))
 
 
@@ -81,7 +83,7 @@ class _Ideal:
     boxes: Array
 
     @classmethod
-    def of(cls, polygons: list[Array], eye: Eye) -> _Ideal:
+    def of(cls, polygons: list[Array], eye: RectifiedCamera) -> _Ideal:
         """polygons: corners (N, 2) px of each."""
         corners, count = eye.ideal(np.concatenate(polygons)), np.array([len(p) for p in polygons])
         first = count.cumsum() - count

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array, Flags
-from daemon.vision.facets.table import Table
-from daemon.vision.geometry import Baseline, Eye
-from daemon.vision.image import Eyes, OneEye
+from daemon.vision.facets.table import TablePlane
+from daemon.vision.geometry import Baseline, RectifiedCamera
+from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.settings import VisionSettings
 
 COLUMNS = 213
@@ -113,7 +113,9 @@ def rectified(geometry: Baseline, columns: int, rows: int, slant: float) -> Rect
     return Rectified(from_left, from_right, per_unit, first, least, count, margin, base, shown)
 
 
-def _taken_from(eye: Eye, wide: int, tall: int, per_unit: float, first: Array, base: Array) -> NDArray[np.float32]:
+def _taken_from(
+    eye: RectifiedCamera, wide: int, tall: int, per_unit: float, first: Array, base: Array
+) -> NDArray[np.float32]:
     """(2, tall, wide) px of an eye's own picture, x and y, all moved to the right by what base (3,) says. An arm that
     moves one eye makes a new rig of every look."""
     columns, rows = ((np.arange(-1, most // EVERY + 2) + 0.5) * EVERY - 0.5 for most in (wide, tall))
@@ -124,7 +126,7 @@ def _taken_from(eye: Eye, wide: int, tall: int, per_unit: float, first: Array, b
     return np.ascontiguousarray(many[EVERY : EVERY + tall, EVERY : EVERY + wide].transpose(2, 0, 1), np.float32)
 
 
-def seen_table(eyes: Eyes, known: Table | None = None) -> Table | None:
+def seen_table(eyes: StereoImages, known: TablePlane | None = None) -> TablePlane | None:
     """The plane that most of both pictures shows, if there is one. known: about as it should lie; unless the eyes are
     upright it is not seen without that where it is steep in them."""
     if _plain(eyes.left):
@@ -140,7 +142,7 @@ def seen_table(eyes: Eyes, known: Table | None = None) -> Table | None:
     return None
 
 
-def _slant(table: Table, geometry: Baseline) -> float:
+def _slant(table: TablePlane, geometry: Baseline) -> float:
     """The one of SLANTS, either way, that is nearest to a table's."""
     up = table.up @ geometry.cyclopean_from_baseline
     height_mm = max(float(table.up @ geometry.middle_mm) - table.level_mm, 1.0)
@@ -150,7 +152,7 @@ def _slant(table: Table, geometry: Baseline) -> float:
 
 def _table_of(
     disparities: NDArray[np.float32], pictures: tuple[NDArray[Any], NDArray[Any]], geometry: Baseline, canvas: Rectified
-) -> Table | None:
+) -> TablePlane | None:
     """The plane that most of the disparities (H, W) lie in, as both pictures have it."""
     every, own = _places(disparities.shape), disparities.ravel()
     matched = own > canvas.least
@@ -189,14 +191,14 @@ def _most_of_it(lies: Flags, farther: Flags, in_both: Flags) -> bool:
     return bool(cv2.contourArea(around) > LEAST_AROUND * np.prod(np.subtract(lies.shape, 1)))
 
 
-def _plain(view: OneEye) -> bool:
+def _plain(view: CameraImage) -> bool:
     """Whether too few cells of a picture show any edges for a plane to lie in them."""
     scale = view.scale(2)
     edges = (scale.strength >= VisionSettings.faintest * scale.sigma).astype(np.float32)
     return bool((cv2.resize(edges, CELLS, interpolation=cv2.INTER_AREA) > LEAST_ON_EDGES).mean() < LEAST_CELLS)
 
 
-def _pictures(eyes: Eyes, canvas: Rectified) -> tuple[NDArray[Any], NDArray[Any]]:
+def _pictures(eyes: StereoImages, canvas: Rectified) -> tuple[NDArray[Any], NDArray[Any]]:
     """Coarse rectified pictures of both eyes."""
     shrink = eyes.geometry.left.focal_px / canvas.per_unit
     left, right = (
@@ -262,7 +264,7 @@ def _compared(plane: Array, places: Array, pictures: tuple[NDArray[Any], NDArray
     return answer[:3]
 
 
-def _in_space(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[int, int]) -> Table:
+def _in_space(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[int, int]) -> TablePlane:
     """A plane of disparities as it lies in space."""
     tall, wide = shape
     places = np.array([[canvas.margin, 0], [canvas.margin + wide, 0], [canvas.margin + wide / 2, tall]], float)
@@ -271,4 +273,4 @@ def _in_space(plane: Array, canvas: Rectified, geometry: Baseline, shape: tuple[
     a, b, c = geometry.points(canvas.ideal(places), canvas.ideal(there))
     up = np.cross(b - a, c - a)
     up *= -np.sign(up @ (a + b + c)) / np.linalg.norm(up)
-    return Table(up, float(up @ (a + b + c)) / 3)
+    return TablePlane(up, float(up @ (a + b + c)) / 3)

@@ -14,9 +14,9 @@ from daemon.vision.facets.candidates import Candidate, choose, find_candidates, 
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
-from daemon.vision.facets.weld import weld
+from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import Baseline, StereoRig, by_formula, converging
-from daemon.vision.image import Eyes, Outline, find_corners, open_eyes
+from daemon.vision.image import Outline, StereoImages, find_corners, open_stereo
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
@@ -34,16 +34,16 @@ def find_facets(
     left, right: (H, W) uint8, or what `as_grey` takes. Facets come untyped, corners anticlockwise as seen.
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
-    return facets_seen(open_eyes(left, right, rig), settings or VisionSettings())
+    return facets_seen(open_stereo(left, right, rig), settings or VisionSettings())
 
 
-def facets_seen(eyes: Eyes, settings: VisionSettings) -> FacetView:
+def facets_seen(eyes: StereoImages, settings: VisionSettings) -> FacetView:
     """The same of images already opened; what they were asked for before is not made again."""
     *_, view = facets_step_by_step(eyes, settings)
     return view
 
 
-def facets_step_by_step(eyes: Eyes, settings: VisionSettings) -> Iterator[FacetView]:
+def facets_step_by_step(eyes: StereoImages, settings: VisionSettings) -> Iterator[FacetView]:
     """The facets that both eyes outline, where each has a neighbour: a lone one is no proof of anything. Then, for who
     asks on, with those that one eye alone outlines: the same groups again where there are none."""
     outlines = outlines_of(eyes, settings, in_one=False)
@@ -63,7 +63,7 @@ def _grouped(
     chosen: list[Candidate],
     sets: list[Welded],
     refused: list[tuple[Candidate, str]],
-    eyes: Eyes,
+    eyes: StereoImages,
     settings: VisionSettings,
 ) -> FacetView:
     """The chosen candidates, welded in sets, as groups of facets, less those that a part stands on; these, and those
@@ -102,7 +102,7 @@ def _welded(candidates: list[Candidate]) -> list[Welded]:
     """Sets of candidates that hang together by shared edges, each with its facets as a group."""
     if not candidates:
         return []
-    whole = weld([c.facet for c in candidates])
+    whole = merge_vertices([c.facet for c in candidates])
     sets = connected(whole.touching)
     if len(sets) == 1:
         return [(candidates, whole)]
@@ -117,12 +117,12 @@ def _settled(members: list[Candidate], group: Group, geometry: Baseline, setting
     whole = settled(members, group, geometry)
     if 2 * len(group.polyhedron.seams) == len(members) * (len(members) - 1):
         return whole
-    again = weld(whole.facets)
+    again = merge_vertices(whole.facets)
     fewer = len(set().union(*again.rings)) < len(set().union(*whole.rings))
     return settled(members, again, geometry) if fewer else whole
 
 
-def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:
+def _noise_at_parts(eyes: StereoImages, chosen: list[Candidate]) -> tuple[float, float]:
     """Noise sigma at the grey level of the facets (mid grey without any), grey levels; and the edges' blur, px."""
     if not chosen:
         return float(np.mean([view.noise.sigma[128] for view in eyes.views])), 0.0
@@ -135,7 +135,7 @@ def _noise_at_parts(eyes: Eyes, chosen: list[Candidate]) -> tuple[float, float]:
     return median(sigma), median(float(c.left.sides.blur[0]) for c in chosen)
 
 
-def _with_detected_corners(c: Candidate, eyes: Eyes, settings: VisionSettings) -> Candidate:
+def _with_detected_corners(c: Candidate, eyes: StereoImages, settings: VisionSettings) -> Candidate:
     """The candidate with its corners from one of D'Souza's detectors; where that finds none, the met lines stay."""
     polygons = []
     for view, fitted in zip(eyes.views, (c.left, c.right), strict=True):

@@ -20,7 +20,7 @@ SIGMAS = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class TablePlane:
     """The table in the cyclopean frame: up (3,) its unit normal, height of a point = up . p - level_mm."""
 
     up: Array
@@ -37,17 +37,17 @@ class Table:
         return {"up": self.up.tolist(), "level_mm": self.level_mm}
 
 
-def table_of(json: Mapping[str, Any] | None) -> Table | None:
+def table_of(json: Mapping[str, Any] | None) -> TablePlane | None:
     """What `Table.json` gave; None where nobody knew of a table."""
-    return Table(np.array(json["up"], float), float(json["level_mm"])) if json else None
+    return TablePlane(np.array(json["up"], float), float(json["level_mm"])) if json else None
 
 
-def table_at(height_mm: float, world_from_cyclopean: Array) -> Table:
+def table_at(height_mm: float, world_from_cyclopean: Array) -> TablePlane:
     """The table at a height in the world, as cameras at (4, 4) mm see it."""
-    return Table(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
+    return TablePlane(world_from_cyclopean[2, :3], height_mm - float(world_from_cyclopean[2, 3]))
 
 
-def without_table(view: FacetView, table: Table) -> FacetView:
+def without_table(view: FacetView, table: TablePlane) -> FacetView:
     """The view without the facets that lie in the table; groups they held together fall apart."""
     groups, dropped = [], []
     for group in view.groups:

@@ -5,8 +5,8 @@ from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
 from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import (
+    PlanarShape,
     Point,
-    Shape,
     border_loops,
     drop_side,
     inside,
@@ -17,7 +17,7 @@ from daemon.vision.geometry.polygon import (
 )
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
-from daemon.vision.geometry.rectified import Baseline, Eye, baseline, disparity
+from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
@@ -27,13 +27,13 @@ __all__ = [
     "Baseline",
     "Camera",
     "Converging",
-    "Eye",
     "Fits",
     "Measures",
+    "PlanarShape",
     "Point",
     "Polyhedron",
+    "RectifiedCamera",
     "Rings",
-    "Shape",
     "StereoRig",
     "area_vector",
     "areas",

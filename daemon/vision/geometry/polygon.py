@@ -31,7 +31,7 @@ def outward(chord: Array, length: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class PlanarShape:
     """A polygon made ready for many comparisons: its corners, its box (left, top, right, bottom), its area."""
 
     corners: NDArray[np.float32]
@@ -39,14 +39,14 @@ class Shape:
     area: float
 
     @classmethod
-    def of(cls, corners: Array) -> Shape:
+    def of(cls, corners: Array) -> PlanarShape:
         """corners (N, 2) px."""
         points = corners.astype(np.float32)
         left, top = corners.min(0).tolist()
         right, bottom = corners.max(0).tolist()
         return cls(points, (left, top, right, bottom), cv2.contourArea(points))
 
-    def common(self, other: Shape) -> float:
+    def common(self, other: PlanarShape) -> float:
         """Area in both; exact when both are convex."""
         a, b = self.box, other.box
         if a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]:
@@ -60,12 +60,12 @@ class Shape:
         inward = np.sign(cv2.contourArea(self.corners, True)) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
         return np.asarray(((way[:, 0] * to[..., 1] - way[:, 1] * to[..., 0]) * inward).min(1))
 
-    def union(self, other: Shape) -> float:
+    def union(self, other: PlanarShape) -> float:
         """Common area over that of both together."""
         common = self.common(other)
         return common / max(self.area + other.area - common, 1e-9)
 
-    def covers(self, other: Shape) -> float:
+    def covers(self, other: PlanarShape) -> float:
         """Common area over that of the smaller."""
         return self.common(other) / max(min(self.area, other.area), 1e-9)
 

@@ -16,7 +16,7 @@ from daemon.vision.geometry.rig import Camera, StereoRig
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class RectifiedCamera:
     """A camera seen from the baseline: ideal coordinates (x / z, y / z) in a frame whose x axis is the baseline.
 
     In these coordinates a point has the same y / z in both eyes, and lines in space are straight.
@@ -63,8 +63,8 @@ class Baseline:
     cyclopean_from_baseline (3, 3): a rotation, the identity for a rig calibrated as designed. middle_mm (3,).
     """
 
-    left: Eye
-    right: Eye
+    left: RectifiedCamera
+    right: RectifiedCamera
     length_mm: float
     cyclopean_from_baseline: Array
     middle_mm: Array
@@ -108,5 +108,5 @@ def baseline(rig: StereoRig) -> Baseline:
     y = np.cross([0.0, 0.0, 1.0], x)
     y /= np.linalg.norm(y)
     frame = np.stack([x, y, np.cross(x, y)], 1)
-    eyes = [Eye(c, frame.T @ c.cyclopean_from_camera[:3, :3]) for c in (rig.left, rig.right)]
+    eyes = [RectifiedCamera(c, frame.T @ c.cyclopean_from_camera[:3, :3]) for c in (rig.left, rig.right)]
     return Baseline(eyes[0], eyes[1], rig.baseline_mm, frame, (a + b) / 2)

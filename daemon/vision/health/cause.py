@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Shape
+from daemon.vision.geometry import PlanarShape
 from daemon.vision.health.examine import MEASURES
 from daemon.vision.health.exposure import Image, Pictures, ground, hull, outlines
 from daemon.vision.image import SATURATED, block_means
@@ -122,7 +122,7 @@ def _before(other: Part, part: Part, own: Array) -> bool:
     """
     if not other.named or not other.facets or other.cyclopean_from_part[2, 3] >= part.cyclopean_from_part[2, 3]:
         return False
-    return Shape.of(own).common(Shape.of(outlines(other)[0])) > 0
+    return PlanarShape.of(own).common(PlanarShape.of(outlines(other)[0])) > 0
 
 
 def unevenness(picture: Image) -> float:

@@ -1,42 +1,42 @@
 """Which taught part could be where: from 3-D junctions, single facets, the support plane; ranked by segments."""
 
-from daemon.vision.hypotheses.edge_distance_map import directed_map, elsewhere, in_sizes, other_sizes
-from daemon.vision.hypotheses.junctions import lookalikes
+from daemon.vision.hypotheses.edge_distance_map import edge_distances, in_sizes, other_sizes, self_similarity
+from daemon.vision.hypotheses.junctions import indistinguishable_turns
 from daemon.vision.hypotheses.pose_batch import COVERED, hull, pixels, silhouette
 from daemon.vision.hypotheses.search import (
     FEWEST_IN_VIEW,
     SEARCHED,
-    Likely,
+    EdgeHypothesis,
     Search,
-    guessed_by_facets,
-    guessed_in_space,
-    guessed_on_table,
-    nearby,
+    hypotheses_from_facets,
+    hypotheses_from_junctions,
+    hypotheses_on_support,
+    perturbed_poses,
     prepare,
 )
-from daemon.vision.hypotheses.support_plane import Ground, flat_on, rested, rests_on
+from daemon.vision.hypotheses.support_plane import SupportPlane, lies_on_support, snapped_pose, snapped_to_support
 
 __all__ = [
     "COVERED",
     "FEWEST_IN_VIEW",
     "SEARCHED",
-    "Ground",
-    "Likely",
+    "EdgeHypothesis",
     "Search",
-    "directed_map",
-    "elsewhere",
-    "flat_on",
-    "guessed_by_facets",
-    "guessed_in_space",
-    "guessed_on_table",
+    "SupportPlane",
+    "edge_distances",
     "hull",
+    "hypotheses_from_facets",
+    "hypotheses_from_junctions",
+    "hypotheses_on_support",
     "in_sizes",
-    "lookalikes",
-    "nearby",
+    "indistinguishable_turns",
+    "lies_on_support",
     "other_sizes",
+    "perturbed_poses",
     "pixels",
     "prepare",
-    "rested",
-    "rests_on",
+    "self_similarity",
     "silhouette",
+    "snapped_pose",
+    "snapped_to_support",
 ]

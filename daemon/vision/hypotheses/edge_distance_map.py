@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array, Image32, Index, Real
 from daemon.vision.geometry import Baseline, Polyhedron, exact
-from daemon.vision.hypotheses.pose_batch import Posed, Solids, ideal
-from daemon.vision.image import OneEye
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch, ideal
+from daemon.vision.image import CameraImage
 
 SHRINK = 2
 """A pixel of a map is as wide as so many of the camera's."""
@@ -53,7 +53,7 @@ that many, is another."""
 
 
 @dataclass(frozen=True, eq=False)
-class DirectedMap:
+class EdgeDistanceMap:
     """hit (D, H, W): how surely a place lies on a segment of about each direction, 255 near it, 0 out of reach or
     outside the image; chance (D,): how often one is there. Map pixels are scale times ideal coordinates less the
     origin (2,).
@@ -94,7 +94,7 @@ class DirectedMap:
         return length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
 
 
-def directed_map(view: OneEye) -> DirectedMap:
+def edge_distances(view: CameraImage) -> EdgeDistanceMap:
     """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
     found, eye, shape = view.segments, view.eye, view.grey.shape
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
@@ -115,7 +115,7 @@ def directed_map(view: OneEye) -> DirectedMap:
             cv2.blur(cv2.dilate(hit[k], _NEARBY), (3, 3), hit[k])
             often[k] = np.count_nonzero(hit[k] > 127)
     chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
-    return DirectedMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
+    return EdgeDistanceMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
 def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
@@ -136,7 +136,7 @@ class Rays:
     fall: Image32
 
     @classmethod
-    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: DirectedMap) -> Rays:
+    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: EdgeDistanceMap) -> Rays:
         """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the eye lies eye_x_mm along it."""
         depth = at[:, 2:]
         ideal = (at[:, :2] - [eye_x_mm, 0.0]) / depth
@@ -161,7 +161,9 @@ class Rays:
         return np.asarray(nats[place] - np.maximum(beyond, np.float32(0)))
 
 
-def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Array, Array]:
+def evidence(
+    posed: PoseBatch, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+) -> tuple[Array, Array]:
     """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
     were found."""
     pose, ends = posed.edges()
@@ -172,7 +174,9 @@ def evidence(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, Directed
     return left[0] + right[0], left[1] + right[1]
 
 
-def promising(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> tuple[Index, Array]:
+def promising(
+    posed: PoseBatch, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+) -> tuple[Index, Array]:
     """Which (Q,) of many poses a few places of the left eye already speak for, and how many nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
     nats, _ = _of_one_eye(len(posed.part), *posed.edges(), left, maps[0], np.array(GLANCED, np.float32))
@@ -181,7 +185,7 @@ def promising(posed: Posed, geometry: Baseline, maps: tuple[DirectedMap, Directe
 
 
 def _of_one_eye(
-    count: int, pose: Index, ends: Index, corners: Image32, seen: DirectedMap, along: Image32
+    count: int, pose: Index, ends: Index, corners: Image32, seen: EdgeDistanceMap, along: Image32
 ) -> tuple[Array, Array]:
     """(G,) nats, and (G,) the most there could be, that one eye gives to so many poses; pose (N,), ends (N, 2) of the
     edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
@@ -192,21 +196,23 @@ def _of_one_eye(
     return nats, most
 
 
-def other_sizes(solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]) -> float:
+def other_sizes(
+    solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+) -> float:
     """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
     of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
     either end of it staying where it is."""
     sizes = _side_by_side(solid)
     each = np.arange(len(sizes.shapes))
-    nats, most = evidence(Posed(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
+    nats, most = evidence(PoseBatch(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
     share = nats / np.maximum(most, 1.0)
     return float(np.minimum(nats[1:] / max(nats[0], 1.0), share[1:] / max(share[0], 1e-3)).max())
 
 
-def elsewhere(solid: Polyhedron, pose: Array, geometry: Baseline, seen: DirectedMap) -> float:
+def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: EdgeDistanceMap) -> float:
     """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
     they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
-    one = Posed(Solids.of([""], [solid]), np.zeros(1, np.intp), pose[None])
+    one = PoseBatch(SolidBatch.of([""], [solid]), np.zeros(1, np.intp), pose[None])
     _, ends = one.edges()
     corners = ideal(one.corners_mm(geometry), geometry)[0]
     steps = np.arange(-FAR_ASIDE, FAR_ASIDE + 1, ASIDE)
@@ -225,10 +231,10 @@ def elsewhere(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Directed
 
 
 @lru_cache(maxsize=256)
-def _side_by_side(solid: Polyhedron) -> Solids:
+def _side_by_side(solid: Polyhedron) -> SolidBatch:
     """A solid as it is, then in other sizes."""
     found = (solid, *in_sizes(solid, SIZES))
-    return Solids.of([""] * len(found), found)
+    return SolidBatch.of([""] * len(found), found)
 
 
 @lru_cache(maxsize=256)

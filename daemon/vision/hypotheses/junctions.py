@@ -20,9 +20,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, Eye, Polyhedron
-from daemon.vision.hypotheses.edge_distance_map import DirectedMap, Rays
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
+from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera
+from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, Rays
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
 from daemon.vision.model import turns_onto_themselves
 
@@ -36,7 +36,7 @@ ALIKE_MM = 1.5  # corners of a solid this near to others' places after a turn ma
 
 
 @dataclass(frozen=True, eq=False)
-class SpaceCorners:
+class Junctions3D:
     """Corners that both eyes see: at (C, 3) mm from the left eye; firm (C, 3), the unit direction of the arm whose
     planes meet at the larger angle; plane (C, 3), the unit normal of the left eye's plane through the other arm, all
     along the axes of the baseline; other (2, C, 2), where that arm points in the left and the right eye; right (C, 2),
@@ -49,15 +49,13 @@ class SpaceCorners:
     other: Array
     right: Array
 
-    def chosen(self, which: Index) -> SpaceCorners:
+    def chosen(self, which: Index) -> Junctions3D:
         """Some of them."""
-        return SpaceCorners(
-            self.at[which], self.firm[which], self.plane[which], self.other[:, which], self.right[which]
-        )
+        return Junctions3D(self.at[which], self.firm[which], self.plane[which], self.other[:, which], self.right[which])
 
 
 @dataclass(frozen=True, eq=False)
-class CornersInEye:
+class CameraJunctions:
     """Corners in one eye, in ideal coordinates: at (C, 2), arms (C, 2, 2) from it, sign (C, 2)."""
 
     at: Array
@@ -65,21 +63,21 @@ class CornersInEye:
     sign: Array
 
     @classmethod
-    def of(cls, found: SegmentCorners, eye: Eye) -> CornersInEye:
+    def of(cls, found: SegmentCorners, eye: RectifiedCamera) -> CameraJunctions:
         ideal = eye.ideal(np.concatenate([found.at, found.arms.reshape(-1, 2)]))
         at, ends = np.split(ideal, [len(found.at)])
         return cls(at, ends.reshape(-1, 2, 2) - at[:, None], found.sign)
 
-    def chosen(self, which: Index, swapped: bool = False) -> CornersInEye:
+    def chosen(self, which: Index, swapped: bool = False) -> CameraJunctions:
         """Some of them, their arms the other way round or not."""
         order = [1, 0] if swapped else [0, 1]
-        return CornersInEye(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
+        return CameraJunctions(self.at[which], self.arms[which][:, order], self.sign[which][:, order])
 
-    def longer_first(self) -> CornersInEye:
+    def longer_first(self) -> CameraJunctions:
         """The same, the longer arm of each first."""
         each, longer = np.arange(len(self.at)), np.linalg.norm(self.arms, axis=2).argmax(1)
         order = np.stack([longer, 1 - longer], 1)
-        return CornersInEye(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
+        return CameraJunctions(self.at, self.arms[each[:, None], order], self.sign[each[:, None], order])
 
     def planes(self) -> Array:
         """(C, 2, 3) unit normals of the planes through the eye and each arm."""
@@ -88,9 +86,9 @@ class CornersInEye:
         return np.asarray(normal / np.linalg.norm(normal, axis=2, keepdims=True))
 
 
-def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> SpaceCorners:
+def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Junctions3D:
     """Every two corners, one in each eye, that could be one."""
-    in_left, in_right = CornersInEye.of(left, geometry.left), CornersInEye.of(right, geometry.right)
+    in_left, in_right = CameraJunctions.of(left, geometry.left), CameraJunctions.of(right, geometry.right)
     i, j = pairs_within(in_left.at[:, 1], in_right.at[:, 1], ROW_PX / geometry.left.focal_px)
     apart = in_left.at[i, 0] - in_right.at[j, 0]
     near = (apart * FARTHEST_MM > geometry.length_mm) & (apart * NEAREST_MM < geometry.length_mm)
@@ -118,15 +116,15 @@ def meet(left: SegmentCorners, right: SegmentCorners, geometry: Baseline) -> Spa
     depth = geometry.length_mm / (one.at[:, 0] - other.at[:, 0])
     ray = np.stack([one.at[:, 0], (one.at[:, 1] + other.at[:, 1]) / 2, np.ones(len(every))], 1)
     arms = np.stack([one.arms[each, 1 - firm], other.arms[each, 1 - firm]])
-    return SpaceCorners(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
+    return Junctions3D(depth[:, None] * ray, direction, planes[every, 1 - firm], arms, other.at)
 
 
-def _joined(parts: list[CornersInEye]) -> CornersInEye:
-    return CornersInEye(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
+def _joined(parts: list[CameraJunctions]) -> CameraJunctions:
+    return CameraJunctions(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("at", "arms", "sign")))
 
 
 @dataclass(frozen=True, eq=False)
-class TaughtCorners:
+class TaughtJunctions:
     """Every two edges at every corner of several solids, in either order, those left out that a turn of the solid makes
     of others: part (N,), the number of the solid; corner_from_part (N, 4, 4), x along the first edge, the second in
     x y; cosine (N,) between them; lengths_mm (N, 2) of both.
@@ -139,7 +137,7 @@ class TaughtCorners:
 
 
 @lru_cache(maxsize=4)
-def taught_corners(shapes: tuple[Polyhedron, ...]) -> TaughtCorners:
+def taught_junctions(shapes: tuple[Polyhedron, ...]) -> TaughtJunctions:
     """The corners of solids; of a part that was not taught from all round the sides that nobody knows tell its turns
     apart."""
     part, triples = list[Index](), list[Index]()
@@ -155,7 +153,7 @@ def taught_corners(shapes: tuple[Polyhedron, ...]) -> TaughtCorners:
     from_part = from_corner.copy()
     from_part[:, :3, :3] = turn = from_corner[:, :3, :3].transpose(0, 2, 1)
     from_part[:, :3, 3] = -(turn @ at[..., None])[..., 0]
-    return TaughtCorners(np.concatenate([np.zeros(0, np.intp), *part]), from_part, cosine, lengths)
+    return TaughtJunctions(np.concatenate([np.zeros(0, np.intp), *part]), from_part, cosine, lengths)
 
 
 def _edge_pairs(solid: Polyhedron) -> Index:
@@ -176,7 +174,7 @@ def _corner_frames(at: Array, one: Array, other: Array) -> tuple[Array, Array, A
 
 
 @lru_cache(maxsize=1024)
-def lookalikes(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
+def indistinguishable_turns(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     """(S, 4, 4) the turns after which every corner that is seen lies where a corner of the solid was, as far as that is
     known; the first is none. Where all are seen, these are the solid's symmetries."""
     pairs = _edge_pairs(solid)
@@ -260,9 +258,9 @@ class Kinds:
 
 
 @lru_cache(maxsize=4)
-def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
+def junction_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
     """All corners of solids; lengths and angles are of a kind that round to the same."""
-    taught = taught_corners(shapes)
+    taught = taught_junctions(shapes)
     angles, which = np.unique((np.arccos(np.clip(taught.cosine, -1, 1)) / ANGLE).round(), return_inverse=True)
     first_mm, first = np.unique((taught.lengths_mm[:, 0] / LENGTH_MM).round(), return_inverse=True)
     second_mm = (taught.lengths_mm[:, 1] / LENGTH_MM).round().astype(np.intp)
@@ -277,15 +275,15 @@ def corner_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
     )  # fmt: skip
 
 
-def guesses_from_space(
-    corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], solids: Solids
-) -> tuple[Posed, Array, int]:
+def poses_from_junctions(
+    corners: Junctions3D, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap], solids: SolidBatch
+) -> tuple[PoseBatch, Array, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
     speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
     its direction (G, 2, 3) cyclopean; and how many could."""
-    kinds = corner_kinds(solids.shapes) if solids.shapes else None
+    kinds = junction_kinds(solids.shapes) if solids.shapes else None
     if kinds is None or not len(kinds.part) or not len(corners.at):
-        return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
+        return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
     could, other = _could_be(corners, kinds.cosines[:, None])
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
@@ -301,7 +299,11 @@ def guesses_from_space(
     cyclopean_from_corner[:, 3, 3] = 1.0
     about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
     hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
-    return Posed(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]), hinges, int(counts)
+    return (
+        PoseBatch(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]),
+        hinges,
+        int(counts),
+    )
 
 
 def _most(taught: int, corners: int) -> tuple[int, int]:
@@ -318,7 +320,7 @@ def _hinge(ray: Array, one: Array, other: Array) -> Array:
     return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
-def _second_edges(corners: SpaceCorners, cosines: Array) -> Array:
+def _second_edges(corners: Junctions3D, cosines: Array) -> Array:
     """(2, ..., 3) directions in which the second arms of corners make angles of cosines (...), on either side."""
     along = corners.firm - (corners.firm * corners.plane).sum(1, keepdims=True) * corners.plane
     size = np.linalg.norm(along, axis=1)
@@ -328,7 +330,7 @@ def _second_edges(corners: SpaceCorners, cosines: Array) -> Array:
     return np.stack([share * along + aside, share * along - aside])
 
 
-def _could_be(corners: SpaceCorners, cosines: Array) -> tuple[Flags, Array]:
+def _could_be(corners: Junctions3D, cosines: Array) -> tuple[Flags, Array]:
     """(2, U, C) whether the second arm of each corner could make an angle of each cosine (U, 1), on either side, and
     its direction (2, U, C, 3)."""
     other = _second_edges(corners, cosines)
@@ -340,7 +342,7 @@ def _could_be(corners: SpaceCorners, cosines: Array) -> tuple[Flags, Array]:
 
 
 def _nats(
-    corners: SpaceCorners, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap], kinds: Kinds,
+    corners: Junctions3D, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap], kinds: Kinds,
     could: Flags, other: Array,
 ) -> Image32:  # fmt: skip
     """(C, 2, T) what speaks in both eyes for the two edges of every kind of corner at every corner in space, its second

@@ -15,8 +15,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, Polyhedron, Shape
-from daemon.vision.image import Eyes
+from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
+from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
@@ -25,7 +25,7 @@ LEAST_FACING = 0.08
 
 
 @dataclass(frozen=True, eq=False)
-class Solids:
+class SolidBatch:
     """P solids and their labels: corners_mm (P, K, 3), and own (P, K), which of these are a solid's; middles_mm (P, 3);
     planes (P, 2 F, 3): outward unit normals of the facets, then their middles; rings (P, F, K), which corners each has;
     ends (P, E, 2), the corners of each edge, and beside (P, E, 2), the facets on either hand, F where there is none.
@@ -42,7 +42,7 @@ class Solids:
     beside: Index
 
     @classmethod
-    def of(cls, labels: Sequence[str], shapes: Sequence[Polyhedron]) -> Solids:
+    def of(cls, labels: Sequence[str], shapes: Sequence[Polyhedron]) -> SolidBatch:
         """Solids side by side."""
         count = len(shapes)
         corners, facets, edges = (
@@ -66,26 +66,26 @@ class Solids:
 
 
 @lru_cache(maxsize=8)
-def _side_by_side(labels: tuple[str, ...], shapes: tuple[Polyhedron, ...]) -> Solids:
-    return Solids.of(labels, shapes)
+def _side_by_side(labels: tuple[str, ...], shapes: tuple[Polyhedron, ...]) -> SolidBatch:
+    return SolidBatch.of(labels, shapes)
 
 
-def taught_solids(model: Model) -> Solids:
+def taught_solids(model: Model) -> SolidBatch:
     """Every part that a model has the shape of."""
     return _side_by_side(tuple(model.metric), tuple(metric.solid for metric in model.metric.values()))
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class PoseBatch:
     """Poses (G, 4, 4) cyclopean_from_part of solids: part (G,), which each is of."""
 
-    solids: Solids
+    solids: SolidBatch
     part: Index
     poses: Array
 
-    def chosen(self, which: Index | Flags) -> Posed:
+    def chosen(self, which: Index | Flags) -> PoseBatch:
         """Some of them."""
-        return Posed(self.solids, self.part[which], self.poses[which])
+        return PoseBatch(self.solids, self.part[which], self.poses[which])
 
     def corners_mm(self, geometry: Baseline) -> Image32:
         """(G, K, 3) from the middle between the eyes, in axes of the baseline."""
@@ -122,7 +122,7 @@ class Posed:
 
 
 def ideal(corners_mm: Image32, geometry: Baseline) -> tuple[Image32, Image32]:
-    """Where either eye sees points (..., 3) as Posed.corners_mm has them: ideal coordinates (N, 2) each."""
+    """Where either eye sees points (..., 3) as PoseBatch.corners_mm has them: ideal coordinates (N, 2) each."""
     x, y, z = np.moveaxis(corners_mm, -1, 0).reshape(3, -1)
     by_z = 1 / z
     height, half = y * by_z, np.float32(geometry.length_mm / 2)
@@ -135,11 +135,11 @@ def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
     return geometry.left.pixels(left), geometry.right.pixels(right)
 
 
-def silhouette(solid: Polyhedron, pose: Array, eyes: Eyes) -> Shape:
+def silhouette(solid: Polyhedron, pose: Array, eyes: StereoImages) -> PlanarShape:
     """What a part at cyclopean_from_part (4, 4) covers in the left eye."""
     return hull(pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)[0])
 
 
-def hull(corners_px: Array) -> Shape:
+def hull(corners_px: Array) -> PlanarShape:
     """What a part covers whose corners are seen at (K, 2) px."""
-    return Shape.of(cv2.convexHull(corners_px.astype(np.float32))[:, 0].astype(float))
+    return PlanarShape.of(cv2.convexHull(corners_px.astype(np.float32))[:, 0].astype(float))

@@ -14,12 +14,19 @@ from functools import lru_cache
 import numpy as np
 
 from daemon.arrays import Array, Index
-from daemon.vision.facets import Table
+from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron
-from daemon.vision.hypotheses.edge_distance_map import DirectedMap
-from daemon.vision.hypotheses.junctions import ANGLE, CornersInEye, TaughtCorners, basis, sorted_by_kind, taught_corners
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.support_plane import rests_of
+from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap
+from daemon.vision.hypotheses.junctions import (
+    ANGLE,
+    CameraJunctions,
+    TaughtJunctions,
+    basis,
+    sorted_by_kind,
+    taught_junctions,
+)
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.support_plane import resting_planes_of
 from daemon.vision.image import SegmentCorners, runs
 
 OFF = np.tan(np.radians(6.0))
@@ -40,14 +47,14 @@ SHARES = np.array([0.1, 0.3, 0.5, 0.7, 0.9], np.float32)
 
 
 @dataclass(frozen=True, eq=False)
-class RestingCorners:
+class RestingJunctions:
     """Every corner of several solids, on every plane that each can rest on (K,): the number (K,) of the corner among
     those taught, its height_mm over the table, and angles (K, 3): both edges' slopes upwards, and by how much the
     second points farther round than the first, counter-clockwise from above; sorted by their kinds (U, 3), begins
     (U + 1,): where each begins.
     """
 
-    taught: TaughtCorners
+    taught: TaughtJunctions
     corner: Index
     height_mm: Array
     angles: Array
@@ -56,9 +63,9 @@ class RestingCorners:
 
 
 @lru_cache(maxsize=4)
-def resting_corners(shapes: tuple[Polyhedron, ...]) -> RestingCorners:
+def resting_junctions_of(shapes: tuple[Polyhedron, ...]) -> RestingJunctions:
     """Those whose first edge says how the part is turned; angles are of a kind that round to the same."""
-    taught, planes = taught_corners(shapes), rests_of(shapes)
+    taught, planes = taught_junctions(shapes), resting_planes_of(shapes)
     count = np.array([len(each) for each in planes], np.intp)
     every = np.concatenate([np.zeros((0, 4)), *planes])
     k, r = runs((np.cumsum(count) - count)[taught.part], count[taught.part])
@@ -76,24 +83,24 @@ def resting_corners(shapes: tuple[Polyhedron, ...]) -> RestingCorners:
     order = good[order]
     corners, planes_of = k[order], down[order]
     height = planes_of[:, 3] - (planes_of[:, :3] * corner[corners]).sum(1)
-    return RestingCorners(taught, corners, height, angles[order], kinds * ANGLE, begins)
+    return RestingJunctions(taught, corners, height, angles[order], kinds * ANGLE, begins)
 
 
-def guesses_on_table(
+def poses_on_support(
     seen: tuple[SegmentCorners, SegmentCorners],
     geometry: Baseline,
-    maps: tuple[DirectedMap, DirectedMap],
-    table: Table,
-    solids: Solids,
-) -> tuple[Posed, int]:
+    maps: tuple[EdgeDistanceMap, EdgeDistanceMap],
+    table: TablePlane,
+    solids: SolidBatch,
+) -> tuple[PoseBatch, int]:
     """Taught corners laid onto the corners that either eye sees, of parts that rest on a table, and how many could."""
-    taught = resting_corners(solids.shapes)
+    taught = resting_junctions_of(solids.shapes)
     if not len(taught.corner):
-        return Posed(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
+        return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), 0
     turn = geometry.cyclopean_from_baseline
     parts, poses, tests = list[Index](), list[Array](), 0
     for k, eye in enumerate((geometry.left, geometry.right)):
-        corners = CornersInEye.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), eye).longer_first()
+        corners = CameraJunctions.of(seen[k].at_most(MOST_ASKED // len(taught.kinds)), eye).longer_first()
         eye_mm = geometry.middle_mm + (k - 0.5) * geometry.length_mm * turn[:, 0]
         which, at, ways = _possible(corners, taught, turn.T @ table.up, float(table.up @ eye_mm) - table.level_mm)
         tests += len(which)
@@ -107,10 +114,12 @@ def guesses_on_table(
         from_corner[:, 3, 3] = 1.0
         parts.append(taught.taught.part[own])
         poses.append(from_corner @ taught.taught.corner_from_part[own])
-    return Posed(solids, np.concatenate(parts), np.concatenate(poses)), tests
+    return PoseBatch(solids, np.concatenate(parts), np.concatenate(poses)), tests
 
 
-def _possible(corners: CornersInEye, taught: RestingCorners, up: Array, eye_mm: float) -> tuple[Index, Array, Array]:
+def _possible(
+    corners: CameraJunctions, taught: RestingJunctions, up: Array, eye_mm: float
+) -> tuple[Index, Array, Array]:
     """Which taught corners (N,) could lie where, (N, 3) mm from the eye, and where both of their edges point then
     (2, N, 3), in axes of the baseline; the eye is so high over the table, up (3,) is away from that."""
     ray = np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1)
@@ -146,7 +155,7 @@ def _ways(bearing: Array, angles: Array, axes: Array) -> Array:
     )
 
 
-def _turned(corners: CornersInEye, ray: Array, axes: Array, kinds: Array) -> tuple[Index, Index, Array]:
+def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> tuple[Index, Index, Array]:
     """Which kind of corner (N,) could be which one that is seen (N,), and the bearing (N,) of its first edge then."""
     first, second = corners.arms[:, 0], corners.arms[:, 1]
     across = np.cross(ray, np.concatenate([first, np.zeros((len(first), 1))], 1)) @ axes.T
@@ -176,7 +185,7 @@ def _turned(corners: CornersInEye, ray: Array, axes: Array, kinds: Array) -> tup
     return kind, c, bearing[side, of_slope[kind], c]
 
 
-def _borne(at: Array, ways: Array, lengths_mm: Array, seen: DirectedMap) -> Index:
+def _borne(at: Array, ways: Array, lengths_mm: Array, seen: EdgeDistanceMap) -> Index:
     """Of corners at (N, 3) from an eye, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
     it has most of."""
     nats = np.zeros(len(at), np.float32)

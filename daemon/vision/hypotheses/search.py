@@ -26,13 +26,13 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Baseline, Polyhedron, Shape
-from daemon.vision.hypotheses.edge_distance_map import DirectedMap, evidence, promising
-from daemon.vision.hypotheses.junctions import corner_kinds, guesses_from_space, meet
-from daemon.vision.hypotheses.pose_batch import COVERED, Posed, hull, ideal, pixels, taught_solids
-from daemon.vision.hypotheses.resting_junctions import guesses_on_table, resting_corners
-from daemon.vision.hypotheses.support_plane import Ground, laid_down
-from daemon.vision.image import Eyes, SegmentCorners, joined, ranks, segment_corners
+from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
+from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, evidence, promising
+from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
+from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, hull, ideal, pixels, taught_solids
+from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
+from daemon.vision.hypotheses.support_plane import SupportPlane, snapped_poses
+from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import kinds_of, places_of, suspected
 from daemon.vision.refine import turned
@@ -60,17 +60,17 @@ class Search:
     """What guesses are made from: both eyes, the taught parts, groups of facets without a name, what the left eye sees
     of the parts that have one, maps of segments of both eyes, and the table, where that is seen or known."""
 
-    eyes: Eyes
+    eyes: StereoImages
     model: Model
     unnamed: Sequence[Group]
-    named: Sequence[Shape]
-    maps: tuple[DirectedMap, DirectedMap]
-    ground: Ground | None
+    named: Sequence[PlanarShape]
+    maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+    ground: SupportPlane | None
 
     @cached_property
-    def quiet(self) -> bool:
+    def uncluttered(self) -> bool:
         """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
-        return self.eyes.quiet(VisionSettings())
+        return self.eyes.uncluttered(VisionSettings())
 
     @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
@@ -79,7 +79,7 @@ class Search:
         return left, right
 
 
-class Likely(NamedTuple):
+class EdgeHypothesis(NamedTuple):
     """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
 
     label: str
@@ -87,10 +87,10 @@ class Likely(NamedTuple):
     tries: float = 1.0
 
 
-class Guessed(NamedTuple):
+class RankedHypotheses(NamedTuple):
     """The likeliest parts and places, of how many, and what there was no time to ask."""
 
-    likely: Sequence[Likely]
+    likely: Sequence[EdgeHypothesis]
     tests: int
     left_out: tuple[str, ...] = ()
 
@@ -101,79 +101,83 @@ def prepare(model: Model) -> None:
     if shapes:
         places_of(shapes)
         kinds_of(shapes)
-        corner_kinds(shapes)
-        resting_corners(shapes)
+        junction_kinds(shapes)
+        resting_junctions_of(shapes)
 
 
-def guessed_by_facets(search: Search, spent: Callable[[], float]) -> Guessed:
+def hypotheses_from_facets(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
     """By facets that have no name, where they are asked by themselves."""
-    if not search.quiet or spent() > SEARCHED:
-        return Guessed([], 0)
+    if not search.uncluttered or spent() > SEARCHED:
+        return RankedHypotheses([], 0)
     posed, hinges = _by_facets(search)
     return _likeliest(search, *_laid_down(search, posed, hinges), len(posed.part), spent)
 
 
-def guessed_in_space(search: Search, spent: Callable[[], float]) -> Guessed:
+def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
     """By corners that both eyes see, and by facets that have no name if these were not asked by themselves."""
     left, right = search.corners
     if spent() > SEARCHED:
-        return Guessed([], 1, ("where taught parts could be was not looked for",))
+        return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.eyes.geometry
-    guesses, hinges, tests = guesses_from_space(meet(left, right, geometry), geometry, search.maps, solids)
-    posed = Posed(solids, guesses.part, guesses.poses)
-    if not search.quiet:
+    guesses, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
+    posed = PoseBatch(solids, guesses.part, guesses.poses)
+    if not search.uncluttered:
         more, more_hinges = _by_facets(search)
         tests += len(more.part)
-        posed = Posed(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
+        posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
         hinges = np.concatenate([hinges, more_hinges])
     return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent)
 
 
-def _by_facets(search: Search) -> tuple[Posed, Array]:
+def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
     """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
     found = [suspected(facet, search.model) for group in search.unnamed for facet in group.facets]
     part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
-    posed = Posed(taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)]))
+    posed = PoseBatch(
+        taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)])
+    )
     middles = posed.middles_mm()
     return posed, np.stack([middles, np.zeros_like(middles)], 1)
 
 
-def _laid_down(search: Search, posed: Posed, hinges: Array) -> tuple[Posed, Array]:
+def _laid_down(search: Search, posed: PoseBatch, hinges: Array) -> tuple[PoseBatch, Array]:
     """Guesses and their hinges (G, 2, 3), laid onto the table where that is known."""
     if search.ground is None:
         return posed, hinges
-    return laid_down(posed, hinges, search.ground.table, search.eyes.geometry)
+    return snapped_poses(posed, hinges, search.ground.table, search.eyes.geometry)
 
 
-def guessed_on_table(search: Search, spent: Callable[[], float]) -> Guessed:
+def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
     """By corners that one eye sees; nothing where no table is known."""
     if search.ground is None or spent() > SEARCHED:
-        return Guessed([], 0)
+        return RankedHypotheses([], 0)
     solids, geometry = taught_solids(search.model), search.eyes.geometry
-    posed, tests = guesses_on_table(search.corners, geometry, search.maps, search.ground.table, solids)
+    posed, tests = poses_on_support(search.corners, geometry, search.maps, search.ground.table, solids)
     return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
 
 
-def _likeliest(search: Search, posed: Posed, hinges: Array, tests: int, spent: Callable[[], float]) -> Guessed:
+def _likeliest(
+    search: Search, posed: PoseBatch, hinges: Array, tests: int, spent: Callable[[], float]
+) -> RankedHypotheses:
     """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
     eyes, geometry, maps = search.eyes, search.eyes.geometry, search.maps
     good, by_glance = promising(posed, geometry, maps)
-    good = good[_varied(Guesses(posed.chosen(good), -by_glance))]
+    good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
     nats, _ = evidence(posed, geometry, maps)
     good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
     if search.named:
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
-    guesses = Guesses(posed.chosen(good), -nats[good])
+    guesses = ScoredPoses(posed.chosen(good), -nats[good])
     kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
-        return Guessed(kept[:FEWEST_LAID], tests, (told,))
-    return Guessed(kept, tests)
+        return RankedHypotheses(kept[:FEWEST_LAID], tests, (told,))
+    return RankedHypotheses(kept, tests)
 
 
-def _varied(guesses: Guesses) -> Index:
+def _varied(guesses: ScoredPoses) -> Index:
     """Those that both eyes are asked of: where they are too many, a few of every bundle."""
     if len(guesses.against) <= MOST_PROMISING:
         return np.arange(len(guesses.against))
@@ -181,15 +185,15 @@ def _varied(guesses: Guesses) -> Index:
     return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
-def _worth(guesses: Guesses, tries: Array, eyes: Eyes) -> list[Likely]:
+def _worth(guesses: ScoredPoses, tries: Array, eyes: StereoImages) -> list[EdgeHypothesis]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes, posed = list[Likely](), list[tuple[Shape, float, str]](), guesses.posed
-    for k, corners_px in islice(different(guesses, eyes), LOOKED_AT):
+    kept, shapes, posed = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]](), guesses.posed
+    for k, corners_px in islice(distinct(guesses, eyes), LOOKED_AT):
         shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(Likely(label, posed.poses[k], float(tries[k])))
+            kept.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(kept) == MOST:
             break
@@ -205,18 +209,18 @@ _BUNDLE = np.random.default_rng(2).integers(1, 2**40, 10)
 
 
 @dataclass(frozen=True, eq=False)
-class Guesses:
+class ScoredPoses:
     """Poses of parts, and what speaks against each (G,), in any one unit."""
 
-    posed: Posed
+    posed: PoseBatch
     against: Array
 
-    def chosen(self, which: Index | Flags) -> Guesses:
+    def chosen(self, which: Index | Flags) -> ScoredPoses:
         """Some of them."""
-        return Guesses(self.posed.chosen(which), self.against[which])
+        return ScoredPoses(self.posed.chosen(which), self.against[which])
 
 
-def thinned(guesses: Guesses, of_each: int = 1) -> Index:
+def thinned(guesses: ScoredPoses, of_each: int = 1) -> Index:
     """Which are the likeliest few of every bundle of guesses of one part at much the same pose."""
     posed = guesses.posed
     cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
@@ -225,7 +229,7 @@ def thinned(guesses: Guesses, of_each: int = 1) -> Index:
     return np.asarray(order[ranks(bundle[order]) < of_each])
 
 
-def different(guesses: Guesses, eyes: Eyes) -> Iterator[tuple[int, Array]]:
+def distinct(guesses: ScoredPoses, eyes: StereoImages) -> Iterator[tuple[int, Array]]:
     """Which of a few hundred have the middle of what shows inside both images, the likeliest first, none of which looks
     like an earlier one; and where the left eye sees all corners of each (K, 2) px."""
     posed = guesses.posed
@@ -266,8 +270,8 @@ FARTHER_MM, TILT = 5.0, np.radians(7.0)
 
 
 def best_turned(
-    guesses: Guesses, hinges: Array, geometry: Baseline, maps: tuple[DirectedMap, DirectedMap]
-) -> tuple[Guesses, Array]:
+    guesses: ScoredPoses, hinges: Array, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+) -> tuple[ScoredPoses, Array]:
     """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
     the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns
     about, cyclopean, no direction where there is none. What speaks against guesses is less the evidence of the maps."""
@@ -277,16 +281,16 @@ def best_turned(
     point, cross = hinges[few, 0], frames.cross_matrices(hinges[few, 1])
     rotations = (np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross for by in TURNS)  # Rodrigues
     poses = np.stack([posed.poses, *(turned(posed.poses, rotation, point) for rotation in rotations)])
-    every = Posed(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
+    every = PoseBatch(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
     nats, _ = evidence(every, geometry, maps)
     each = np.concatenate([against[None], -nats.reshape(len(TURNS), -1)])
     best = np.concatenate([WORTH_TURNING * against[None], each[1:]]).argmin(0), np.arange(len(few))
-    found = Guesses(Posed(posed.solids, posed.part, poses[best]), each[best])
+    found = ScoredPoses(PoseBatch(posed.solids, posed.part, poses[best]), each[best])
     kept = thinned(found)
     return found.chosen(kept), np.where(best[0] > 0, len(TURNS) + 1.0, 1.0)[kept]
 
 
-def nearby(solid: Polyhedron, pose: Array) -> list[Array]:
+def perturbed_poses(solid: Polyhedron, pose: Array) -> list[Array]:
     """Poses (4, 4) cyclopean_from_part beside one at which a solid is laid: nearer, farther, tilted either way."""
     middle = frames.apply(pose, solid.corners_mm).mean(0)
     ahead = middle / np.linalg.norm(middle)

@@ -20,9 +20,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import Table
+from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit
-from daemon.vision.hypotheses.pose_batch import Posed
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.model import Model
 from daemon.vision.refine import turned
 from daemon.vision.values import Part
@@ -52,27 +52,27 @@ HIGH_MM = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class SupportPlane:
     """The table that parts lie on, as both eyes see it or else as somebody knows it: then what does not lie on it may
     lie on something else."""
 
-    table: Table
+    table: TablePlane
     seen: bool
 
     @classmethod
-    def of(cls, seen: Table | None, known: Table | None) -> Ground | None:
+    def of(cls, seen: TablePlane | None, known: TablePlane | None) -> SupportPlane | None:
         """What is seen, else what is known, if anything is."""
         return cls(seen, True) if seen else cls(known, False) if known else None
 
 
 @lru_cache(maxsize=256)
-def rests(solid: Polyhedron) -> Array:
+def resting_planes(solid: Polyhedron) -> Array:
     """(R, 4) the planes that a solid can rest on: unit outward normal n and level d, n . corner <= d everywhere."""
     return _rests_of_as_many((solid,))[0]
 
 
 @lru_cache(maxsize=4)
-def rests_of(shapes: tuple[Polyhedron, ...]) -> list[Array]:
+def resting_planes_of(shapes: tuple[Polyhedron, ...]) -> list[Array]:
     """The same of several solids, those that have as many corners together."""
     found = [np.zeros((0, 4))] * len(shapes)
     counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
@@ -131,13 +131,13 @@ def _turned_apart(planes: Array) -> Array:
     return planes[found]
 
 
-def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
+def lies_on_support(ground: SupportPlane, solid: Polyhedron, pose: Array) -> bool | None:
     """Whether a solid at cyclopean_from_part (4, 4) lies on a table, as well as it can be laid onto the pictures; None
     where it nearly does, may lie on something else or on a side of its own of which too little is known, or sinks in:
     then it may be that what was taken for the table is none."""
     up = pose[:3, :3].T @ ground.table.up
     lowest_mm = (solid.corners_mm @ up).min() + pose[:3, 3] @ ground.table.up - ground.table.level_mm
-    tilt = np.arccos(np.clip((rests(solid)[:, :3] @ -up).max(initial=-1.0), -1.0, 1.0))
+    tilt = np.arccos(np.clip((resting_planes(solid)[:, :3] @ -up).max(initial=-1.0), -1.0, 1.0))
     if tilt < LIES_TILT and abs(lowest_mm) < LIES_MM:
         return True
     if tilt < NEARLY_TILT and abs(lowest_mm) < NEARLY_MM:
@@ -146,10 +146,10 @@ def rests_on(ground: Ground, solid: Polyhedron, pose: Array) -> bool | None:
     return False if ground.seen and known and -NEARLY_MM < lowest_mm < HIGH_MM else None
 
 
-def nearest_rest(solid: Polyhedron, down: Array) -> tuple[Array, Array]:
+def nearest_resting_plane(solid: Polyhedron, down: Array) -> tuple[Array, Array]:
     """Of the planes that a solid can rest on, the one that faces most down, a direction (3,) in the part: its outward
     normal (3,), as the corners in it have it, and their middle (3,)."""
-    planes = rests(solid)
+    planes = resting_planes(solid)
     normal, level = np.split(planes[(planes[:, :3] @ down).argmax()], [3])
     foot = solid.corners_mm[solid.corners_mm @ normal > level - FLAT_MM]
     middle = foot.mean(0)
@@ -157,7 +157,7 @@ def nearest_rest(solid: Polyhedron, down: Array) -> tuple[Array, Array]:
     return np.asarray(flat * np.sign(flat @ normal)), np.asarray(middle)
 
 
-def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> tuple[Posed, Array]:
+def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: Baseline) -> tuple[PoseBatch, Array]:
     """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
     it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
     what was laid down. Others stay as they are.
@@ -170,17 +170,17 @@ def laid_down(posed: Posed, hinges: Array, table: Table, geometry: Baseline) -> 
     poses = turned(posed.poses, turns, points)
     sight = points - (geometry.middle_mm - geometry.cyclopean_from_baseline[:, 0] * geometry.length_mm / 2)
     sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    too_high_mm = _lowest_mm(Posed(posed.solids, posed.part, poses), table)
+    too_high_mm = _lowest_mm(PoseBatch(posed.solids, posed.part, poses), table)
     farther = too_high_mm / np.maximum(-sight @ table.up, LEAST_SLOPE)
     poses[:, :3, 3] += farther[:, None] * sight
     down = (cosine > np.cos(MOST_TILT)) & (np.abs(farther) < MOST_MM)
-    found = Posed(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
+    found = PoseBatch(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
     still = hinges.copy()
     still[down, 1] = 0.0
     return found, still
 
 
-def _nearest_rest(posed: Posed, table: Table) -> tuple[Array, Array]:
+def _nearest_rest(posed: PoseBatch, table: TablePlane) -> tuple[Array, Array]:
     """The outward normal (G, 3), in the part, of the plane that each pose is nearest to resting on, and the cosine (G,)
     of its tilt."""
     down = -(posed.poses[:, :3, :3].transpose(0, 2, 1) @ table.up)
@@ -190,7 +190,7 @@ def _nearest_rest(posed: Posed, table: Table) -> tuple[Array, Array]:
     return planes[best], cosines[best]
 
 
-def _lowest_mm(posed: Posed, table: Table) -> Array:
+def _lowest_mm(posed: PoseBatch, table: TablePlane) -> Array:
     """(G,) how high the lowest corner of each is."""
     up = posed.poses[:, :3, :3].transpose(0, 2, 1) @ table.up
     heights = (posed.solids.corners_mm[posed.part] @ up[..., None])[..., 0]  # what fills up is a corner of its own
@@ -206,7 +206,7 @@ def _turns(one: Array, to: Array) -> Array:
 @lru_cache(maxsize=8)
 def _side_by_side(shapes: tuple[Polyhedron, ...]) -> Array:
     """(P, R, 3) the normals of the rests of several solids; what one has less of is filled up with none."""
-    each = rests_of(shapes)
+    each = resting_planes_of(shapes)
     found = np.zeros((len(each), max([1, *map(len, each)]), 3))
     for normals, own in zip(found, each, strict=True):
         normals[: len(own)] = own[:, :3]
@@ -221,8 +221,8 @@ LIES, SUNK = chi_square_limit(3, 0.01), chi_square_limit(3, 1e-6)
 to have sunk in, which none has, so much that it is no table."""
 
 
-def rested(
-    parts: Sequence[Part], model: Model, ground: Ground | None, by_edges: Sequence[Part] = ()
+def snapped_to_support(
+    parts: Sequence[Part], model: Model, ground: SupportPlane | None, by_edges: Sequence[Part] = ()
 ) -> tuple[Part, ...]:
     """The parts, the named ones that lie on a table which is seen where their edges and it together have them; those
     that edges named lie there already."""
@@ -232,10 +232,10 @@ def rested(
     return tuple(part if there else _laid(part, model, ground) for part, there in zip(parts, done, strict=True))
 
 
-def _laid(part: Part, model: Model, ground: Ground) -> Part:
+def _laid(part: Part, model: Model, ground: SupportPlane) -> Part:
     solid = model.metric[part.recognition.label].solid
-    lies = rests_on(ground, solid, part.cyclopean_from_part)
-    found = flat_on(ground.table, solid, part.cyclopean_from_part, part.covariance) if lies else None
+    lies = lies_on_support(ground, solid, part.cyclopean_from_part)
+    found = snapped_pose(ground.table, solid, part.cyclopean_from_part, part.covariance) if lies else None
     if found is None:
         return part
     pose, covariance = found
@@ -244,10 +244,10 @@ def _laid(part: Part, model: Model, ground: Ground) -> Part:
     return part.laid(pose, covariance, fitted)
 
 
-def flat_on(table: Table, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:
+def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:
     """Pose (4, 4) cyclopean_from_part and covariance (6, 6) of a solid that rests on a table, if it may: both together
     say where it is. Source: Kalman's update by three measurements, the height of its foot and its tilt two ways."""
-    normal, foot = nearest_rest(solid, pose[:3, :3].T @ -table.up)
+    normal, foot = nearest_resting_plane(solid, pose[:3, :3].T @ -table.up)
     down, lever = pose[:3, :3] @ normal, pose[:3, :3] @ foot
     along = np.linalg.svd(table.up[None])[2][1:]
     slope = np.zeros((3, 6))

@@ -1,9 +1,9 @@
 """One image -> straight-sided outlines and sub-pixel corners. Nothing is compared with the other eye here.
 
-both_eyes.py only keeps the two together: what a look prepares once, and everything that runs over it takes.
+stereo_images.py only keeps the two together: what a look prepares once, and everything that runs over it takes.
 """
 
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.camera_image import CameraImage, fits, outlines_near
 from daemon.vision.image.edge_lines import (
     Sides,
     edge_sigmas,
@@ -15,7 +15,6 @@ from daemon.vision.image.edge_lines import (
     stretch_slopes,
 )
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
-from daemon.vision.image.one_eye import OneEye, fits, outlines_near
 from daemon.vision.image.outlines import Outline, outlined
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
@@ -29,20 +28,21 @@ from daemon.vision.image.segments import (
     runs,
     segment_corners,
 )
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
     "BLOCK_PX",
     "MODEL_PX",
     "SATURATED",
-    "Eyes",
+    "CameraImage",
     "Fitted",
-    "OneEye",
     "Outline",
     "Scale",
     "SegmentCorners",
     "Segments",
     "Sides",
+    "StereoImages",
     "VisionError",
     "as_grey",
     "block_means",
@@ -54,7 +54,7 @@ __all__ = [
     "fits",
     "joined",
     "levels_across",
-    "open_eyes",
+    "open_stereo",
     "outlined",
     "outlines_near",
     "pairs_within",

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array, Image32, Index, Real
-from daemon.vision.geometry import Eye, outward
+from daemon.vision.geometry import RectifiedCamera, outward
 from daemon.vision.image.grey import FINE, Fine
 
 Images = Sequence[tuple[Fine, int]]
@@ -85,7 +85,7 @@ def lay_calipers(start_px: Array, end_px: Array, bow_px: Array | None, trim_px: 
     return Calipers(side, first, count, at, base, here[6:8], normal, spacing_px)
 
 
-def lens_bow(start_px: Array, end_px: Array, eye: Eye | None) -> Array | None:
+def lens_bow(start_px: Array, end_px: Array, eye: RectifiedCamera | None) -> Array | None:
     """How far (S, 2) px the middle of each truly straight side lies from its chord in the distorted image.
 
     None where there is no eye whose lens would bend anything.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array, Flags, Image32, Index, Real
-from daemon.vision.geometry import Eye, outward
+from daemon.vision.geometry import RectifiedCamera, outward
 from daemon.vision.image.calipers import (
     BLOCKS,
     IN_BLOCK,
@@ -221,16 +221,16 @@ def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Exposure:
+class MeasuredImage:
     """What sides are fitted to: fine grey levels (H, W), their noise, and the eye whose lens bends lines, if any."""
 
     image: Fine
     noise: Noise
-    eye: Eye | None
+    eye: RectifiedCamera | None
 
 
 def fit_sides(
-    exposures: Sequence[tuple[Exposure, int]],
+    exposures: Sequence[tuple[MeasuredImage, int]],
     start: Array,
     end: Array,
     sets: Index | None = None,
@@ -262,7 +262,7 @@ def fit_sides(
     return Sides(start, end, ends @ covariance @ ends.T, steps.height, evidence, support, blurs.repeat(sides_of))
 
 
-def _bows(exposures: Sequence[tuple[Exposure, int]], start: Array, end: Array) -> Array:
+def _bows(exposures: Sequence[tuple[MeasuredImage, int]], start: Array, end: Array) -> Array:
     """lens_bow of the sides in each image, (S, 2) px."""
     bows, first = np.zeros_like(start), 0
     for exposure, count in exposures:
@@ -288,7 +288,9 @@ class _Steps:
     blur_error_px: Array
 
 
-def _steps(exposures: Sequence[Exposure], in_image: Index, calipers: Calipers, blurs: Array, sides_of: Index) -> _Steps:
+def _steps(
+    exposures: Sequence[MeasuredImage], in_image: Index, calipers: Calipers, blurs: Array, sides_of: Index
+) -> _Steps:
     """Where the blurred step crosses each caliper: its residual against the model, over the model's slope. blurs (B,)
     px, each of so many sides (B,), one after the other; the first exposure's sides begin at in_image[0], and so on."""
     cuts = [*calipers.first[in_image].tolist(), len(calipers.side)]

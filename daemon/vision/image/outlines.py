@@ -14,7 +14,19 @@ from functools import cached_property
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Point, Rings, Shape, areas, convex, different, drop_side, is_simple, met, rings, tidy
+from daemon.vision.geometry import (
+    PlanarShape,
+    Point,
+    Rings,
+    areas,
+    convex,
+    different,
+    drop_side,
+    is_simple,
+    met,
+    rings,
+    tidy,
+)
 from daemon.vision.image.calipers import Images
 from daemon.vision.image.edge_lines import find_sides, strengths
 from daemon.vision.image.grey import Fine
@@ -50,9 +62,9 @@ class Outline:
     support: float
 
     @cached_property
-    def shape(self) -> Shape:
+    def shape(self) -> PlanarShape:
         """Its corners made ready for many comparisons."""
-        return Shape.of(self.corners)
+        return PlanarShape.of(self.corners)
 
 
 @dataclass(frozen=True, eq=False)

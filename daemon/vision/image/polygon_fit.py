@@ -9,7 +9,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Rings, convex, different, is_simple, met, outward, rings
-from daemon.vision.image.edge_lines import Exposure, Sides, fit_sides
+from daemon.vision.image.edge_lines import MeasuredImage, Sides, fit_sides
 from daemon.vision.image.outlines import Outline
 from daemon.vision.values import Polygon
 
@@ -35,7 +35,7 @@ class Fitted:
         return Fitted(polygon, self.sides.chosen(order))
 
 
-def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> list[Fitted | None]:
+def fit_polygons(of_images: Sequence[tuple[MeasuredImage, Sequence[Outline]]]) -> list[Fitted | None]:
     """Fit every side of every outline, image after image, to the grey levels; None where the fit strays from the
     outline. The images are fitted side by side and have nothing to do with each other."""
     outlines = [o for _, own in of_images for o in own]
@@ -43,7 +43,7 @@ def fit_polygons(of_images: Sequence[tuple[Exposure, Sequence[Outline]]]) -> lis
         return []
     shape = rings([o.corners for o in outlines])
     starts, ends, chosen, turns = list[Array](), list[Array](), list[Index](), list[Flags]()
-    counts, first = list[tuple[Exposure, int]](), 0
+    counts, first = list[tuple[MeasuredImage, int]](), 0
     for exposure, own in of_images:
         here = slice(first, first + sum(len(o.corners) for o in own))
         if here.start < here.stop:

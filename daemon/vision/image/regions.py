@@ -166,7 +166,7 @@ def edge_window(scale: Scale, level: float, shape: tuple[int, ...]) -> Window | 
     return np.maximum(low - _WINDOW_RIM_PX, 0), np.minimum(high + _WINDOW_RIM_PX, size)
 
 
-def is_quiet(scale: Scale, level: float) -> bool:
+def is_uncluttered(scale: Scale, level: float) -> bool:
     """Whether no more of an image lies on edges stronger than `level` than parts and their shadows show."""
     return not _speckled((scale.strength >= level * scale.sigma).astype(np.uint8))
 

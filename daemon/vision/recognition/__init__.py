@@ -4,8 +4,8 @@ from daemon.vision.recognition.confidence import kinds_of
 from daemon.vision.recognition.fits import fitted, places_of
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.recognition.recognise import (
+    CandidatePose,
     Recognised,
-    Standing,
     joined,
     recognise,
     recognise_group,
@@ -17,8 +17,8 @@ from daemon.vision.recognition.recognise import (
 )
 
 __all__ = [
+    "CandidatePose",
     "Recognised",
-    "Standing",
     "fitted",
     "joined",
     "kinds_of",

@@ -25,7 +25,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, area_vector, measure
 from daemon.vision.model import FacetLibrary, MetricModel, Model, conditions, symmetries
-from daemon.vision.recognition.fits import Hypothesis
+from daemon.vision.recognition.fits import FacetHypothesis
 
 STRANGER = 0.5  # how often something never taught lies in view
 REGULAR = 0.5  # how often it is as regular as the facets' types say; else its right angles are all that is regular
@@ -59,7 +59,7 @@ def kinds_of(solids: tuple[Polyhedron, ...]) -> Counter[tuple[str, ...]]:
     return found
 
 
-def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[float]:
+def weighed(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> list[float]:
     """Probability of each of the fits, which explain every facet: against each other and against strangers, whose it is
     what is left."""
     best = min(fits, key=lambda h: h.chi2)
@@ -73,7 +73,7 @@ def weighed(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> list[
     return [weight / total for weight in odds]
 
 
-def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> dict[str, float]:
+def probability(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> dict[str, float]:
     """Probability of each label of the fits, in whatever pose."""
     chances: dict[str, float] = {}
     for h, chance in zip(fits, weighed(seen, fits, model), strict=True):
@@ -81,7 +81,7 @@ def probability(seen: Polyhedron, fits: Sequence[Hypothesis], model: Model) -> d
     return chances
 
 
-def by_chance(seen: Polyhedron, fit: Hypothesis, model: Model) -> tuple[float, float]:
+def by_chance(seen: Polyhedron, fit: FacetHypothesis, model: Model) -> tuple[float, float]:
     """How many fits as good as this one, which explains every facet, a stranger whose facets are so joined is to be
     expected to have; and the variance of corner errors over the predicted one, as these corners show it.
     """

@@ -30,7 +30,7 @@ EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
+class FacetHypothesis:
     """The seen facets are those of `label`, in this pose.
 
     facets: the taught facet behind each seen one, or -1; corners (K,): the taught corner behind each seen one, or -1.
@@ -59,7 +59,7 @@ class Hypothesis:
 
 def fitted(
     seen: Polyhedron, metric: Mapping[str, MetricModel], ways: Sequence[Way], tolerance_mm: float
-) -> tuple[Hypothesis, ...]:
+) -> tuple[FacetHypothesis, ...]:
     """The ways that an unweighted fit does not rule out, each in its best pose: most facets explained first, then the
     smallest chi-square. Where all are ruled out, the nearest."""
     if not ways:
@@ -171,15 +171,15 @@ def _pairs(count: int) -> tuple[Index, Index]:
     return np.triu_indices(count, 1)
 
 
-def _hypothesis(way: Way, fits: Fits, i: int) -> Hypothesis:
+def _hypothesis(way: Way, fits: Fits, i: int) -> FacetHypothesis:
     label, laid = way
-    return Hypothesis(
+    return FacetHypothesis(
         label, laid.facets, laid.corners, fits.poses[i], fits.covariance[i],
         float(fits.chi2[i]), int(fits.dof[i]), float(fits.rms_mm[i]),
     )  # fmt: skip
 
 
-def equivalents(best: Hypothesis, others: tuple[Hypothesis, ...], taught: Polyhedron) -> Array:
+def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taught: Polyhedron) -> Array:
     """(E, 4, 4) the poses of the same part, of which there are as many as it has symmetries, that fit as well, the best
     first."""
     same = [
@@ -200,7 +200,7 @@ def _matched(
     return seen.corners_mm, seen.covariance_mm2, corners, covariance, used
 
 
-def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: Hypothesis, tolerance_mm: float) -> Array:
+def most_likely_corners(seen: Polyhedron, taught: Polyhedron, fit: FacetHypothesis, tolerance_mm: float) -> Array:
     """(K, 3) mm: each measured corner drawn towards where the fitted model has it.
 
     A corner without a counterpart stays where it was measured.

@@ -14,11 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.facets import weld
+from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import newell_normal
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise, type_number, types_of
 from daemon.vision.recognition.confidence import probability, weighed
-from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses, fitted, lone_ways, most_likely_corners
+from daemon.vision.recognition.fits import (
+    FacetHypothesis,
+    equivalents,
+    facet_poses,
+    fitted,
+    lone_ways,
+    most_likely_corners,
+)
 from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
@@ -49,7 +56,7 @@ class Recognised:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class CandidatePose:
     """One way in which a group of facets may be a taught part, of those that turns of the part take onto each other
     one: pose (4, 4) group_from_part with covariance (6, 6); facets: the taught one behind each seen one; probability:
     what recognition gives it against the others and against something that was not taught."""
@@ -84,7 +91,7 @@ def recognised(group: Group, model: Model) -> Recognised:
 
 def _as_one(one: Group, other: Group, model: Model) -> Recognised | None:
     """Two groups as one, where they share an edge and that has a name; else None."""
-    whole = weld(one.facets + other.facets)
+    whole = merge_vertices(one.facets + other.facets)
     if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
     found = recognised(whole, model)
@@ -119,7 +126,7 @@ def _hollow(facets: tuple[Facet, ...], touching: Flags, facet: Facet) -> bool:
 def suspected(facet: Facet, model: Model) -> tuple[Index, Array]:
     """Every taught part, by its number (N,), and pose (N, 4, 4) that a facet may belong to, measured well or not; the
     nearest first."""
-    return facet_poses(weld([facet]).polyhedron, model.metric, SUSPECT_MM)
+    return facet_poses(merge_vertices([facet]).polyhedron, model.metric, SUSPECT_MM)
 
 
 def without_name(one: Recognised, why: str, confidence: float, model: Model) -> Recognised:
@@ -128,13 +135,13 @@ def without_name(one: Recognised, why: str, confidence: float, model: Model) -> 
     return replace(one, part=_unknown_part(_typed(one.group, model).group, model, verdict))
 
 
-def standing(group: Group, model: Model) -> tuple[Standing, ...]:
+def standing(group: Group, model: Model) -> tuple[CandidatePose, ...]:
     """Every taught part and pose that a group's facets allow, the likeliest first; what their probabilities lack of 1
     is that of something not taught."""
     seen = _typed(group, model)
     fits = [h for h in _proposed(seen, model)[1] if _stands(h, seen.group)]
     chances = weighed(seen.group.polyhedron, fits, model) if fits else []
-    found = [Standing(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
+    found = [CandidatePose(h.label, h.pose, h.covariance, h.facets, p) for h, p in zip(fits, chances, strict=True)]
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
@@ -184,13 +191,13 @@ def _doubted(facet: Facet) -> Facet:
     return replace(facet, covariance_mm2=facet.covariance_mm2 * excess[:, None, None])
 
 
-def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[Hypothesis, ...]]:
+def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[FacetHypothesis, ...]]:
     """What the memory recalls, and those of its ways that could be, each in its best pose; where none stands that
     agrees within the errors, of what the vigilance lets by."""
     solid, tolerance = seen.group.polyhedron, model.parameters.tolerance_mm
     if len(seen.group.facets) == 1:
         return (), fitted(solid, model.metric, lone_ways(solid, model.metric), tolerance)
-    proposed, found = tuple[Recalled, ...](), tuple[Hypothesis, ...]()
+    proposed, found = tuple[Recalled, ...](), tuple[FacetHypothesis, ...]()
     for vigilance in (1.0, model.parameters.vigilance):
         proposed = recalled(solid, seen.types, model, vigilance)
         found = fitted(solid, model.metric, [(one.label, one.way) for one in proposed], tolerance)
@@ -199,21 +206,25 @@ def _proposed(seen: _Typed, model: Model) -> tuple[tuple[Recalled, ...], tuple[H
     return proposed, found
 
 
-def _stands(hypothesis: Hypothesis, seen: Group) -> bool:
+def _stands(hypothesis: FacetHypothesis, seen: Group) -> bool:
     """Whether a hypothesis explains every facet, as well as a right one would, and closely enough to mean anything."""
     whole = hypothesis.explained == len(seen.facets)
     return whole and hypothesis.tail > LEAST_TAIL and hypothesis.rms_mm < FARTHEST_MM
 
 
-def _best_by_label(fits: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    best: dict[str, Hypothesis] = {}
+def _best_by_label(fits: tuple[FacetHypothesis, ...]) -> tuple[FacetHypothesis, ...]:
+    best: dict[str, FacetHypothesis] = {}
     for h in fits:
         best.setdefault(h.label, h)
     return tuple(best.values())
 
 
 def _verdict(
-    seen: Group, best: tuple[Hypothesis, ...], proposed: Sequence[Recalled], chances: Mapping[str, float], model: Model
+    seen: Group,
+    best: tuple[FacetHypothesis, ...],
+    proposed: Sequence[Recalled],
+    chances: Mapping[str, float],
+    model: Model,
 ) -> Recognition:
     """Name, or say why not. chances: the probability of each label that fits."""
     standing = tuple(sorted((h for h in best if _stands(h, seen)), key=lambda h: -chances[h.label]))
@@ -248,7 +259,7 @@ def _silent(ranking: Sequence[str], confidence: float, why: str, candidates: tup
     return Recognition(UNKNOWN, confidence, 0.0, 0.0, runner_up, bool(candidates), why, candidates)
 
 
-def _why_not(seen: Group, best: tuple[Hypothesis, ...]) -> str:
+def _why_not(seen: Group, best: tuple[FacetHypothesis, ...]) -> str:
     shapes = ", ".join(sorted(f.type for f in seen.facets))
     if not best:
         return f"nothing taught has facets like these ({shapes})"

@@ -50,7 +50,7 @@ LEAST_HELD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Adjusted:
+class AdjustedPose:
     """pose (4, 4) cyclopean_from_part with its covariance (6, 6) as daemon/frames.py has it; corners_mm (K, 3), all of
     the part's where they most likely are, cyclopean; motion (6,) from the pose the edges were measured at.
     """
@@ -67,7 +67,7 @@ def adjusted(
     observed: Sequence[EdgeObservation],
     tolerance_mm: float,
     anchor: tuple[Array, Array] | None = None,
-) -> Adjusted:
+) -> AdjustedPose:
     """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), say together.
 
     anchor: a pose (4, 4) and the information (6, 6) with which other evidence than these lines holds the part there;
@@ -127,7 +127,7 @@ def adjusted(
     spread = spread + np.outer(with_wear, with_wear) * (sigma2_mm2 - spread[-1, -1])
     moved = frames.perturb(pose, solution[:6])
     corners = frames.apply(moved, shape.corners_mm) + solution[6:-1].reshape(-1, 3)
-    return Adjusted(moved, np.asarray(spread[:6, :6] * SIGMA_SCALE**2, float), corners, solution[:6])
+    return AdjustedPose(moved, np.asarray(spread[:6, :6] * SIGMA_SCALE**2, float), corners, solution[:6])
 
 
 class _Lines(NamedTuple):

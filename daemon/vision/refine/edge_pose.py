@@ -15,10 +15,10 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import Eyes, OneEye, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import adjusted
-from daemon.vision.refine.edge_samples import stretches_of
-from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, Placements, expected
+from daemon.vision.refine.edge_samples import edge_samples_of
+from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.following import Fit
 from daemon.vision.refine.poses import SCALE, TUKEY, across, moved, off_places, solve
 from daemon.vision.settings import TOLERANCE_MM
@@ -81,14 +81,14 @@ class LaidFacet:
     right: SeenCorners
 
 
-def locate(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> Located | None:
+def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> Located | None:
     """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
     None where too few edges show for that.
 
     Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
     (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    laid, poses = Placements.of([shape]), near[None]
+    laid, poses = ShapeBatch.of([shape]), near[None]
     for share in ROUGHLY:
         rough = [_searched(edges, view, reach_mm * share) for edges, view in _expected(laid, eyes, poses)]
         shown_share = _share(rough, [seen.there for seen in rough])
@@ -108,14 +108,14 @@ def locate(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> Locat
 
 
 def _expected(
-    laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float = TOLERANCE_MM
-) -> list[tuple[ExpectedEdges, OneEye]]:
+    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
+) -> list[tuple[ExpectedEdges, CameraImage]]:
     """What either eye should see of one placement, with the eye."""
     wanted = np.ones(1, bool)
     return [(expected(laid, view, poses, wanted, tolerance_mm), view) for view in eyes.views]
 
 
-def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0) -> Fit | None:
+def fit_edges(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
     """The pose at which `locate` finds the part, with its covariance.
 
     None where an eye shows too few of the edges it should see, or they are too faint to be the part's, or leave the
@@ -125,7 +125,7 @@ def fit_edges(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float = 5.0)
     return None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
 
 
-def fit_each(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
+def fit_each(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> tuple[Fit, Fit] | None:
     """As fit_edges, but what each eye says by itself, for eyes whose places against each other are in doubt."""
     found = locate(shape, eyes, near, reach_mm)
     whole = None if found is None or clear_share(found, eyes) < LEAST_CLEAR else fit_of(found)
@@ -152,13 +152,13 @@ def fit_of(found: Located) -> Fit | None:
 
 
 def fit_at(
-    shape: Polyhedron, eyes: Eyes, pose: Array, tolerance_mm: float
+    shape: Polyhedron, eyes: StereoImages, pose: Array, tolerance_mm: float
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
     it; and those edges. Print beside edges leads lines astray, from one measurement to the next all the way to another
     minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it."""
-    laid = Placements.of([shape])
-    anchor = pose, sum((seen.information(STRETCH_PX) for seen in stretches_of(laid, eyes, pose[None], tolerance_mm)),
+    laid = ShapeBatch.of([shape])
+    anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
                        np.zeros((6, 6)))  # fmt: skip
     for _ in range(AGAIN):
         left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
@@ -171,38 +171,38 @@ def fit_at(
     return Fit(final.pose, final.covariance, residual_mm, len(off_px)), (left, right)
 
 
-def shown(shape: Polyhedron, eyes: Eyes, pose: Array, reach_mm: float) -> float:
+def shown(shape: Polyhedron, eyes: StereoImages, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    both = _expected(Placements.of([shape]), eyes, pose[None])
+    both = _expected(ShapeBatch.of([shape]), eyes, pose[None])
     return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
 
 
-def borne_out(shape: Polyhedron, eyes: Eyes, near: Array, reach_mm: float) -> float:
+def edge_support(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> float:
     """How surely a part lies within some reach_mm of `near` (4, 4) cyclopean_from_part: the clear share of its edges, 0
     where too few of them show on their place."""
     found = locate(shape, eyes, near, reach_mm)
     return 0.0 if found is None or fit_of(found) is None else clear_share(found, eyes)
 
 
-def facets_in_view(shape: Polyhedron, eyes: Eyes, pose: Array) -> int:
+def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on, nor mostly outside
     the picture."""
     points = frames.apply(pose, shape.corners_mm)
     px = [view.eye.camera.project(points) for view in eyes.views]
-    laid = Placements.of([shape])
+    laid = ShapeBatch.of([shape])
     shown = np.flatnonzero(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0))
     return sum(all(_mostly_in(seen[shape.rings[k]], eyes) for seen in px) for k in shown.tolist())
 
 
-def _mostly_in(ring_px: Array, eyes: Eyes) -> bool:
+def _mostly_in(ring_px: Array, eyes: StereoImages) -> bool:
     """Whether of the middles of a facet's corners (N, 2) and of its sides more than half are in the picture."""
     most = np.array(eyes.rig.image_size) - 1
     places = np.concatenate([ring_px, (ring_px + np.roll(ring_px, -1, 0)) / 2])
     return bool(((places >= 0) & (places <= most)).all(1).mean() > MOSTLY_IN)
 
 
-def clear_share(found: Located, eyes: Eyes) -> float:
+def clear_share(found: Located, eyes: StereoImages) -> float:
     """Of the length of all edges in both eyes, that of those on their place that stand out from the shading and the
     grain beside them."""
     good = [_clear(seen, view) for seen, view in zip(found.observed, eyes.views, strict=True)]
@@ -212,7 +212,7 @@ def clear_share(found: Located, eyes: Eyes) -> float:
 def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[LaidFacet]:
     """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
     from the pose where they do not."""
-    laid = Placements.of([shape])
+    laid = ShapeBatch.of([shape])
     thick = [laid.thickness(seen.edges.corners_px) >= THIN_PX[1] for seen in observed]
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
@@ -222,7 +222,7 @@ def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[
     return found_facets
 
 
-def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObservation:
+def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeObservation:
     """The strongest straight gradient within the reach of each edge."""
     count = len(edges.start)
     if not count:
@@ -237,7 +237,7 @@ def _searched(edges: ExpectedEdges, view: OneEye, reach_mm: float) -> EdgeObserv
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
 
 
-def measured(both: Sequence[ExpectedEdges], eyes: Eyes, *, on_place: bool = False) -> list[EdgeObservation]:
+def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
     """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
     counts = [len(edges.start) for edges in both]
     if not any(counts):
@@ -285,7 +285,7 @@ def _outline_share(edges: ExpectedEdges, good: Flags) -> float:
     return float(lengths[good].sum()) / float(lengths.sum()) if lengths.sum() > 0 else 0.0
 
 
-def _clear(seen: EdgeObservation, view: OneEye) -> Flags:
+def _clear(seen: EdgeObservation, view: CameraImage) -> Flags:
     """(E,) which edges are on their place and stand out from the shading and the grain beside them."""
     if seen.sides is None or not len(seen.off):
         return np.zeros(len(seen.off), bool)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import hidden
-from daemon.vision.image import Eyes, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import ExpectedEdges, Placements, expected
+from daemon.vision.image import StereoImages, ranks, stretch_slopes
+from daemon.vision.refine.expected_edges import ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.poses import moved
 
 REACH_PX = 8
@@ -48,7 +48,7 @@ _OFF = np.abs(np.arange(1 - REACH_PX, REACH_PX))
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches:
+class EdgeSamples:
     """What the stretches of E expected edges show: sigmas (E, S, C) of the slope at C offsets across; surprise (E, S),
     minus the log of the chance that a slope as strong as the one on the edge's place were there, 0 where none is; there
     (E, S): where one is near, as on a worn edge; visible (E, S): which stretches the part itself does not hide."""
@@ -87,28 +87,28 @@ class Stretches:
         rows = self.edges.jacobian.reshape(-1, 6)
         return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
 
-    def only(self, placement: int, laid: Placements) -> Stretches:
+    def only(self, placement: int, laid: ShapeBatch) -> EdgeSamples:
         """Those of one placement."""
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
-        return Stretches(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
+        return EdgeSamples(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
 
 
-class Borne(NamedTuple):
+class EdgeEvidence(NamedTuple):
     """What grey levels say of a part at a pose: nats of evidence against chance, and their share of the most."""
 
     nats: float
     share: float
 
     @classmethod
-    def of(cls, both: Sequence[Stretches]) -> Borne:
+    def of(cls, both: Sequence[EdgeSamples]) -> EdgeEvidence:
         """By the stretches of both eyes along the edges of one placement."""
         nats = sum(float(seen.nats.sum()) for seen in both)
         most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
         return cls(nats, nats / max(most, 1e-9))
 
 
-def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> list[Stretches]:
+def edge_samples_of(laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> list[EdgeSamples]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
     found = []
     for (edges, sigmas), eye_mm in zip(_slopes(laid, eyes, poses, tolerance_mm), eyes.geometry.eyes_mm, strict=True):
@@ -123,11 +123,11 @@ def stretches_of(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
         places = beside.shape[1] * beside.shape[2]
         chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
         visible = _visible(laid, edges, poses, eye_mm, sigmas.shape[1])
-        found.append(Stretches(edges, sigmas, -np.log(chance), near > 0, visible))
+        found.append(EdgeSamples(edges, sigmas, -np.log(chance), near > 0, visible))
     return found
 
 
-def _visible(laid: Placements, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
+def _visible(laid: ShapeBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
     """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
     seen = np.ones((len(edges.start), count), bool)
     shares = (np.arange(count) + 0.5) / count
@@ -143,7 +143,7 @@ def _visible(laid: Placements, edges: ExpectedEdges, poses: Array, eye_mm: Array
 
 
 def _slopes(
-    laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float
+    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float
 ) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
     """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
     wanted = np.ones(len(poses), bool)
@@ -152,14 +152,16 @@ def _slopes(
         yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
 
 
-def settled(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float) -> Array:
+def aligned_to_edges(laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:
     """The poses (P, 4, 4) moved to where the stretches of both eyes have the edges."""
     for rounds in ROUNDS_PX:
         poses = _moved(laid, eyes, poses, tolerance_mm, rounds)
     return poses
 
 
-def _moved(laid: Placements, eyes: Eyes, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]) -> Array:
+def _moved(
+    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
+) -> Array:
     count = len(poses)
     rows, sigmas, owner, weight = [], [], [], []
     for edges, slopes in _slopes(laid, eyes, poses, tolerance_mm):

@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, sides_of
-from daemon.vision.image import OneEye, Sides
+from daemon.vision.image import CameraImage, Sides
 from daemon.vision.refine.poses import across, corners_in
 
 THIN_PX = (-3.0, 6.0)
@@ -24,7 +24,7 @@ ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Placements:
+class ShapeBatch:
     """P shapes, each to be laid at a pose of its own, side by side in one list of corners, facets and edges.
 
     shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
@@ -46,7 +46,7 @@ class Placements:
     owner: Index
 
     @classmethod
-    def of(cls, shapes: Sequence[Polyhedron]) -> Placements:
+    def of(cls, shapes: Sequence[Polyhedron]) -> ShapeBatch:
         """Shapes side by side."""
         corners = [len(s.corners_mm) for s in shapes]
         begins = np.cumsum([0, *corners])
@@ -141,7 +141,7 @@ class EdgeObservation:
         near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
         return np.asarray(self.there & near)
 
-    def only(self, placement: int, laid: Placements) -> EdgeObservation:
+    def only(self, placement: int, laid: ShapeBatch) -> EdgeObservation:
         """What was found of one placement's edges."""
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
@@ -149,7 +149,7 @@ class EdgeObservation:
         return EdgeObservation(edges, self.off[own], self.weight[own], self.there[own], sides)
 
 
-def expected(laid: Placements, view: OneEye, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
+def expected(laid: ShapeBatch, view: CameraImage, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
     """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
     placements at poses (P, 4, 4)."""
     px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)

@@ -20,12 +20,12 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, chi_square_limit
-from daemon.vision.image import Eyes
+from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
-from daemon.vision.refine.edge_adjustment import Adjusted, adjusted
+from daemon.vision.refine.edge_adjustment import AdjustedPose, adjusted
 from daemon.vision.refine.edge_pose import facets_in_view, fit_at, measured
-from daemon.vision.refine.edge_samples import Borne, settled, stretches_of
-from daemon.vision.refine.expected_edges import EdgeObservation, Placements, expected
+from daemon.vision.refine.edge_samples import EdgeEvidence, aligned_to_edges, edge_samples_of
+from daemon.vision.refine.expected_edges import EdgeObservation, ShapeBatch, expected
 from daemon.vision.refine.following import Fit
 from daemon.vision.values import Part
 
@@ -38,7 +38,9 @@ MOST_APART = chi_square_limit(6, 1e-3)
 """Chi-square of the way between the pose that corners and the pose that edges say."""
 
 
-def sharpened(parts: Sequence[Part], model: Model, eyes: Eyes, by_edges: Sequence[Part] = ()) -> tuple[Part, ...]:
+def refined_parts(
+    parts: Sequence[Part], model: Model, eyes: StereoImages, by_edges: Sequence[Part] = ()
+) -> tuple[Part, ...]:
     """The parts, the named ones where the edges in both images have them; those that edges named lie there already."""
     better, tolerance = list(parts), model.parameters.tolerance_mm
     named = {
@@ -70,15 +72,17 @@ def _turned(part: Part, which: int) -> Part:
     return replace(part, cyclopean_from_part=pose, covariance=covariance, equivalents=equivalents)
 
 
-def _adjusted(shapes: list[Polyhedron], near: list[Array], eyes: Eyes, tolerance_mm: float) -> list[Adjusted | None]:
+def _adjusted(
+    shapes: list[Polyhedron], near: list[Array], eyes: StereoImages, tolerance_mm: float
+) -> list[AdjustedPose | None]:
     """Each shape where its edges are near its pose (4, 4); None where too few of them show.
 
     Most poses are good to a fraction of a px: the rough fit of a line is left to those that moved.
     """
-    found: list[Adjusted | None] = [None] * len(shapes)
+    found: list[AdjustedPose | None] = [None] * len(shapes)
     if not shapes:
         return found
-    laid, poses, open_ = Placements.of(shapes), np.stack(near), np.ones(len(shapes), bool)
+    laid, poses, open_ = ShapeBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
         seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
         both = measured(seen_by, eyes, on_place=turn == 0)
@@ -94,7 +98,7 @@ def _adjusted(shapes: list[Polyhedron], near: list[Array], eyes: Eyes, tolerance
     return found
 
 
-def _believed(found: Adjusted, part: Part) -> bool:
+def _believed(found: AdjustedPose, part: Part) -> bool:
     """Whether the edges hold the part's place better than its corners did, and agree with them to what both leave open.
 
     Where they hold it worse, edges of something else are among its own.
@@ -104,7 +108,7 @@ def _believed(found: Adjusted, part: Part) -> bool:
     return apart < MOST_APART and bool(np.trace(found.covariance[:3, :3]) < np.trace(part.covariance[:3, :3]))
 
 
-def _moved(part: Part, shape: Polyhedron, found: Adjusted) -> Part:
+def _moved(part: Part, shape: Polyhedron, found: AdjustedPose) -> Part:
     """The part at another pose, its fitted corners and the poses that fit as well with it."""
     before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
     nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
@@ -119,7 +123,7 @@ LESS = 0.1
 """So much less of its edges may show there: what is not taught of a part need not be as its symmetry has it."""
 
 
-def most_in_view(solid: Polyhedron, poses: Array, eyes: Eyes) -> int:
+def most_in_view(solid: Polyhedron, poses: Array, eyes: StereoImages) -> int:
     """Which of the poses (P, 4, 4) cyclopean_from_part has most of what was taught in view; the first where none has
     notably more."""
     if len(poses) < 2:
@@ -130,7 +134,7 @@ def most_in_view(solid: Polyhedron, poses: Array, eyes: Eyes) -> int:
 
 
 def best_fitted(
-    solid: Polyhedron, poses: Array, eyes: Eyes, tolerance_mm: float
+    solid: Polyhedron, poses: Array, eyes: StereoImages, tolerance_mm: float
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """What fit_at says at that of the poses (P, 4, 4) cyclopean_from_part, good to a px or two, whose edges hold the
     part best; both images must show about as much of it as of the first."""
@@ -141,10 +145,10 @@ def best_fitted(
     asked = [0, *(k for k in others if facets_in_view(solid, eyes, poses[k]) >= FEWEST_IN_VIEW)]
     if len(asked) == 1:
         return fit_at(solid, eyes, poses[0], tolerance_mm)
-    laid, middle = Placements.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)
-    near = settled(laid, eyes, poses[asked], tolerance_mm)
-    stretches = stretches_of(laid, eyes, near, tolerance_mm)
-    shares = np.array([Borne.of([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
+    laid, middle = ShapeBatch.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)
+    near = aligned_to_edges(laid, eyes, poses[asked], tolerance_mm)
+    stretches = edge_samples_of(laid, eyes, near, tolerance_mm)
+    shares = np.array([EdgeEvidence.of([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
     good = shares > shares[0] - LESS
     edges = measured([expected(laid, view, near, good, tolerance_mm) for view in eyes.views], eyes)
     held = [
@@ -154,13 +158,13 @@ def best_fitted(
     return fit_at(solid, eyes, near[min(held)[1]], tolerance_mm)
 
 
-def _off_mm2(found: Adjusted, point_mm: Array) -> float:
+def _off_mm2(found: AdjustedPose, point_mm: Array) -> float:
     """What the square of the place of a point (3,) that goes with the part is off by."""
     motion = frames.point_motion((point_mm - found.pose[:3, 3])[None])[0]
     return float(np.trace(motion @ found.covariance @ motion.T))
 
 
-def _in_view_px2(solid: Polyhedron, poses: Array, eyes: Eyes) -> Array:
+def _in_view_px2(solid: Polyhedron, poses: Array, eyes: StereoImages) -> Array:
     """(P,) area of the facets that face each eye, px2, both together, at poses (P, 4, 4)."""
     here, after, first = solid.steps
     corners = solid.corners_mm @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]

@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, CircledPart, tour_round
-from daemon.vision.facets import weld
+from daemon.vision.facets import merge_vertices
 from tests.fakes.solids import CUBE, pose, view_of
 
 TOOL_FROM_CYCLOPEAN = frames.rigid(np.eye(3), np.array([-70.0, 0.0, -100.0]))
@@ -48,7 +48,7 @@ def test_a_large_thing_is_looked_at_from_farther_away() -> None:
 
 def test_what_lies_beside_the_thing_is_not_its() -> None:
     group = view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3))
-    group = weld(group.facets)
+    group = merge_vertices(group.facets)
     world_from_cyclopean = np.eye(4)
     middle = group.polyhedron.corners_mm.mean(0)
     assert CircledPart(middle, 45.0).holds(group, world_from_cyclopean)

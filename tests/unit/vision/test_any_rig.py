@@ -13,7 +13,7 @@ from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig
 from daemon.vision.hypotheses import edge_distance_map
-from daemon.vision.image import VisionError, open_eyes
+from daemon.vision.image import VisionError, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
@@ -52,7 +52,7 @@ def moved_anywhere(rng: np.random.Generator) -> StereoRig:
 
 def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     places = 0
-    hits, slopes = edge_distance_map.DirectedMap.hits, edge_samples.stretch_slopes
+    hits, slopes = edge_distance_map.EdgeDistanceMap.hits, edge_samples.stretch_slopes
 
     def counted_hits(seen, way, x, y):
         nonlocal places
@@ -65,7 +65,7 @@ def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeyp
         places += found.size
         return found
 
-    monkeypatch.setattr(edge_distance_map.DirectedMap, "hits", counted_hits)
+    monkeypatch.setattr(edge_distance_map.EdgeDistanceMap, "hits", counted_hits)
     monkeypatch.setattr(edge_samples, "stretch_slopes", counted_slopes)
     rng, refused = np.random.default_rng(6), 0
     rigs = [straight_rig(), *(moved_anywhere(rng) for _ in range(40))]
@@ -93,7 +93,7 @@ def test_a_rig_that_looks_along_its_baseline_is_refused_at_once() -> None:
     with pytest.raises(
         VisionError, match=r"left image: taken along the line from camera to camera .* move it sideways"
     ):
-        open_eyes(*PAIR, StereoRig(forward[0], forward[1], own.image_size))
+        open_stereo(*PAIR, StereoRig(forward[0], forward[1], own.image_size))
 
 
 @pytest.mark.parametrize("size", [(640, 480), (3840, 2160), (480, 6000)])

@@ -20,9 +20,9 @@ from daemon.ctl import main
 from daemon.store.library import load_facets
 from daemon.vision.draw import draw_scene
 from daemon.vision.facets.reconstruct import find_facets
-from daemon.vision.hypotheses.junctions import corner_kinds, taught_corners
-from daemon.vision.hypotheses.resting_junctions import resting_corners
-from daemon.vision.hypotheses.support_plane import rests_of
+from daemon.vision.hypotheses.junctions import junction_kinds, taught_junctions
+from daemon.vision.hypotheses.resting_junctions import resting_junctions_of
+from daemon.vision.hypotheses.support_plane import resting_planes_of
 from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
@@ -167,7 +167,7 @@ def test_a_look_ends_by_its_budget_and_says_so(model: Model) -> None:
 def test_what_is_made_once_a_model_is_not_on_the_first_looks_budget(model: Model) -> None:
     """Of 64 parts it took most of a second: the first look at a part found nothing, and the next one named it."""
     fresh = {name: replace(known, solid=replace(known.solid)) for name, known in model.metric.items()}
-    made, kept = [], (taught_corners, rests_of, corner_kinds, resting_corners, places_of)
+    made, kept = [], (taught_junctions, resting_planes_of, junction_kinds, resting_junctions_of, places_of)
 
     def clock() -> float:
         made.append(sum(one.cache_info().misses for one in kept))

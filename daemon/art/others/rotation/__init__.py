@@ -3,16 +3,16 @@
 Matrices in, numberings and activations out; what the numbers mean, and who is believed, is said elsewhere.
 """
 
-from daemon.art.others.rotation.layer import Recall, RotationLayer, best_numbering
-from daemon.art.others.rotation.match import Match, modified_match
+from daemon.art.others.rotation.layer import LayerRecall, RotationLayer, best_numbering
+from daemon.art.others.rotation.match import RotationMatch, modified_match
 from daemon.art.others.rotation.matrices import padded, padded_weights
-from daemon.art.others.rotation.verdict import Verdict, choose
+from daemon.art.others.rotation.verdict import RotationVerdict, choose
 
 __all__ = [
-    "Match",
-    "Recall",
+    "LayerRecall",
     "RotationLayer",
-    "Verdict",
+    "RotationMatch",
+    "RotationVerdict",
     "best_numbering",
     "choose",
     "modified_match",

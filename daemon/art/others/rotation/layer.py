@@ -33,7 +33,7 @@ FIRST_ROUND = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Recall:
+class LayerRecall:
     """One view against J nodes, each under its own best numbering.
 
     activation (J,): T = |I ^ w| / (alpha + |w|) at that numbering; numbering (J, n): the slot of each facet of the
@@ -61,7 +61,7 @@ def best_numbering(
     complement: bool = True,
     scope: Scope = "all",
     top: int | None = None,
-) -> Recall:
+) -> LayerRecall:
     """The best numbering of a view's facets at every node, the same as trying all of them.
 
     matrix (n, n) in [0, 1]; nodes (J, m, m) taught matrices or, complement-coded, (J, 2, m, m) weights; n <= m <= 10.
@@ -91,7 +91,7 @@ class RotationLayer:
     def _ceilings(self) -> Ceilings:
         return Ceilings.of(self.taught, self._empty)
 
-    def recall(self, matrix: Any, top: int | None = None) -> Recall:
+    def recall(self, matrix: Any, top: int | None = None) -> LayerRecall:
         """The view (n, n) against every node, or as far as it takes to know the `top` best."""
         view = as_relation(matrix, self.taught.slots)
         filled = occupied(matrix)
@@ -160,14 +160,14 @@ class _Search:
         ahead = (self.activation[nodes] > self.activation[last]) | (nodes < last)
         return np.asarray(nodes[ahead], dtype=np.int64)
 
-    def result(self, view: Array) -> Recall:
+    def result(self, view: Array) -> LayerRecall:
         layer, known = self.layer, np.flatnonzero(self.exact)
         placed = _with_idle_facets(self.slots[known], self.filled, len(view), layer.taught.slots)
         match, ratio = matches_at(view, self.filled, layer.taught, known, placed)
         numbering = np.full((len(self.exact), len(view)), -1, dtype=np.int64)
         all_match, all_ratio = np.zeros((2, len(self.exact)))
         numbering[known], all_match[known], all_ratio[known] = placed, match, ratio
-        return Recall(self.activation, numbering, all_match, all_ratio, self.exact)
+        return LayerRecall(self.activation, numbering, all_match, all_ratio, self.exact)
 
 
 def _most_promising(nodes: Index, bound: Array, length: int) -> Index:

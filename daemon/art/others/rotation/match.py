@@ -16,7 +16,7 @@ from daemon.art.others.rotation.matrices import TaughtMatrices, as_relation, as_
 
 
 @dataclass(frozen=True)
-class Match:
+class RotationMatch:
     """difference: equation (5.2), the share of elements that do not differ, 1 for an exact match; the denominator is
     the number of all elements, empty ones included. ratio: facets matched over the facets of the view or the node,
     whichever has more."""
@@ -25,7 +25,7 @@ class Match:
     ratio: float
 
 
-def modified_match(matrix: Any, node: Any, numbering: Any | None = None) -> Match:
+def modified_match(matrix: Any, node: Any, numbering: Any | None = None) -> RotationMatch:
     """Compare a view's matrix (n, n) with one node (m, m) or (2, m, m), facet p of the view in slot numbering[p].
 
     numbering defaults to the view's own. Only elements between facets of the view are compared, as the thesis does. A
@@ -36,7 +36,7 @@ def modified_match(matrix: Any, node: Any, numbering: Any | None = None) -> Matc
     view = as_relation(matrix, taught.slots)
     slots = np.arange(len(view)) if numbering is None else np.asarray(numbering, dtype=np.int64)
     difference, ratio = matches_at(view, occupied(matrix), taught, np.zeros(1, dtype=np.int64), slots[None])
-    return Match(float(difference[0]), float(ratio[0]))
+    return RotationMatch(float(difference[0]), float(ratio[0]))
 
 
 def matches_at(

@@ -6,11 +6,11 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 from daemon.art.arrays import Array
-from daemon.art.others.rotation.layer import Recall
+from daemon.art.others.rotation.layer import LayerRecall
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RotationVerdict:
     """What coarse-to-fine matching says of one view.
 
     node, label: the node of greatest activation whose (5.2) reaches the vigilance, or None where none does, with its
@@ -28,7 +28,7 @@ class Verdict:
     runner_up_activation: float
 
 
-def choose(recall: Recall, labels: Sequence[Hashable], rho: float = 0.9) -> Verdict:
+def choose(recall: LayerRecall, labels: Sequence[Hashable], rho: float = 0.9) -> RotationVerdict:
     """Coarse to fine (D'Souza, section 5.6): nodes in the order of activation, the first with (5.2) >= rho wins.
 
     labels: what each node stands for, (J,). Only nodes that were looked into are considered.
@@ -42,4 +42,4 @@ def choose(recall: Recall, labels: Sequence[Hashable], rho: float = 0.9) -> Verd
         return 0.0 if j is None else float(values[j])
 
     activation, match, ratio = (told(values, node) for values in (recall.activation, recall.match, recall.match_ratio))
-    return Verdict(node, label, activation, match, ratio, other, runner_up, told(recall.activation, other))
+    return RotationVerdict(node, label, activation, match, ratio, other, runner_up, told(recall.activation, other))

@@ -13,20 +13,20 @@ import pytest
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.evidence import by_edges, registered
-from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_segments
-from daemon.vision.evidence.registered import Laid, laid_near
-from daemon.vision.facets.table import Table
-from daemon.vision.facets.weld import weld
-from daemon.vision.geometry import Shape
+from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_edges
+from daemon.vision.evidence.registered import RegisteredPart, registered_near
+from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.vertices import merge_vertices
+from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import search
-from daemon.vision.hypotheses.edge_distance_map import directed_map
-from daemon.vision.hypotheses.search import Guessed, Search, guessed_in_space
-from daemon.vision.hypotheses.support_plane import rests
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.search import RankedHypotheses, Search, hypotheses_from_junctions
+from daemon.vision.hypotheses.support_plane import resting_planes
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
-from daemon.vision.refine.edge_samples import Borne, Stretches
+from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples
 from daemon.vision.values import Group
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, measured, pose, view_of
@@ -52,9 +52,9 @@ def model() -> Model:
 
 
 @cache
-def eyes_on(name: str | None, seed: int = 0) -> Eyes:
+def eyes_on(name: str | None, seed: int = 0) -> StereoImages:
     body = None if name is None else {**KNOWN, **STRANGERS}[name]
-    return open_eyes(*print_pair(body, WHERE, seed), straight_rig())
+    return open_stereo(*print_pair(body, WHERE, seed), straight_rig())
 
 
 def unnamed(group: Group) -> Recognised:
@@ -64,7 +64,7 @@ def unnamed(group: Group) -> Recognised:
 
 @pytest.mark.parametrize("label", sorted(KNOWN))
 def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> None:
-    (found,) = named_by_segments(eyes_on(label), model(), []).named
+    (found,) = named_by_edges(eyes_on(label), model(), []).named
     assert found.label == label
     corners = frames.apply(WHERE, KNOWN[label].corners_mm)
     seen = np.concatenate(found.part.fitted_mm)
@@ -76,24 +76,24 @@ def test_a_printed_part_on_a_patterned_table_is_named_and_placed(label: str) -> 
 
 @pytest.mark.parametrize("name", sorted(STRANGERS))
 def test_a_printed_stranger_is_not_named(name: str) -> None:
-    assert named_by_segments(eyes_on(name), model(), []).named == []
+    assert named_by_edges(eyes_on(name), model(), []).named == []
 
 
 def test_a_patterned_table_alone_is_nothing() -> None:
-    assert named_by_segments(eyes_on(None), model(), []).named == []
+    assert named_by_edges(eyes_on(None), model(), []).named == []
 
 
 def test_where_a_part_was_named_nothing_is_looked_for() -> None:
-    known = named_by_segments(eyes_on("cube"), model(), []).named
-    assert named_by_segments(eyes_on("cube"), model(), known).named == []
+    known = named_by_edges(eyes_on("cube"), model(), []).named
+    assert named_by_edges(eyes_on("cube"), model(), known).named == []
 
 
 def test_facets_measured_together_that_lie_elsewhere_speak_against_a_part() -> None:
     lifted = frames.rigid(np.eye(3), np.array([0.0, 0.0, -9.0])) @ WHERE
-    elsewhere = weld([_in_both(f) for f in view_of(CUBE, lifted).facets])
-    on_it = weld([_in_both(f) for f in view_of(CUBE, WHERE).facets])
+    elsewhere = merge_vertices([_in_both(f) for f in view_of(CUBE, lifted).facets])
+    on_it = merge_vertices([_in_both(f) for f in view_of(CUBE, WHERE).facets])
     good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=Borne(35.0, 0.9))
+    weak = replace(good, borne=EdgeEvidence(35.0, 0.9))
     free = confidence(weak)
     assert confidence(weak, [on_it]) == confidence(weak, [elsewhere.only([0])]) == free > LEAST_CONFIDENCE
     assert confidence(weak, [elsewhere]) < 0.8 < LEAST_CONFIDENCE < confidence(good, [elsewhere])
@@ -105,17 +105,17 @@ def _in_both(facet):
 
 
 @cache
-def all_laid(name: str) -> tuple[Laid, ...]:
+def all_laid(name: str) -> tuple[RegisteredPart, ...]:
     there = scene(name)
-    return tuple(laid_near(there, guessed_in_space(there, lambda: 0.0).likely))
+    return tuple(registered_near(there, hypotheses_from_junctions(there, lambda: 0.0).likely))
 
 
 def scene(name: str, groups: Sequence[Group] = ()) -> Search:
     eyes = eyes_on(name)
-    return Search(eyes, model(), groups, (), (directed_map(eyes.left), directed_map(eyes.right)), None)
+    return Search(eyes, model(), groups, (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
 
 
-def confidence(one: Laid, groups: Sequence[Group] = (), tests: int = 1000) -> float:
+def confidence(one: RegisteredPart, groups: Sequence[Group] = (), tests: int = 1000) -> float:
     return by_edges._confidence(one, scene("cube", groups), tests)
 
 
@@ -129,7 +129,7 @@ def confidence(one: Laid, groups: Sequence[Group] = (), tests: int = 1000) -> fl
 )
 def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int, told: str) -> None:
     spent = chain(repeat(0.0, looks_at_the_clock), repeat(1.5))
-    straight = named_by_segments(eyes_on("cube"), model(), [], lambda: next(spent))
+    straight = named_by_edges(eyes_on("cube"), model(), [], lambda: next(spent))
     assert told in "; ".join(straight.left_out)
     assert straight.named == []
 
@@ -137,7 +137,7 @@ def test_a_look_whose_time_is_up_tells_what_it_left_out(looks_at_the_clock: int,
 def test_where_time_grows_short_the_likeliest_guesses_alone_are_laid(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "FEWEST_LAID", 2)
     spent = chain(repeat(0.0, 2), repeat(0.7))
-    straight = named_by_segments(eyes_on("cube"), model(), [], lambda: next(spent))
+    straight = named_by_edges(eyes_on("cube"), model(), [], lambda: next(spent))
     assert len(straight.left_out) == 1
     assert straight.left_out[0].endswith("guesses were not compared with the pictures")
     assert [one.label for one in straight.named] == ["cube"]
@@ -148,10 +148,10 @@ def test_a_part_that_shows_the_same_edges_leaves_the_name_open_however_little_it
 ) -> None:
     best = max(all_laid("cube"), key=lambda one: one.borne.nats if one.label == "cube" else 0.0)
     twin = replace(best, label="pyramid", borne=best.borne._replace(nats=0.1 * best.borne.nats))
-    fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=Borne(99.0, 1.0))
+    fewer = replace(best, label="pyramid", seen=(less(best.seen[0]), less(best.seen[1])), borne=EdgeEvidence(99.0, 1.0))
     for others, names in (([best], ["cube"]), ([best, twin], []), ([best, fewer], ["cube"])):
-        monkeypatch.setattr(by_edges, "laid_near", lambda *_, others=others: iter(others))
-        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
+        monkeypatch.setattr(by_edges, "registered_near", lambda *_, others=others: iter(others))
+        assert [one.label for one in named_by_edges(eyes_on("cube"), model(), []).named] == names
 
 
 def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_is_there(
@@ -163,29 +163,29 @@ def test_of_two_that_show_nearly_the_same_edges_the_one_that_lies_on_the_table_i
     rival = replace(best, label="pyramid", borne=best.borne._replace(nats=0.5 * best.borne.nats))
     for lies, other_lies, names in ((True, None, ["cube"]), (True, True, []), (None, None, []), (None, True, [])):
         laid = replace(less_of_it, rests=lies), replace(rival, rests=other_lies)
-        monkeypatch.setattr(by_edges, "laid_near", lambda *_, laid=laid: iter(laid))
-        assert [one.label for one in named_by_segments(eyes_on("cube"), model(), []).named] == names
+        monkeypatch.setattr(by_edges, "registered_near", lambda *_, laid=laid: iter(laid))
+        assert [one.label for one in named_by_edges(eyes_on("cube"), model(), []).named] == names
 
 
-def less(seen: Stretches) -> Stretches:
+def less(seen: EdgeSamples) -> EdgeSamples:
     """Without the edge for which most speaks."""
     kept = np.delete(np.arange(len(seen.surprise)), seen.nats.argmax())
     edges = seen.edges.only(kept, slice(0, None))
-    return Stretches(edges, seen.sigmas[kept], seen.surprise[kept], seen.there[kept], seen.visible[kept])
+    return EdgeSamples(edges, seen.sigmas[kept], seen.surprise[kept], seen.there[kept], seen.visible[kept])
 
 
 def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
     good = max(all_laid("cube"), key=lambda one: one.borne.nats)
     assert confidence(good) > 0.99
-    assert confidence(replace(good, borne=Borne(5.0, 0.8))) == 0.0
-    assert confidence(replace(good, borne=Borne(50.0, 0.3))) == 0.0
+    assert confidence(replace(good, borne=EdgeEvidence(5.0, 0.8))) == 0.0
+    assert confidence(replace(good, borne=EdgeEvidence(50.0, 0.3))) == 0.0
     monkeypatch.setattr(by_edges, "other_sizes", lambda solid, pose, *_: 1e9)
-    assert confidence(replace(good, borne=Borne(50.0, 1.0))) < LEAST_CONFIDENCE
+    assert confidence(replace(good, borne=EdgeEvidence(50.0, 1.0))) < LEAST_CONFIDENCE
 
 
 def test_confidence_is_shared_by_all_guesses_that_were_made() -> None:
     """Sixteen times as many parts taught, sixteen times as many chances: the odds are a sixteenth."""
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(45.0, 1.0))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(45.0, 1.0))
     few, many = confidence(weak, tests=2000), confidence(weak, tests=32000)
     assert few / (1 - few) == pytest.approx(16 * many / (1 - many))
     assert confidence(weak, tests=10**9) == 0.0
@@ -195,41 +195,41 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = list[int]()
-    monkeypatch.setattr(by_edges, "guessed_in_space", lambda *_: Guessed([], 7))
+    monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 7))
     monkeypatch.setattr(by_edges, "_proven", lambda _, registered, tests, spent: asked.append(tests) or ([], [], ()))
     two = replace(model(), views=tuple(view for view in model().views if view.label in ("cube", "pyramid")))
     for taught in (model(), two):
-        named_by_segments(eyes_on("cube"), taught, [])
+        named_by_edges(eyes_on("cube"), taught, [])
     assert asked == [FEWEST_TESTS * 4] * 2 + [FEWEST_TESTS * 2] * 2
 
 
 def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
     eyes, good = eyes_on("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=Borne(45.0, 0.7), tries=2.0)
+    weak = replace(good, borne=EdgeEvidence(45.0, 0.7), tries=2.0)
     tests = round(np.exp(weak.odds - 1.0))
     anew = by_edges._undecided([weak], tests, eyes)
     assert len(anew) > 1
     assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
-    strong = replace(weak, borne=Borne(100.0, 0.7))
+    strong = replace(weak, borne=EdgeEvidence(100.0, 0.7))
     assert by_edges._undecided([strong], 1, eyes) == [], "this one is sure"
 
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(35.0, 0.9))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
-    monkeypatch.setattr(by_edges, "likeness", lambda *_: 0.2)
+    monkeypatch.setattr(by_edges, "face_consistency", lambda *_: 0.2)
     assert confidence(weak) < LEAST_CONFIDENCE - 0.2
 
 
 def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=Borne(35.0, 0.9))
+    weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
-    monkeypatch.setattr(by_edges, "elsewhere", lambda *_: 0.95)
+    monkeypatch.setattr(by_edges, "self_similarity", lambda *_: 0.95)
     assert confidence(weak) < LEAST_CONFIDENCE
 
 
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
-    found = named_by_segments(eyes_on("steeper pyramid"), model(), [])
+    found = named_by_edges(eyes_on("steeper pyramid"), model(), [])
     assert not found.named
     for guess in found.guesses:
         assert guess.label in KNOWN
@@ -240,8 +240,8 @@ def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_no
 
 def test_little_evidence_names_a_part_that_lies_on_the_table_and_none_that_hangs_above_it() -> None:
     good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=Borne(34.0, 0.75))
-    lies, nobody_knows, hangs = (replace(weak, rests=rests) for rests in (True, None, False))
+    weak = replace(good, borne=EdgeEvidence(34.0, 0.75))
+    lies, nobody_knows, hangs = (replace(weak, rests=resting_planes) for resting_planes in (True, None, False))
     assert hangs.odds < nobody_knows.odds < lies.odds
     assert confidence(hangs) == confidence(nobody_knows) == 0.0 < LEAST_CONFIDENCE < confidence(lies)
 
@@ -251,15 +251,15 @@ def test_a_part_is_held_against_the_table_that_is_seen_and_else_against_the_one_
     seen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Which is told by the arm, and may have something on it that the part lies on."""
-    known, there = (Table(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
+    known, there = (TablePlane(np.array([0.0, 0.0, -1.0]), level_mm) for level_mm in (-395.0, -390.0))
     grounds = []
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: there if seen else None)
-    monkeypatch.setattr(registered, "rests_on", lambda ground, solid, pose: grounds.append(ground))
-    named_by_segments(eyes_on("cube"), model(), [], told=known)
+    monkeypatch.setattr(registered, "lies_on_support", lambda ground, solid, pose: grounds.append(ground))
+    named_by_edges(eyes_on("cube"), model(), [], told=known)
     assert {(ground.table, ground.seen) for ground in grounds} == {(there, True) if seen else (known, False)}
 
 
-TABLE = Table(np.array([0.0, 0.0, -1.0]), -352.5)
+TABLE = TablePlane(np.array([0.0, 0.0, -1.0]), -352.5)
 """On which no part rests as it does here: what is guessed on it comes to nothing."""
 
 
@@ -267,32 +267,34 @@ TABLE = Table(np.array([0.0, 0.0, -1.0]), -352.5)
 def test_a_part_of_which_the_eyes_see_no_corner_together_is_named_where_it_rests(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(by_edges, "guessed_in_space", lambda *_: Guessed([], 1000))
+    monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: RankedHypotheses([], 1000))
     monkeypatch.setattr(by_edges, "seen_table", lambda *_: None)
-    assert named_by_segments(eyes_on(name), model(), []).named == [], "nobody knows of a table"
-    (found,) = named_by_segments(eyes_on(name), model(), [], told=below(name)).named
+    assert named_by_edges(eyes_on(name), model(), []).named == [], "nobody knows of a table"
+    (found,) = named_by_edges(eyes_on(name), model(), [], told=below(name)).named
     corners = frames.apply(WHERE, KNOWN[name].corners_mm)
     off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
     assert (found.label, off.max() < 1.5) == (name, True)
 
 
-def below(name: str) -> Table:
+def below(name: str) -> TablePlane:
     """A table on which a part rests where it is."""
     solid = model().metric[name].solid
     pose_of_model = next(one.pose for one in all_laid(name) if one.label == name)
-    down = rests(solid)[:, :3] @ pose_of_model[:3, :3].T
+    down = resting_planes(solid)[:, :3] @ pose_of_model[:3, :3].T
     side = down[:, 2].argmax()
-    return Table(-down[side], float(rests(solid)[side, 3] * -1 - down[side] @ pose_of_model[:3, 3]))
+    return TablePlane(-down[side], float(resting_planes(solid)[side, 3] * -1 - down[side] @ pose_of_model[:3, 3]))
 
 
 def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = list[Search]()
-    monkeypatch.setattr(by_edges, "guessed_on_table", lambda scene, spent: asked.append(scene) or Guessed([], 0))
-    known = named_by_segments(eyes_on("cube"), model(), [], told=TABLE).named
+    monkeypatch.setattr(
+        by_edges, "hypotheses_on_support", lambda scene, spent: asked.append(scene) or RankedHypotheses([], 0)
+    )
+    known = named_by_edges(eyes_on("cube"), model(), [], told=TABLE).named
     assert (len(known), asked) == (1, [])
-    named_by_segments(eyes_on(None), model(), known, told=TABLE)
+    named_by_edges(eyes_on(None), model(), known, told=TABLE)
     assert asked == []
-    named_by_segments(eyes_on(None), model(), [], told=TABLE)
+    named_by_edges(eyes_on(None), model(), [], told=TABLE)
     assert len(asked) == 1
 
 
@@ -300,8 +302,8 @@ def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.
 def test_a_lone_facet_on_a_plain_table_names_the_part_with_no_look_for_corners(
     label: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(by_edges, "guessed_in_space", lambda *_: pytest.fail("corners were looked for"))
-    (found,) = named_by_segments(plain(label), model(), [lone_facet(label)]).named
+    monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: pytest.fail("corners were looked for"))
+    (found,) = named_by_edges(plain(label), model(), [lone_facet(label)]).named
     corners = frames.apply(WHERE, KNOWN[label].corners_mm)
     off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
     assert (found.label, off.max() < 1.5) == (label, True)
@@ -311,30 +313,34 @@ def test_where_that_leaves_something_unnamed_or_the_table_has_a_pattern_corners_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = list[Search]()
-    monkeypatch.setattr(by_edges, "guessed_in_space", lambda scene, spent: asked.append(scene) or Guessed([], 1))
-    (found,) = named_by_segments(plain("cube"), model(), [lone_facet("cube")], enough=lambda new: not new).named
+    monkeypatch.setattr(
+        by_edges, "hypotheses_from_junctions", lambda scene, spent: asked.append(scene) or RankedHypotheses([], 1)
+    )
+    (found,) = named_by_edges(plain("cube"), model(), [lone_facet("cube")], enough=lambda new: not new).named
     assert (found.label, len(asked)) == ("cube", 1)
-    assert named_by_segments(eyes_on("cube"), model(), [lone_facet("cube")]).named == []
+    assert named_by_edges(eyes_on("cube"), model(), [lone_facet("cube")]).named == []
     assert len(asked) == 2
 
 
 def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners() -> None:
     (facet,) = lone_facet("cube").group.facets
-    alone, with_facet = (guessed_in_space(scene("cube", groups), lambda: 0.0) for groups in ([], [weld([facet])]))
+    alone, with_facet = (
+        hypotheses_from_junctions(scene("cube", groups), lambda: 0.0) for groups in ([], [merge_vertices([facet])])
+    )
     assert with_facet.tests == alone.tests + len(suspected(facet, model())[0])
 
 
 @cache
-def plain(name: str) -> Eyes:
-    return open_eyes(*print_pair(KNOWN[name], WHERE, printed=False, patterned=False), straight_rig())
+def plain(name: str) -> StereoImages:
+    return open_stereo(*print_pair(KNOWN[name], WHERE, printed=False, patterned=False), straight_rig())
 
 
 def lone_facet(name: str) -> Recognised:
     """The largest facet of a part, seen where it lies."""
     facet = max(
-        (_in_both(one) for one in view_of(KNOWN[name], WHERE).facets), key=lambda one: Shape.of(one.left_px).area
+        (_in_both(one) for one in view_of(KNOWN[name], WHERE).facets), key=lambda one: PlanarShape.of(one.left_px).area
     )
-    return unnamed(weld([facet]))
+    return unnamed(merge_vertices([facet]))
 
 
 @pytest.mark.parametrize(("nats_less", "least_mm", "most_mm"), [(0.0, 2.0, 4.0), (200.0, 0.0, 0.1)])
@@ -343,7 +349,7 @@ def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
 ) -> None:
     best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
     farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
-    other = replace(best, pose=farther, borne=Borne(best.borne.nats - nats_less, best.borne.share), tries=7.0)
+    other = replace(best, pose=farther, borne=EdgeEvidence(best.borne.nats - nats_less, best.borne.share), tries=7.0)
     spread = by_edges._spread(best, [best, other], best.pose[None])
     assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
     assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm
@@ -361,7 +367,7 @@ def test_what_came_nearest_says_where_its_print_lies_and_a_look_says_it_is_the_d
 ) -> None:
     monkeypatch.setattr(by_edges, "LEAST_CONFIDENCE", 1.1)
     monkeypatch.setattr(by_edges, "print_apart_px", lambda *_: 2.0)
-    first, *others = named_by_segments(eyes_on("cube"), model(), []).guesses
+    first, *others = named_by_edges(eyes_on("cube"), model(), []).guesses
     assert first.print_apart_px == 2.0
     assert not any(other.print_apart_px for other in others)
     scene = look(*print_pair(CUBE, WHERE, 0), straight_rig(), model())

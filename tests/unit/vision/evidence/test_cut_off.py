@@ -12,16 +12,16 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.evidence import by_edges
-from daemon.vision.evidence.photo_consistency import likeness
+from daemon.vision.evidence.photo_consistency import face_consistency
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, cut_off
 from daemon.vision.geometry import StereoRig, exact
-from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.refine.edge_pose import facets_in_view
-from daemon.vision.refine.edge_samples import stretches_of
-from daemon.vision.refine.expected_edges import Placements
+from daemon.vision.refine.edge_samples import edge_samples_of
+from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes.drawn import box, obj
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import Body, pose
@@ -59,9 +59,9 @@ def cut_by(where, share: float) -> int:
     return int((across.min(1) + share * np.ptp(across, axis=1)).min())
 
 
-def both(where, share: float) -> Eyes:
+def both(where, share: float) -> StereoImages:
     pictures, rig = shown(where, cut_by(where, share))
-    return open_eyes(*pictures, rig)
+    return open_stereo(*pictures, rig)
 
 
 @pytest.mark.parametrize("share", [0.06, 0.15])
@@ -81,8 +81,8 @@ def test_a_part_that_could_be_longer_outside_the_picture_is_not_named() -> None:
 def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_in_view() -> None:
     for where, share, open_size in ((CORNER_FIRST, 0.06, False), (END_ON, 0.25, True), (END_ON, 0.0, False)):
         eyes = both(where, share)
-        laid = Placements.of([BOX])
-        seen = [one.only(0, laid) for one in stretches_of(laid, eyes, where[None], 0.4)]
+        laid = ShapeBatch.of([BOX])
+        seen = [one.only(0, laid) for one in edge_samples_of(laid, eyes, where[None], 0.4)]
         assert cut_off(BOX, where, eyes) is (share > 0)
         assert (ahead_of_sizes(BOX, where, seen, eyes, 0.4) < LEAST_APART) is open_size
 
@@ -98,8 +98,8 @@ def test_print_outside_the_picture_says_nothing() -> None:
     left, right = print_pair(body, CORNER_FIRST, 3)
     cut = cut_by(CORNER_FIRST, 0.3)
     _, rig = shown(CORNER_FIRST, cut)
-    printed = open_eyes(np.ascontiguousarray(left[:, cut:]), np.ascontiguousarray(right[:, cut:]), rig)
-    alike = likeness(exact(BOX.corners_mm, BOX.facets), CORNER_FIRST, printed)
+    printed = open_stereo(np.ascontiguousarray(left[:, cut:]), np.ascontiguousarray(right[:, cut:]), rig)
+    alike = face_consistency(exact(BOX.corners_mm, BOX.facets), CORNER_FIRST, printed)
     assert alike is not None
     assert alike > 0.9
 

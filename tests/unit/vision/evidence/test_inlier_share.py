@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from daemon.vision.evidence.by_edges import USUAL_EXPLAINED
-from daemon.vision.evidence.inlier_share import explained
+from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.geometry import exact
-from daemon.vision.image.both_eyes import Eyes, open_eyes
-from daemon.vision.refine.expected_edges import Placements, expected
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
+from daemon.vision.refine.expected_edges import ShapeBatch, expected
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import KNOWN, pose
@@ -21,16 +21,16 @@ TOLERANCE_MM = 0.25
 
 
 @cache
-def eyes_on(name: str | None) -> Eyes:
+def eyes_on(name: str | None) -> StereoImages:
     bodies = [] if name is None else [(KNOWN[name], WHERE)]
-    return open_eyes(*paint_pair(bodies, np.random.default_rng(3)), rig())
+    return open_stereo(*paint_pair(bodies, np.random.default_rng(3)), rig())
 
 
-def share(name: str, eyes: Eyes) -> float | None:
+def share(name: str, eyes: StereoImages) -> float | None:
     solid = exact(KNOWN[name].corners_mm, KNOWN[name].facets)
-    laid = Placements.of([solid])
+    laid = ShapeBatch.of([solid])
     edges = [expected(laid, view, WHERE[None], np.ones(1, bool), TOLERANCE_MM) for view in eyes.views]
-    return explained(solid, WHERE, (edges[0], edges[1]), eyes)
+    return edge_inlier_share(solid, WHERE, (edges[0], edges[1]), eyes)
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))

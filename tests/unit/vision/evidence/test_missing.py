@@ -14,14 +14,14 @@ from daemon.vision.evidence import missing
 from daemon.vision.evidence.missing import (
     Against,
     EdgePlaces,
+    checked_for_missing,
     edge_places,
     missing_in_both_px,
     missing_share,
     speaks_against,
-    with_all_they_show,
 )
 from daemon.vision.geometry import exact
-from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_solid
 from daemon.vision.recognition import recognised
@@ -49,10 +49,10 @@ STRANGERS = [("mirror", 30, "cut_block_a"), ("cut", 6, "corner_cut_a"), ("dihedr
 
 
 @cache
-def eyes_on(name: str) -> Eyes:
+def eyes_on(name: str) -> StereoImages:
     """A bare part on a bare table."""
     bodies = {"block": (BLOCK, WHERE), "cut": (CUT, WHERE), "l_block": (_farthest_first(), INTO_THE_L)}
-    return open_eyes(*print_pair(*bodies[name], 3, printed=False, patterned=False), straight_rig())
+    return open_stereo(*print_pair(*bodies[name], 3, printed=False, patterned=False), straight_rig())
 
 
 def _farthest_first() -> Body:
@@ -69,15 +69,15 @@ def model() -> Model:
     )
 
 
-def samples(body: Body, where: Array, eyes: Eyes) -> tuple[EdgePlaces, EdgePlaces]:
+def samples(body: Body, where: Array, eyes: StereoImages) -> tuple[EdgePlaces, EdgePlaces]:
     return edge_places(exact(body.corners_mm, body.facets), where, eyes)
 
 
-def checked(eyes: Eyes) -> Part:
+def checked(eyes: StereoImages) -> Part:
     """What becomes of the block's name, which its facets gave."""
     named = recognised(view_of(BLOCK, WHERE), model())
     assert named.label == "block"
-    (found,) = with_all_they_show([named], model(), eyes)
+    (found,) = checked_for_missing([named], model(), eyes)
     return found.part
 
 
@@ -104,7 +104,7 @@ def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_
 def test_what_has_no_name_is_left_as_it_is() -> None:
     nameless = recognised(view_of(L_BLOCK, WHERE), model())
     assert not nameless.named
-    assert with_all_they_show([nameless], model(), eyes_on("cut")) == (nameless,)
+    assert checked_for_missing([nameless], model(), eyes_on("cut")) == (nameless,)
 
 
 def test_a_mirror_image_is_left_unnamed_for_what_is_missing_and_for_nothing_else(
@@ -135,7 +135,7 @@ def test_edges_that_the_part_itself_hides_count_not_at_all() -> None:
 
 def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(painted, "GREYS", (140.0,))
-    eyes = open_eyes(*painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
+    eyes = open_stereo(*painted.paint_pair([(BLOCK, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
     seen = samples(BLOCK, WHERE, eyes)
     inner = np.concatenate([one.there[(one.weight < 1) & one.visible.any(1)] for one in seen])
     assert inner.mean() < 0.2, "the edges between the facets show"

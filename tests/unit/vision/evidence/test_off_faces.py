@@ -13,7 +13,7 @@ from daemon.arrays import Array
 from daemon.vision.evidence import off_faces
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.geometry import Polyhedron, exact
-from daemon.vision.image import Eyes, open_eyes
+from daemon.vision.image import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import pose, prism
 
@@ -23,8 +23,8 @@ WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
 
 
 @cache
-def printed(seed: int = 3, ink: bool = True) -> Eyes:
-    return open_eyes(*print_pair(BLOCK, WHERE, seed, printed=ink, patterned=False), straight_rig())
+def printed(seed: int = 3, ink: bool = True) -> StereoImages:
+    return open_stereo(*print_pair(BLOCK, WHERE, seed, printed=ink, patterned=False), straight_rig())
 
 
 def behind(mm: float) -> Array:

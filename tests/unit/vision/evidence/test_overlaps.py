@@ -9,10 +9,10 @@ import numpy as np
 
 from daemon import frames
 from daemon.store.library import load_facets
-from daemon.vision.evidence.overlaps import all_explained, beside, lies_on
-from daemon.vision.facets.weld import weld
+from daemon.vision.evidence.overlaps import all_accounted_for, lies_on, without_overlaps
+from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import exact
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.recognise import Recognised, recognise_group
 from daemon.vision.values import Facet, FacetView, Group, Rejected
@@ -29,8 +29,8 @@ def model() -> Model:
 
 
 @cache
-def eyes() -> Eyes:
-    return open_eyes(*print_pair(CUBE, WHERE), straight_rig())
+def eyes() -> StereoImages:
+    return open_stereo(*print_pair(CUBE, WHERE), straight_rig())
 
 
 def facet(corners_mm: np.ndarray) -> Facet:
@@ -39,7 +39,7 @@ def facet(corners_mm: np.ndarray) -> Facet:
 
 
 def one(*rings: np.ndarray) -> Recognised:
-    group = weld([facet(ring) for ring in rings])
+    group = merge_vertices([facet(ring) for ring in rings])
     return Recognised(group, recognise_group(group, model()))
 
 
@@ -78,7 +78,7 @@ def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
     cube = one(face(0), face(1))
     assert cube.named
     label, aside = one(label_on(face())), one(face() + ASIDE_MM)
-    known, left = beside([label, aside], view(label.group, aside.group), [cube], model(), eyes())
+    known, left = without_overlaps([label, aside], view(label.group, aside.group), [cube], model(), eyes())
     assert [r.label for r in known if r.named] == ["cube"]
     assert len([r for r in known if not r.named]) == 1
     assert left.groups == tuple(r.group for r in known)
@@ -86,7 +86,7 @@ def test_more_named_parts_take_what_lies_on_them_and_leave_the_rest() -> None:
 
 def test_a_part_that_is_named_already_is_not_named_again() -> None:
     cube = one(face(0), face(1))
-    known, _ = beside([cube], view(cube.group), [cube], model(), eyes())
+    known, _ = without_overlaps([cube], view(cube.group), [cube], model(), eyes())
     assert len(known) == 1
 
 
@@ -96,7 +96,7 @@ def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothin
     def explained(*found: Recognised, bent: np.ndarray | None = None, by_both: bool = True) -> bool:
         outlines = () if bent is None else (Rejected(facet(bent).left_px, "left", "bent", unexplained=by_both),)
         seen = replace(view(*(r.group for r in found)), rejected=outlines)
-        return all_explained(found, seen, model(), eyes())
+        return all_accounted_for(found, seen, model(), eyes())
 
     assert explained(cube)
     assert explained(cube, bent=face(0))
@@ -108,6 +108,6 @@ def test_all_is_explained_where_what_is_found_has_a_name_and_what_came_to_nothin
 
 def test_nothing_more_leaves_what_was_found() -> None:
     aside = one(face() + ASIDE_MM)
-    known, left = beside([aside], view(aside.group), [], model(), eyes())
+    known, left = without_overlaps([aside], view(aside.group), [], model(), eyes())
     assert known == (aside,)
     assert left.groups == (aside.group,)

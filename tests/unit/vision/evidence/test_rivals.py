@@ -9,9 +9,9 @@ import pytest
 
 from daemon.vision.evidence.rivals import by_own_edges
 from daemon.vision.geometry import exact
-from daemon.vision.image.both_eyes import Eyes, open_eyes
-from daemon.vision.refine.edge_samples import Stretches, stretches_of
-from daemon.vision.refine.expected_edges import Placements
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
+from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of
+from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, Body, pose
 
@@ -21,12 +21,12 @@ FACING = [k for k in range(6) if exact(CUBE.corners_mm, CUBE.facets).facing(WHER
 
 
 @cache
-def eyes() -> Eyes:
-    return open_eyes(*print_pair(CUBE, WHERE, 3), straight_rig())
+def eyes() -> StereoImages:
+    return open_stereo(*print_pair(CUBE, WHERE, 3), straight_rig())
 
 
-def shown(corners_mm: np.ndarray, facets) -> list[Stretches]:
-    return stretches_of(Placements.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
+def shown(corners_mm: np.ndarray, facets) -> list[EdgeSamples]:
+    return edge_samples_of(ShapeBatch.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
 
 
 def longer(body: Body, share: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, only, weld
+from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, merge_vertices, only
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
 from tests.fakes.looked_around import DOUBT, beside_truth, looked_at, place, solid, tour
@@ -165,7 +165,7 @@ def test_a_facet_that_one_look_put_together_wrongly_spoils_none(seed: int) -> No
     a, b, c, d = facet.corners_mm
     wrong = np.array([a, b, b + 1.1 * (c - b), a + 1.1 * (d - a)]) + np.outer([0, 0, 7.0, 7.0], [0.0, 0.0, 1.0])
     others = [one for k, one in enumerate(group.facets) if k != top]
-    bad = weld([replace(facet, corners_mm=wrong)]), *([weld(others)] if others else [])
+    bad = merge_vertices([replace(facet, corners_mm=wrong)]), *([merge_vertices(others)] if others else [])
     fused = known([replace(looks[0], groups=tuple(bad)), *looks[1:]])
     kept = only(fused, np.flatnonzero(fused.confirmed).tolist())
     assert len(kept.polyhedron.facets) == 5

@@ -10,9 +10,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import patterned_table
 from daemon.vision.facets.patterned_table import _plane, seen_table
-from daemon.vision.facets.table import Table
+from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import baseline
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from tests.fakes import rendered
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import CUBE
@@ -24,9 +24,9 @@ def table_at(distance_mm: float, tilt: float, roll: float) -> Array:
     return frames.rigid(turn, np.array([0.0, 0.0, distance_mm]))
 
 
-def seen(where: Array, body=None, lies=None, known: Table | None = None, **kind) -> Table | None:
+def seen(where: Array, body=None, lies=None, known: TablePlane | None = None, **kind) -> TablePlane | None:
     pair = print_pair(body, where if lies is None else lies, table=where, **{"speckled": True, **kind})
-    return seen_table(open_eyes(*pair, straight_rig()), known)
+    return seen_table(open_stereo(*pair, straight_rig()), known)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_threads_along_the_baseline_say_nothing_of_the_distance() -> None:
 def test_noise_is_no_table() -> None:
     rng = np.random.default_rng(5)
     noise = [rng.integers(0, 255, (480, 640)).astype(np.uint8) for _ in range(2)]
-    assert seen_table(open_eyes(*noise, straight_rig())) is None
+    assert seen_table(open_stereo(*noise, straight_rig())) is None
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
     """A quarter of the picture is nearer, or farther, than the plane that the rest lies in; a pattern that repeats
     itself makes much of some places look farther; and what has a pattern in one place alone may be a part's face."""
     rng = np.random.default_rng(6)
-    eyes = open_eyes(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
+    eyes = open_stereo(*print_pair(None, table_at(340.0, 0.0, 0.9)), straight_rig())
     disparities = np.full((160, 213), 60.0, np.float32)
     other = np.zeros(disparities.shape, bool)
     if where == "here and there":
@@ -155,12 +155,12 @@ def test_grain_at_a_slant_is_seen_by_upright_eyes_and_by_others_where_the_table_
     slant: float, upright: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     where = table_at(340.0, 0.0, 0.9)
-    eyes = open_eyes(*print_pair(None, where, table=where, speckled=True), straight_rig())
+    eyes = open_stereo(*print_pair(None, where, table=where, speckled=True), straight_rig())
     monkeypatch.setattr(patterned_table, "_pictures", lambda _, canvas: grain(slant, canvas))
     found = seen_table(eyes)
     assert (found is not None) == upright
     up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
-    known = Table(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
+    known = TablePlane(up / np.linalg.norm(up), -1.0 / np.linalg.norm(up))
     assert seen_table(eyes, known).up @ known.up > np.cos(np.radians(1.0))
 
 

@@ -14,12 +14,12 @@ from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
 from daemon.vision.facets.grouping import lying_under
-from daemon.vision.facets.matching import Match, in_both, match_polygons
+from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.converging import by_formula, converging
 from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView
 from tests.fakes.limit import limit
@@ -70,7 +70,7 @@ def test_polygons_match_whatever_corner_and_order_they_come_in() -> None:
     facets = [corners[list(CUBE.facets[k])] for k in seen_facets(CUBE, pose(DIRECTION, 0.3))]
     left = [eyes.left.project(f) for f in facets]
     right = [np.roll(eyes.right.project(f), k + 1, axis=0) for k, f in enumerate(facets)][::-1]
-    best: dict[int, Match] = {}
+    best: dict[int, PolygonMatch] = {}
     for m in match_polygons(left, right, both, VisionSettings()):
         best.setdefault(m.left, m)
     assert [best[k].right for k in range(len(left))] == [len(left) - 1 - k for k in range(len(left))]
@@ -224,7 +224,7 @@ def test_a_shadow_that_the_part_stands_on_is_told_from_its_faces() -> None:
 
 def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
     settings_ = VisionSettings()
-    eyes = open_eyes(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
+    eyes = open_stereo(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
     left, right = outlines_of(eyes, settings_, in_one=False)
     chosen, _ = choose(find_candidates((left, right), eyes, settings_), settings_)
     assert len(chosen) == 3
@@ -238,7 +238,7 @@ def test_what_one_eye_alone_outlines_is_left_for_a_second_look() -> None:
     settings_ = VisionSettings()
     left, right = paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11))
     right[:, 320:] = right[:, 320:].mean()
-    eyes = open_eyes(left, right, rig())
+    eyes = open_stereo(left, right, rig())
     both, alone = (outlines_of(eyes, settings_, in_one=in_one) for in_one in (False, True))
     assert len(both[0]) < len(alone[0])
     assert set(both[0]) <= set(alone[0])

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets.table import Table, without_table
+from daemon.vision.facets.table import TablePlane, without_table
 from daemon.vision.values import FacetView, Group
 from tests.fakes.solids import measured
 
-TABLE = Table(np.array([0.0, 0.0, -1.0]), -350.0)
+TABLE = TablePlane(np.array([0.0, 0.0, -1.0]), -350.0)
 SQUARE = 25.0 * np.array([[-1.0, -1, 0], [-1, 1, 0], [1, 1, 0], [1, -1, 0]])
 
 

@@ -10,10 +10,10 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import junctions
-from daemon.vision.hypotheses.edge_distance_map import directed_map
-from daemon.vision.hypotheses.junctions import corner_kinds, guesses_from_space, meet
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.image import Eyes, joined, open_eyes, segment_corners
+from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.image import StereoImages, joined, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
 
@@ -22,25 +22,25 @@ NAMES = tuple(sorted(KNOWN))
 
 
 @cache
-def eyes_on(name: str) -> Eyes:
-    return open_eyes(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
+def eyes_on(name: str) -> StereoImages:
+    return open_stereo(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
 
 
-def solids(*scales: float) -> Solids:
+def solids(*scales: float) -> SolidBatch:
     """All known parts in sizes."""
     bodies = [(f"{name} x {by}", KNOWN[name], by) for by in scales for name in NAMES]
-    return Solids.of([label for label, *_ in bodies], [exact(b.corners_mm * by, b.facets) for _, b, by in bodies])
+    return SolidBatch.of([label for label, *_ in bodies], [exact(b.corners_mm * by, b.facets) for _, b, by in bodies])
 
 
-def guessed(name: str, taught: Solids) -> tuple[Posed, int]:
+def guessed(name: str, taught: SolidBatch) -> tuple[PoseBatch, int]:
     eyes = eyes_on(name)
     left, right = (segment_corners(joined(view.segments)) for view in eyes.views)
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    found, _, could = guesses_from_space(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    found, _, could = poses_from_junctions(meet(left, right, eyes.geometry), eyes.geometry, maps, taught)
     return found, could
 
 
-def off_mm(name: str, found: Posed) -> np.ndarray:
+def off_mm(name: str, found: PoseBatch) -> np.ndarray:
     """How far each guess has the corners of a part of this name from where they are; infinite for other parts."""
     there = frames.apply(WHERE, KNOWN[name].corners_mm)
     own = found.part == found.solids.labels.index(f"{name} x 1.0")
@@ -100,18 +100,18 @@ def test_parts_share_the_kinds_of_their_corners() -> None:
     """A cube has one edge length and one angle; another as large has no kind of its own."""
     cube, prism = (exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in ("cube", "triangular_prism"))
     again = exact(cube.corners_mm, cube.facets)
-    assert len(corner_kinds((cube,)).kinds) == len(corner_kinds((cube, again)).kinds) == 1
-    both = corner_kinds((cube, prism))
-    assert len(both.kinds) < len(corner_kinds((cube,)).kinds) + len(both.part)
-    assert both.begins[-1] == len(both.part) == len(corner_kinds((cube,)).part) + len(corner_kinds((prism,)).part)
+    assert len(junction_kinds((cube,)).kinds) == len(junction_kinds((cube, again)).kinds) == 1
+    both = junction_kinds((cube, prism))
+    assert len(both.kinds) < len(junction_kinds((cube,)).kinds) + len(both.part)
+    assert both.begins[-1] == len(both.part) == len(junction_kinds((cube,)).part) + len(junction_kinds((prism,)).part)
 
 
 def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
-    found, could = guessed("cube", Solids.of((), ()))
+    found, could = guessed("cube", SolidBatch.of((), ()))
     assert len(found.poses) == could == 0
     eyes = eyes_on("cube")
     none = meet(*(segment_corners(view.segments) for view in eyes.views), eyes.geometry).chosen(np.zeros(0, np.intp))
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    found, _, could = guesses_from_space(none, eyes.geometry, maps, solids(1.0))
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    found, _, could = poses_from_junctions(none, eyes.geometry, maps, solids(1.0))
     assert found.poses.shape == (0, 4, 4)
     assert could == 0

@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry import exact
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.search import CELL_MM, Guesses, different, thinned
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.search import CELL_MM, ScoredPoses, distinct, thinned
 from tests.fakes.solids import KNOWN
 from tests.unit.vision.hypotheses.test_corner_guesses import WHERE, eyes_on
 
 NAMES = tuple(sorted(KNOWN))
-SOLIDS = Solids.of(NAMES, [exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])
+SOLIDS = SolidBatch.of(NAMES, [exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])
 
 
-def guesses(part: list[int], aside_mm: list[float], against: list[float]) -> Guesses:
+def guesses(part: list[int], aside_mm: list[float], against: list[float]) -> ScoredPoses:
     poses = np.stack([frames.rigid(np.eye(3), np.array([mm, 0.0, 0.0])) @ WHERE for mm in aside_mm])
-    return Guesses(Posed(SOLIDS, np.array(part), poses), np.array(against))
+    return ScoredPoses(PoseBatch(SOLIDS, np.array(part), poses), np.array(against))
 
 
 @given(
@@ -40,9 +40,9 @@ def test_so_many_of_every_bundle_are_kept_the_likeliest(drawn: list[tuple[int, i
 def test_of_what_looks_the_same_the_likeliest_comes_and_of_the_rest_the_likeliest_first() -> None:
     cube, prism = NAMES.index("cube"), NAMES.index("pentagonal_prism")
     many = guesses([cube, cube, prism, cube], [0.0, 0.5, 0.0, 25.0], [2.0, 1.0, 3.0, 0.0])
-    assert [k for k, _ in different(many, eyes_on("cube"))] == [3, 1, 2]
+    assert [k for k, _ in distinct(many, eyes_on("cube"))] == [3, 1, 2]
 
 
 @pytest.mark.parametrize("aside_mm", [-400.0, 400.0])
 def test_what_lies_outside_an_image_does_not_come(aside_mm: float) -> None:
-    assert list(different(guesses([0], [aside_mm], [1.0]), eyes_on("cube"))) == []
+    assert list(distinct(guesses([0], [aside_mm], [1.0]), eyes_on("cube"))) == []

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, likeness, print_apart_px
+from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, face_consistency, print_apart_px
 from daemon.vision.geometry import exact
 from daemon.vision.hypotheses.edge_distance_map import (
-    DirectedMap,
+    EdgeDistanceMap,
     Rays,
-    directed_map,
-    elsewhere,
+    edge_distances,
     evidence,
     other_sizes,
     promising,
+    self_similarity,
 )
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.search import Guesses, different
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.search import ScoredPoses, distinct
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, STRANGERS, pose
 
@@ -30,9 +30,9 @@ WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 
 
 @cache
-def eyes_on(name: str | None, printed: bool = True, patterned: bool = True) -> Eyes:
+def eyes_on(name: str | None, printed: bool = True, patterned: bool = True) -> StereoImages:
     body = None if name is None else {**KNOWN, **STRANGERS}[name]
-    return open_eyes(*print_pair(body, WHERE, 3, printed=printed, patterned=patterned), straight_rig())
+    return open_stereo(*print_pair(body, WHERE, 3, printed=printed, patterned=patterned), straight_rig())
 
 
 def shape(name: str):
@@ -40,12 +40,12 @@ def shape(name: str):
     return exact(body.corners_mm, body.facets)
 
 
-def maps(eyes: Eyes):
-    return directed_map(eyes.left), directed_map(eyes.right)
+def maps(eyes: StereoImages):
+    return edge_distances(eyes.left), edge_distances(eyes.right)
 
 
-def posed(solid, poses) -> Posed:
-    return Posed(Solids.of(("part",), (solid,)), np.zeros(len(poses), np.intp), np.asarray(poses))
+def posed(solid, poses) -> PoseBatch:
+    return PoseBatch(SolidBatch.of(("part",), (solid,)), np.zeros(len(poses), np.intp), np.asarray(poses))
 
 
 def seen_edge() -> tuple[int, int]:
@@ -57,7 +57,7 @@ def seen_edge() -> tuple[int, int]:
     return first, second
 
 
-def often(seen: DirectedMap, chance: float) -> DirectedMap:
+def often(seen: EdgeDistanceMap, chance: float) -> EdgeDistanceMap:
     return replace(seen, chance=np.full_like(seen.chance, chance))
 
 
@@ -82,7 +82,7 @@ def test_little_speaks_for_a_part_elsewhere_and_nearly_as_much_where_the_picture
     eyes, solid = eyes_on(name, printed=False, patterned=False), shape(name)
     once = eyes.left.grey
     again = replace(eyes.left, grey=np.maximum(once, np.roll(once, 60, axis=1)), scales={}, windows={})
-    lone, two = (elsewhere(solid, WHERE, eyes.geometry, directed_map(view)) for view in (eyes.left, again))
+    lone, two = (self_similarity(solid, WHERE, eyes.geometry, edge_distances(view)) for view in (eyes.left, again))
     assert lone < 0.65
     assert two > 0.75
 
@@ -103,8 +103,8 @@ def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for() -> None:
 
 def test_solids_of_other_shapes_beside_it_leave_a_part_what_speaks_for_it() -> None:
     eyes, names = eyes_on("cube"), ("cube", "pentagonal_prism", "pyramid")
-    side_by_side = Solids.of(names, [shape(name) for name in names])
-    together = Posed(side_by_side, np.array([2, 0, 1, 0]), np.stack([WHERE, WHERE, moved(8.0), moved(8.0)]))
+    side_by_side = SolidBatch.of(names, [shape(name) for name in names])
+    together = PoseBatch(side_by_side, np.array([2, 0, 1, 0]), np.stack([WHERE, WHERE, moved(8.0), moved(8.0)]))
     nats, most = evidence(together, eyes.geometry, maps(eyes))
     for k, part in enumerate(together.part):
         alone = evidence(posed(shape(names[part]), together.poses[k : k + 1]), eyes.geometry, maps(eyes))
@@ -165,13 +165,13 @@ def test_more_speaks_for_another_size_of_what_is_not_quite_the_part() -> None:
 
 def test_print_is_alike_where_it_lies_on_the_faces_and_only_there() -> None:
     eyes, solid = eyes_on("cube"), shape("cube")
-    on = likeness(solid, WHERE, eyes)
+    on = face_consistency(solid, WHERE, eyes)
     assert on is not None
     assert on > 0.95
-    nearer = likeness(solid, moved(-15.0, 2), eyes)
+    nearer = face_consistency(solid, moved(-15.0, 2), eyes)
     assert nearer is not None
     assert nearer < 0.7
-    assert likeness(solid, WHERE, eyes_on("cube", printed=False)) is None
+    assert face_consistency(solid, WHERE, eyes_on("cube", printed=False)) is None
 
 
 def test_a_large_face_is_asked_at_no_more_places_than_say_enough() -> None:
@@ -188,14 +188,14 @@ def test_of_poses_that_look_the_same_only_one_is_looked_at_and_none_outside_the_
     middle = solid.corners_mm.mean(0)
     about = frames.rigid(np.eye(3), middle) @ quarter @ frames.rigid(np.eye(3), -middle)
     poses = np.stack([WHERE @ about, WHERE, moved(30.0), moved(500.0)])
-    kept = list(different(Guesses(posed(solid, poses), np.array([2.0, 1.0, 3.0, 0.0])), eyes))
+    kept = list(distinct(ScoredPoses(posed(solid, poses), np.array([2.0, 1.0, 3.0, 0.0])), eyes))
     assert [which for which, _ in kept] == [1, 2]
     assert np.allclose(kept[0][1], eyes.rig.left.project(frames.apply(WHERE, solid.corners_mm)), atol=1e-3)
 
 
 def test_a_map_is_as_large_as_its_segments_and_empty_at_its_rim() -> None:
     eyes = eyes_on("cube", printed=False, patterned=False)
-    seen = directed_map(eyes.left)
+    seen = edge_distances(eyes.left)
     ends = (eyes.left.eye.ideal(np.concatenate([eyes.left.segments.start, eyes.left.segments.end])) - seen.origin) * (
         seen.scale
     )
@@ -214,7 +214,7 @@ def test_by_how_much_print_lies_apart_is_told_where_the_eyes_are_turned_in_a_lit
     whole = straight_rig()
     matrix = whole.right.matrix + np.array([[0, 0, -off_px], [0, 0, 0], [0, 0, 0]])
     turned = replace(whole, right=replace(whole.right, matrix=matrix))
-    eyes = open_eyes(*print_pair(KNOWN["cube"], WHERE, 3), turned)
+    eyes = open_stereo(*print_pair(KNOWN["cube"], WHERE, 3), turned)
     assert print_apart_px(shape("cube"), WHERE, eyes) == off_px
 
 

@@ -8,8 +8,8 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import search
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.search import Guesses
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.search import ScoredPoses
 from tests.fakes.solids import CUBE, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
@@ -19,8 +19,10 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
     monkeypatch.setattr(search, "MOST_PROMISING", 20)
     beside = frames.rigid(np.eye(3), np.array([60.0, 0.0, 0.0])) @ WHERE
     poses = np.stack([WHERE] * 30 + [beside] * 3)
-    solids = Solids.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
-    many = Guesses(Posed(solids, np.zeros(33, np.intp), poses), np.concatenate([np.arange(30.0), [90.0, 92.0, 91.0]]))
+    solids = SolidBatch.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
+    many = ScoredPoses(
+        PoseBatch(solids, np.zeros(33, np.intp), poses), np.concatenate([np.arange(30.0), [90.0, 92.0, 91.0]])
+    )
     kept = search._varied(many)
     assert kept.tolist() == [*range(search.OF_A_BUNDLE), 30, 32, 31]
     monkeypatch.setattr(search, "MOST_PROMISING", 5)
@@ -28,6 +30,6 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
 
 
 def test_where_guesses_are_few_all_are_asked_of_both_eyes() -> None:
-    solids = Solids.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
-    few = Guesses(Posed(solids, np.zeros(9, np.intp), np.stack([WHERE] * 9)), -np.arange(9.0))
+    solids = SolidBatch.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
+    few = ScoredPoses(PoseBatch(solids, np.zeros(9, np.intp), np.stack([WHERE] * 9)), -np.arange(9.0))
     assert search._varied(few).tolist() == list(range(9))

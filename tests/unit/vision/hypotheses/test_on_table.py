@@ -13,9 +13,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import by_edges
-from daemon.vision.facets.table import Table
+from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import exact
-from daemon.vision.hypotheses.support_plane import Ground, flat_on, rested
+from daemon.vision.hypotheses.support_plane import SupportPlane, snapped_pose, snapped_to_support
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.values import Part, Scene
@@ -27,7 +27,7 @@ TURN = frames.rotation_from_vector(np.array([0.0, 0.0, 0.9])) @ frames.rotation_
 FROM_TABLE = frames.rigid(TURN, np.array([0.0, 0.0, 340.0]))
 LIES = FROM_TABLE @ frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Its lowest side, z = 0, down in the table."""
-TABLE = Table(-FROM_TABLE[:3, 2], float(-FROM_TABLE[:3, 2] @ FROM_TABLE[:3, 3]))
+TABLE = TablePlane(-FROM_TABLE[:3, 2], float(-FROM_TABLE[:3, 2] @ FROM_TABLE[:3, 3]))
 SPREAD = np.diag([0.3**2] * 3 + [np.radians(0.4) ** 2] * 3)
 
 
@@ -41,7 +41,7 @@ def height_and_tilt(where: Array) -> tuple[float, float]:
 def test_a_part_that_lies_about_there_is_laid_flat(seed: int) -> None:
     motion = np.random.default_rng(seed).normal(size=6) * np.sqrt(np.diag(SPREAD)) * 0.9
     off = frames.perturb(LIES, motion)
-    found = flat_on(TABLE, SOLID, off, SPREAD)
+    found = snapped_pose(TABLE, SOLID, off, SPREAD)
     if found is None:  # so far up as one of hundreds
         assert height_and_tilt(off)[0] > 0
         return
@@ -56,7 +56,7 @@ def test_a_part_that_lies_about_there_is_laid_flat(seed: int) -> None:
 @pytest.mark.parametrize(("lifted_mm", "laid"), [(1.4, False), (0.5, True), (-1.4, True), (-3.0, False)])
 def test_what_stands_on_something_stays_and_nothing_sinks_in(lifted_mm: float, laid: bool) -> None:
     there = frames.rigid(np.eye(3), lifted_mm * TABLE.up) @ LIES
-    assert (flat_on(TABLE, SOLID, there, SPREAD) is not None) is laid
+    assert (snapped_pose(TABLE, SOLID, there, SPREAD) is not None) is laid
 
 
 def model() -> Model:
@@ -83,7 +83,7 @@ def too_high_mm(part: Part) -> float:
 def test_a_look_lays_what_it_names_on_the_table_it_sees(monkeypatch: pytest.MonkeyPatch) -> None:
     taught = model()
     _, laid = cube_on_a_patterned_table(taught)
-    monkeypatch.setattr(by_edges, "flat_on", lambda *_: None)
+    monkeypatch.setattr(by_edges, "snapped_pose", lambda *_: None)
     _, as_seen = cube_on_a_patterned_table(taught)
     assert too_high_mm(laid) < 0.6 * too_high_mm(as_seen)
     turn = laid.cyclopean_from_part @ frames.inverse(as_seen.cyclopean_from_part)
@@ -99,10 +99,14 @@ def test_only_what_is_named_is_laid_and_only_on_a_table_that_is_seen() -> None:
     turned = frames.perturb(part.cyclopean_from_part, np.array([0.0, 0.0, 0.0, 0.008, 0.0, 0.0]))
     tilted = replace(part, cyclopean_from_part=turned, covariance=SPREAD)
     stranger = replace(tilted, recognition=replace(part.recognition, label="unknown"))
-    ground = Ground(TABLE, seen=True)
-    assert rested([tilted], taught, ground)[0] is not tilted
-    assert rested([stranger], taught, ground) == (stranger,)
+    ground = SupportPlane(TABLE, seen=True)
+    assert snapped_to_support([tilted], taught, ground)[0] is not tilted
+    assert snapped_to_support([stranger], taught, ground) == (stranger,)
     leaning = frames.perturb(part.cyclopean_from_part, np.array([0.0, 0.0, 0.0, 0.09, 0.0, 0.0]))
     unsure = replace(part, cyclopean_from_part=leaning, covariance=100 * SPREAD)
-    assert rested([unsure], taught, ground) == (unsure,)
-    assert rested([tilted], taught, Ground(TABLE, seen=False)) == rested([tilted], taught, None) == (tilted,)
+    assert snapped_to_support([unsure], taught, ground) == (unsure,)
+    assert (
+        snapped_to_support([tilted], taught, SupportPlane(TABLE, seen=False))
+        == snapped_to_support([tilted], taught, None)
+        == (tilted,)
+    )

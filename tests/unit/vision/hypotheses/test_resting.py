@@ -9,16 +9,22 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.table import Table
+from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.hypotheses import support_plane
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.support_plane import Ground, laid_down, nearest_rest, rests, rests_on
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.support_plane import (
+    SupportPlane,
+    lies_on_support,
+    nearest_resting_plane,
+    resting_planes,
+    snapped_poses,
+)
 from tests.fakes.printed import straight_rig
 from tests.fakes.solids import KNOWN
 
 UP = np.array([0.1, -0.6, -0.8]) / np.linalg.norm([0.1, -0.6, -0.8])
-TABLE = Table(UP, -290.0)
+TABLE = TablePlane(UP, -290.0)
 SOLIDS = {name: exact(body.corners_mm, body.facets) for name, body in KNOWN.items()}
 LABELS = st.sampled_from(sorted(SOLIDS))
 GEOMETRY = baseline(straight_rig())
@@ -26,7 +32,7 @@ GEOMETRY = baseline(straight_rig())
 
 def resting_pose(solid: Polyhedron, which: int, spin: float, x: float = 0.0, lifted_mm: float = 0.0) -> Array:
     """cyclopean_from_part of a solid on a side of it, turned about the table's normal."""
-    normal = rests(solid)[which % len(rests(solid)), :3]
+    normal = resting_planes(solid)[which % len(resting_planes(solid)), :3]
     turn = support_plane._turns(normal[None], -UP)[0]
     turn = frames.rotation_from_vector(spin * UP) @ turn
     lowest = (solid.corners_mm @ turn.T @ UP).min()
@@ -44,7 +50,7 @@ def _height(solid: Polyhedron, turn: Array) -> float:
 )
 def test_a_convex_part_rests_on_each_of_its_sides(name: str, sides: int) -> None:
     solid = SOLIDS[name]
-    found = rests(solid)
+    found = resting_planes(solid)
     assert len(found) == sides
     assert (solid.corners_mm @ found[:, :3].T <= found[:, 3] + 1e-9).all()
     assert all((solid.normals @ one[:3]).max() > 1 - 1e-9 for one in found)
@@ -55,8 +61,8 @@ def test_the_side_that_faces_most_down_is_where_its_corners_have_it(name: str, w
     """A solid as measured: its corners are not quite in one plane."""
     rng, solid = np.random.default_rng(seed), SOLIDS[name]
     measured = exact(solid.corners_mm + rng.normal(0, 0.1, solid.corners_mm.shape), solid.facets)
-    side = rests(solid)[which % len(rests(solid))]
-    normal, middle = nearest_rest(measured, side[:3] + rng.normal(0, 0.02, 3))
+    side = resting_planes(solid)[which % len(resting_planes(solid))]
+    normal, middle = nearest_resting_plane(measured, side[:3] + rng.normal(0, 0.02, 3))
     assert np.degrees(np.arccos(min(normal @ side[:3], 1.0))) < 1.0
     assert abs(middle @ side[:3] - side[3]) < 0.3
 
@@ -64,7 +70,7 @@ def test_the_side_that_faces_most_down_is_where_its_corners_have_it(name: str, w
 def test_a_side_that_was_not_taught_is_one_to_rest_on() -> None:
     body = KNOWN["cube"]
     shown = exact(body.corners_mm, body.facets[1:])
-    assert len(rests(shown)) == 6
+    assert len(resting_planes(shown)) == 6
 
 
 def test_a_hollow_part_rests_across_its_hollow() -> None:
@@ -73,34 +79,34 @@ def test_a_hollow_part_rests_across_its_hollow() -> None:
     sides = [(k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6) for k in range(6)]
     solid = exact(corners, (tuple(range(5, -1, -1)), tuple(range(6, 12)), *sides))
     bridge = np.array([28.0, 28.0, 0]) / np.hypot(28, 28)
-    assert max(rests(solid)[:, :3] @ bridge) > 1 - 1e-9
-    assert len(rests(solid)) == 7  # two ends, four outer sides, and the bridge; neither side of the hollow
+    assert max(resting_planes(solid)[:, :3] @ bridge) > 1 - 1e-9
+    assert len(resting_planes(solid)) == 7  # two ends, four outer sides, and the bridge; neither side of the hollow
 
 
 def test_a_part_of_very_many_corners_rests_on_its_facets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(support_plane, "MOST_CORNERS", 4)
     pyramid = KNOWN["pyramid"]
-    assert len(rests(exact(pyramid.corners_mm, pyramid.facets))) == 5
+    assert len(resting_planes(exact(pyramid.corners_mm, pyramid.facets))) == 5
 
 
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3), st.floats(-60, 60))
 def test_a_part_that_lies_on_the_table_rests(name: str, which: int, spin: float, x: float) -> None:
     pose = resting_pose(SOLIDS[name], which, spin, x)
     for seen in (True, False):
-        assert rests_on(Ground(TABLE, seen), SOLIDS[name], pose) is True
+        assert lies_on_support(SupportPlane(TABLE, seen), SOLIDS[name], pose) is True
 
 
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3), st.sampled_from([8.0, 35.0]))
 def test_one_that_hangs_in_the_air_does_not(name: str, which: int, spin: float, lifted_mm: float) -> None:
     pose = resting_pose(SOLIDS[name], which, spin, lifted_mm=lifted_mm)
-    assert rests_on(Ground(TABLE, True), SOLIDS[name], pose) is False
-    assert rests_on(Ground(TABLE, False), SOLIDS[name], pose) is None, "it may lie on something else"
+    assert lies_on_support(SupportPlane(TABLE, True), SOLIDS[name], pose) is False
+    assert lies_on_support(SupportPlane(TABLE, False), SOLIDS[name], pose) is None, "it may lie on something else"
 
 
 @pytest.mark.parametrize("lifted_mm", [45.0, -8.0, -30.0])
 def test_one_high_above_the_table_may_be_held_and_one_sunk_in_it_shows_that_it_is_none(lifted_mm: float) -> None:
     pose = resting_pose(SOLIDS["cube"], 0, 0.5, lifted_mm=lifted_mm)
-    assert rests_on(Ground(TABLE, True), SOLIDS["cube"], pose) is None
+    assert lies_on_support(SupportPlane(TABLE, True), SOLIDS["cube"], pose) is None
 
 
 def tilted(pose: Array, solid: Polyhedron, degrees: float) -> Array:
@@ -114,7 +120,7 @@ def tilted(pose: Array, solid: Polyhedron, degrees: float) -> Array:
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3))
 def test_one_that_stands_on_an_edge_does_not(name: str, which: int, spin: float) -> None:
     pose = tilted(resting_pose(SOLIDS[name], which, spin), SOLIDS[name], 12.0)
-    assert rests_on(Ground(TABLE, True), SOLIDS[name], pose) is False
+    assert lies_on_support(SupportPlane(TABLE, True), SOLIDS[name], pose) is False
 
 
 @given(LABELS, st.integers(0, 6), st.floats(-3, 3), st.sampled_from([(4.5, 0.0), (0.0, 4.5), (0.0, -4.5)]))
@@ -122,18 +128,18 @@ def test_one_that_nearly_lies_speaks_neither_way(name: str, which: int, spin: fl
     pose = resting_pose(SOLIDS[name], which, spin, lifted_mm=off[1])
     if off[0]:
         pose = tilted(pose, SOLIDS[name], off[0])
-    assert rests_on(Ground(TABLE, True), SOLIDS[name], pose) is None
+    assert lies_on_support(SupportPlane(TABLE, True), SOLIDS[name], pose) is None
 
 
 def test_of_a_part_with_two_known_sides_nobody_knows_what_it_rests_on() -> None:
     body = KNOWN["cube"]
     two = exact(body.corners_mm, body.facets[:1] + body.facets[2:3])
-    assert rests_on(Ground(TABLE, True), two, resting_pose(two, 0, 0.0, lifted_mm=30.0)) is None
+    assert lies_on_support(SupportPlane(TABLE, True), two, resting_pose(two, 0, 0.0, lifted_mm=30.0)) is None
 
 
-def guesses(name: str, *poses: Array) -> Posed:
-    solids = Solids.of((name,), (SOLIDS[name],))
-    return Posed(solids, np.zeros(len(poses), np.intp), np.stack(poses))
+def guesses(name: str, *poses: Array) -> PoseBatch:
+    solids = SolidBatch.of((name,), (SOLIDS[name],))
+    return PoseBatch(solids, np.zeros(len(poses), np.intp), np.stack(poses))
 
 
 def moved(point: Array, way: Array, by: float, farther_mm: float) -> Array:
@@ -152,7 +158,7 @@ def test_a_guess_beside_a_rest_is_laid_down_where_the_left_eye_sees_its_corner(
     way = np.cross(UP, np.random.default_rng(seed).normal(size=3))  # tilted, not turned about the table's normal
     guess = moved(corner, way, by, farther_mm) @ true
     at = frames.apply(guess @ frames.inverse(true), corner)
-    found, still = laid_down(guesses(name, guess), np.array([[at, [1.0, 0.0, 0.0]]]), TABLE, GEOMETRY)
+    found, still = snapped_poses(guesses(name, guess), np.array([[at, [1.0, 0.0, 0.0]]]), TABLE, GEOMETRY)
     assert not still[0, 1].any(), "it turns about nothing any more"
     assert found.poses[0][:3, 3] == pytest.approx(true[:3, 3], abs=1e-4)
     assert frames.angle_between(found.poses[0], true) < 1e-5
@@ -162,13 +168,13 @@ def test_a_guess_beside_a_rest_is_laid_down_where_the_left_eye_sees_its_corner(
 def test_what_is_far_from_any_rest_stays_as_it_is(lifted_mm: float) -> None:
     guess = resting_pose(SOLIDS["cube"], 0, 0.4, lifted_mm=lifted_mm)
     hinges = np.array([[guess[:3, 3], [1.0, 0.0, 0.0]]])
-    found, still = laid_down(guesses("cube", guess), hinges, TABLE, GEOMETRY)
+    found, still = snapped_poses(guesses("cube", guess), hinges, TABLE, GEOMETRY)
     assert found.poses == pytest.approx(guess[None])
     assert still == pytest.approx(hinges)
 
 
 def test_what_both_eyes_see_comes_before_what_is_known() -> None:
-    other = Table(UP, -300.0)
-    assert Ground.of(None, None) is None
-    assert (Ground.of(TABLE, other).table, Ground.of(TABLE, other).seen) == (TABLE, True)
-    assert (Ground.of(None, other).table, Ground.of(None, other).seen) == (other, False)
+    other = TablePlane(UP, -300.0)
+    assert SupportPlane.of(None, None) is None
+    assert (SupportPlane.of(TABLE, other).table, SupportPlane.of(TABLE, other).seen) == (TABLE, True)
+    assert (SupportPlane.of(None, other).table, SupportPlane.of(None, other).seen) == (other, False)

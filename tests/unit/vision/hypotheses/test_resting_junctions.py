@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.table import Table
+from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.hypotheses import resting_junctions
-from daemon.vision.hypotheses.edge_distance_map import directed_map
-from daemon.vision.hypotheses.junctions import CornersInEye
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.resting_junctions import guesses_on_table, resting_corners
-from daemon.vision.hypotheses.support_plane import rests
-from daemon.vision.image import Eyes, SegmentCorners, joined, open_eyes, segment_corners
+from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.junctions import CameraJunctions
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
+from daemon.vision.hypotheses.support_plane import resting_planes
+from daemon.vision.image import SegmentCorners, StereoImages, joined, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
 
@@ -31,8 +31,8 @@ NO_CORNERS = SegmentCorners(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 
 
 
 @cache
-def eyes_on(name: str) -> Eyes:
-    return open_eyes(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
+def eyes_on(name: str) -> StereoImages:
+    return open_stereo(*print_pair(KNOWN[name], WHERE, 3), straight_rig())
 
 
 @cache
@@ -41,22 +41,22 @@ def corners_of(name: str) -> tuple[SegmentCorners, SegmentCorners]:
     return left, right
 
 
-def below(solid: Polyhedron, where: Array) -> Table:
+def below(solid: Polyhedron, where: Array) -> TablePlane:
     """A table on which a solid at a pose rests."""
-    planes = rests(solid) @ np.diag([1.0, 1.0, 1.0, -1.0])
+    planes = resting_planes(solid) @ np.diag([1.0, 1.0, 1.0, -1.0])
     down = planes[:, :3] @ where[:3, :3].T
     side = down[:, 2].argmax()
-    return Table(-down[side], float(planes[side, 3] - down[side] @ where[:3, 3]))
+    return TablePlane(-down[side], float(planes[side, 3] - down[side] @ where[:3, 3]))
 
 
-def guessed(name: str, *seen: SegmentCorners, by: float = 1.0) -> tuple[Posed, int]:
+def guessed(name: str, *seen: SegmentCorners, by: float = 1.0) -> tuple[PoseBatch, int]:
     eyes = eyes_on(name)
-    taught = Solids.of(NAMES, [exact(SOLIDS[n].corners_mm * by, SOLIDS[n].facets) for n in NAMES])
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    return guesses_on_table((seen[0], seen[1]), eyes.geometry, maps, below(SOLIDS[name], WHERE), taught)
+    taught = SolidBatch.of(NAMES, [exact(SOLIDS[n].corners_mm * by, SOLIDS[n].facets) for n in NAMES])
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    return poses_on_support((seen[0], seen[1]), eyes.geometry, maps, below(SOLIDS[name], WHERE), taught)
 
 
-def off_mm(name: str, found: Posed) -> Array:
+def off_mm(name: str, found: PoseBatch) -> Array:
     """How far each guess has the corners of a part of this name from where they are; infinite for other parts."""
     there = frames.apply(WHERE, KNOWN[name].corners_mm)
     off = np.full(len(found.part), np.inf)
@@ -98,7 +98,7 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     rng, solid = np.random.default_rng(seed), SOLIDS[name]
     up = np.array([0.1, -0.6, -0.8]) + rng.normal(0, 0.15, 3)
     up /= np.linalg.norm(up)
-    plane = rests(solid)[side % len(rests(solid))]
+    plane = resting_planes(solid)[side % len(resting_planes(solid))]
     turn = frames.rotation_from_vector(spin * up) @ taking(plane[:3], -up)
     middle = np.array([x, rng.uniform(-40, 40), rng.uniform(280, 430)])
     where = frames.rigid(turn, middle - turn @ solid.corners_mm.mean(0))
@@ -106,7 +106,7 @@ def test_a_corner_and_its_longer_edge_say_how_a_resting_part_lies(
     corners = shown(solid, where, eye)
     turned = GEOMETRY.cyclopean_from_baseline
     eye_mm = GEOMETRY.middle_mm + (eye - 0.5) * GEOMETRY.length_mm * turned[:, 0]
-    taught = resting_corners((solid,))
+    taught = resting_junctions_of((solid,))
     which, at, ways = resting_junctions._possible(corners, taught, turned.T @ up, float(up @ eye_mm) - level)
     best = np.inf
     for k, place, one, other in zip(which, at, *ways, strict=True):
@@ -124,7 +124,7 @@ def taking(one: Array, to: Array) -> Array:
     return frames.rotation_from_vector(angle * axis / np.linalg.norm(axis))
 
 
-def shown(solid: Polyhedron, where: Array, eye: int) -> CornersInEye:
+def shown(solid: Polyhedron, where: Array, eye: int) -> CameraJunctions:
     """Every corner of a solid with every two of its edges, as one eye would see them were it of glass."""
     points = (GEOMETRY.left, GEOMETRY.right)[eye].pixels(GEOMETRY.project(frames.apply(where, solid.corners_mm))[eye])
     ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
@@ -132,7 +132,7 @@ def shown(solid: Polyhedron, where: Array, eye: int) -> CornersInEye:
     at = np.array([points[a[0]] for a, _ in both])
     arms = np.array([[points[a[1]], points[b[1]]] for a, b in both])
     found = SegmentCorners(at, arms, np.ones((len(both), 2), int))
-    return CornersInEye.of(found, (GEOMETRY.left, GEOMETRY.right)[eye]).longer_first()
+    return CameraJunctions.of(found, (GEOMETRY.left, GEOMETRY.right)[eye]).longer_first()
 
 
 def test_an_edge_that_shows_longer_than_it_is_is_another_parts() -> None:
@@ -147,12 +147,12 @@ def test_an_edge_that_shows_longer_than_it_is_is_another_parts() -> None:
 
 def test_what_the_other_eye_does_not_bear_out_is_not_guessed() -> None:
     eyes = eyes_on("cube")
-    there = directed_map(eyes.left), directed_map(eyes.right)
+    there = edge_distances(eyes.left), edge_distances(eyes.right)
     nothing = type(there[1])(np.zeros_like(there[1].hit), there[1].chance, there[1].scale, there[1].origin)
-    table, taught = below(SOLIDS["cube"], WHERE), Solids.of(NAMES, [SOLIDS[name] for name in NAMES])
+    table, taught = below(SOLIDS["cube"], WHERE), SolidBatch.of(NAMES, [SOLIDS[name] for name in NAMES])
     left = corners_of("cube")[0]
     for maps, some in ((there, True), ((there[0], nothing), False)):
-        found, could = guesses_on_table((left, NO_CORNERS), eyes.geometry, maps, table, taught)
+        found, could = poses_on_support((left, NO_CORNERS), eyes.geometry, maps, table, taught)
         assert could
         assert bool(len(found.part)) is some
 
@@ -162,7 +162,7 @@ def test_guesses_are_few_however_many_corners_show(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(resting_junctions, "MOST_GUESSES", 20)
     assert len(guessed("cube", *corners_of("cube"))[0].part) == 40 < len(every.part)
     monkeypatch.setattr(
-        resting_junctions, "MOST_ASKED", 10 * len(resting_corners(tuple(SOLIDS[n] for n in NAMES)).kinds)
+        resting_junctions, "MOST_ASKED", 10 * len(resting_junctions_of(tuple(SOLIDS[n] for n in NAMES)).kinds)
     )
     assert guessed("cube", *corners_of("cube"))[1] < could / 2
 
@@ -170,16 +170,16 @@ def test_guesses_are_few_however_many_corners_show(monkeypatch: pytest.MonkeyPat
 def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     assert len(guessed("cube", NO_CORNERS, NO_CORNERS)[0].part) == 0
     eyes = eyes_on("cube")
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    found, could = guesses_on_table(
-        corners_of("cube"), eyes.geometry, maps, below(SOLIDS["cube"], WHERE), Solids.of((), ())
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    found, could = poses_on_support(
+        corners_of("cube"), eyes.geometry, maps, below(SOLIDS["cube"], WHERE), SolidBatch.of((), ())
     )
     assert len(found.poses) == could == 0
 
 
 def test_from_below_a_table_nothing_is_guessed() -> None:
     """A table that somebody told wrongly."""
-    assert len(guessed_over(Table(np.array([0.0, 0.0, -1.0]), 100.0))[0].part) == 0
+    assert len(guessed_over(TablePlane(np.array([0.0, 0.0, -1.0]), 100.0))[0].part) == 0
 
 
 def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
@@ -190,7 +190,7 @@ def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
     slope = -np.concatenate([corners.at, np.ones((len(corners.at), 1))], 1) @ up
     assert slope.min() < 0.9 * least < 1.1 * least < slope.max()
     axes = GEOMETRY.cyclopean_from_baseline
-    _, at, _ = resting_junctions._possible(corners, resting_corners((SOLIDS["cube"],)), axes.T @ up, above_mm)
+    _, at, _ = resting_junctions._possible(corners, resting_junctions_of((SOLIDS["cube"],)), axes.T @ up, above_mm)
     assert len(at)
     assert (-at @ axes.T @ up > least * at[:, 2]).all()
 
@@ -198,21 +198,21 @@ def test_where_the_sight_grazes_the_table_nothing_is_guessed() -> None:
 def cube_on_a_table(up: Array, middle_mm: Array) -> tuple[Array, float]:
     """Its pose (4, 4), and how high the left eye is over the table."""
     solid = SOLIDS["cube"]
-    turn = frames.rotation_from_vector(0.3 * up) @ taking(rests(solid)[0, :3], -up)
+    turn = frames.rotation_from_vector(0.3 * up) @ taking(resting_planes(solid)[0, :3], -up)
     where = frames.rigid(turn, middle_mm - turn @ solid.corners_mm.mean(0))
     eye_mm = GEOMETRY.middle_mm - 0.5 * GEOMETRY.length_mm * GEOMETRY.cyclopean_from_baseline[:, 0]
     return where, float(up @ eye_mm - (frames.apply(where, solid.corners_mm) @ up).min())
 
 
-def guessed_over(table: Table) -> tuple[Posed, int]:
+def guessed_over(table: TablePlane) -> tuple[PoseBatch, int]:
     eyes = eyes_on("cube")
-    maps = directed_map(eyes.left), directed_map(eyes.right)
-    taught = Solids.of(NAMES, [SOLIDS[name] for name in NAMES])
-    return guesses_on_table(corners_of("cube"), eyes.geometry, maps, table, taught)
+    maps = edge_distances(eyes.left), edge_distances(eyes.right)
+    taught = SolidBatch.of(NAMES, [SOLIDS[name] for name in NAMES])
+    return poses_on_support(corners_of("cube"), eyes.geometry, maps, table, taught)
 
 
 def test_an_edge_that_stands_up_steep_says_nothing_of_how_a_part_is_turned() -> None:
-    angles = resting_corners((SOLIDS["cube"],)).angles
+    angles = resting_junctions_of((SOLIDS["cube"],)).angles
     assert np.abs(angles[:, 0]).max() < 1e-6
     assert np.abs(angles[:, 1]).max() == pytest.approx(np.pi / 2)
 
@@ -223,7 +223,7 @@ def test_how_long_an_edge_may_show_is_seen_in_perspective(by: float, fewest: int
     has 24 corners of two edges, and a smaller one could be at few of them."""
     solid, up = SOLIDS["cube"], np.array([0.0, -0.8, -0.6])
     where, above_mm = cube_on_a_table(up, np.array([-90.0, 60.0, 190.0]))
-    taught, corners = resting_corners((exact(by * solid.corners_mm, solid.facets),)), shown(solid, where, 0)
+    taught, corners = resting_junctions_of((exact(by * solid.corners_mm, solid.facets),)), shown(solid, where, 0)
     kept = 0
     for k in range(len(corners.at)):
         one = corners.chosen(np.array([k]))

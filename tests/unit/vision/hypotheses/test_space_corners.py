@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry import Baseline, baseline, exact
-from daemon.vision.hypotheses.junctions import lookalikes, meet, taught_corners
+from daemon.vision.hypotheses.junctions import indistinguishable_turns, meet, taught_junctions
 from daemon.vision.image import SegmentCorners, Segments, segment_corners
 from tests.fakes.rigs import rig
 from tests.fakes.solids import KNOWN, STRANGERS, pose, seen_facets
@@ -44,7 +44,7 @@ COUNTS = [("cube", 2), ("pyramid", 9), ("triangular_prism", 6), ("pentagonal_pri
 @pytest.mark.parametrize(("name", "count"), COUNTS)
 def test_a_solid_has_each_kind_of_corner_once(name: str, count: int) -> None:
     """48 ordered pairs of edges by 24 turns of a cube, 36 by 4, 36 by 6, 60 by 10."""
-    assert len(taught_corners((shape(name),)).part) == count
+    assert len(taught_junctions((shape(name),)).part) == count
 
 
 def test_a_solid_taught_from_one_side_has_no_turn_that_takes_a_known_side_where_none_is_known() -> None:
@@ -53,8 +53,8 @@ def test_a_solid_taught_from_one_side_has_no_turn_that_takes_a_known_side_where_
     whole = shape("cube")
     corner = next(iter(whole.facets[0]))
     known = exact(whole.corners_mm, [ring for ring in whole.facets if corner in ring])
-    assert len(taught_corners((known,)).part) > len(taught_corners((whole,)).part)
-    from_part = taught_corners((known,)).corner_from_part
+    assert len(taught_junctions((known,)).part) > len(taught_junctions((whole,)).part)
+    from_part = taught_junctions((known,)).corner_from_part
     for one in range(len(from_part)):
         for other in range(one):
             turn = np.linalg.inv(from_part[other]) @ from_part[one]
@@ -69,7 +69,7 @@ TURNS = [("cube", 24), ("pyramid", 4), ("triangular_prism", 6), ("pentagonal_pri
 
 @pytest.mark.parametrize(("name", "count"), TURNS)
 def test_a_solid_looks_the_same_after_its_own_turns(name: str, count: int) -> None:
-    turns = lookalikes(shape(name), tuple(range(len(shape(name).corners_mm))))
+    turns = indistinguishable_turns(shape(name), tuple(range(len(shape(name).corners_mm))))
     assert len(turns) == count
     assert np.array_equal(turns[0], np.eye(4))
     corners = shape(name).corners_mm
@@ -86,13 +86,13 @@ def test_a_part_that_is_known_in_part_looks_alike_where_what_is_seen_does() -> N
     three = [f for f in cube.facets if corner in f]
     numbers = sorted({c for f in three for c in f})
     known = exact(cube.corners_mm[numbers], [tuple(numbers.index(c) for c in f) for f in three])
-    assert len(lookalikes(known, tuple(range(7)))) == 3
-    assert len(lookalikes(known, tuple(sorted({*known.facets[0], *known.facets[1]})))) == 6
+    assert len(indistinguishable_turns(known, tuple(range(7)))) == 3
+    assert len(indistinguishable_turns(known, tuple(sorted({*known.facets[0], *known.facets[1]})))) == 6
 
 
 def test_a_corner_knows_how_long_its_edges_are() -> None:
     body = shape("pyramid")
-    taught = taught_corners((body,))
+    taught = taught_junctions((body,))
     cosines, lengths = taught.cosine, taught.lengths_mm
     edges = np.linalg.norm(np.diff(body.corners_mm[body.lines[0]], axis=1)[:, 0], axis=1)
     assert np.allclose(np.unique(lengths.round(6)), np.unique(edges.round(6)))

@@ -10,12 +10,12 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import exact
-from daemon.vision.hypotheses.edge_distance_map import directed_map, evidence
-from daemon.vision.hypotheses.junctions import angle, guesses_from_space, meet
-from daemon.vision.hypotheses.pose_batch import Posed, Solids
-from daemon.vision.hypotheses.search import TILT, TURNS, Guesses, best_turned, nearby
+from daemon.vision.hypotheses.edge_distance_map import edge_distances, evidence
+from daemon.vision.hypotheses.junctions import angle, meet, poses_from_junctions
+from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.search import TILT, TURNS, ScoredPoses, best_turned, perturbed_poses
 from daemon.vision.image import joined, segment_corners
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
 
@@ -24,8 +24,8 @@ PYRAMID = exact(KNOWN["pyramid"].corners_mm, KNOWN["pyramid"].facets)
 
 
 @cache
-def eyes() -> Eyes:
-    return open_eyes(*print_pair(KNOWN["pyramid"], WHERE, 0), straight_rig())
+def eyes() -> StereoImages:
+    return open_stereo(*print_pair(KNOWN["pyramid"], WHERE, 0), straight_rig())
 
 
 def about(point: Array, way: Array, by: float) -> Array:
@@ -34,10 +34,10 @@ def about(point: Array, way: Array, by: float) -> Array:
 
 
 def turned_best(guess: Array, hinge: Array) -> Array:
-    maps = directed_map(eyes().left), directed_map(eyes().right)
-    posed = Posed(Solids.of(("pyramid",), (PYRAMID,)), np.zeros(1, np.intp), guess[None])
+    maps = edge_distances(eyes().left), edge_distances(eyes().right)
+    posed = PoseBatch(SolidBatch.of(("pyramid",), (PYRAMID,)), np.zeros(1, np.intp), guess[None])
     nats, _ = evidence(posed, eyes().geometry, maps)
-    found, tries = best_turned(Guesses(posed, -nats), hinge[None], eyes().geometry, maps)
+    found, tries = best_turned(ScoredPoses(posed, -nats), hinge[None], eyes().geometry, maps)
     assert tries[0] == (1.0 if np.array_equal(found.posed.poses[0], guess) else len(TURNS) + 1)
     return found.posed.poses[0]
 
@@ -59,9 +59,9 @@ def test_a_guess_that_has_no_hinge_stays_as_it_is() -> None:
 def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_eye() -> None:
     """Both of its edges point where they did; to the right eye elsewhere."""
     left, right = (segment_corners(joined(view.segments)) for view in eyes().views)
-    maps, geometry = (directed_map(eyes().left), directed_map(eyes().right)), eyes().geometry
-    taught = Solids.of(("pyramid",), (PYRAMID,))
-    guessed, hinges, _ = guesses_from_space(meet(left, right, geometry), geometry, maps, taught)
+    maps, geometry = (edge_distances(eyes().left), edge_distances(eyes().right)), eyes().geometry
+    taught = SolidBatch.of(("pyramid",), (PYRAMID,))
+    guessed, hinges, _ = poses_from_junctions(meet(left, right, geometry), geometry, maps, taught)
     by_eye = []
     for guess, hinge in zip(guessed.poses[:40], hinges, strict=False):
         own = int(np.linalg.norm(frames.apply(guess, PYRAMID.corners_mm) - hinge[0], axis=1).argmin())
@@ -78,7 +78,7 @@ def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_eye() -> Non
 
 def test_poses_nearby_leave_the_middle_of_a_part_where_it_is_seen() -> None:
     middle = frames.apply(WHERE, PYRAMID.corners_mm).mean(0)
-    found = nearby(PYRAMID, WHERE)
+    found = perturbed_poses(PYRAMID, WHERE)
     there = np.array([frames.apply(one, PYRAMID.corners_mm).mean(0) for one in found])
     assert there / np.linalg.norm(there, axis=1)[:, None] == pytest.approx(
         np.tile(middle / np.linalg.norm(middle), (len(found), 1))

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry.polygon import Shape, is_simple, tidy
+from daemon.vision.geometry.polygon import PlanarShape, is_simple, tidy
 from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
-from daemon.vision.image.edge_lines import Exposure, find_sides, fit_sides
+from daemon.vision.image.edge_lines import MeasuredImage, find_sides, fit_sides
 from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.regions import smoothed, unit_noise
 from daemon.vision.image.thesis_corners import find_corners, mic_response
@@ -37,9 +37,9 @@ def painted_polygon(
     return np.asarray(np.clip(np.rint(small), 0, 255), np.uint8)
 
 
-def exposed(image: NDArray[np.uint8]) -> Exposure:
+def exposed(image: NDArray[np.uint8]) -> MeasuredImage:
     """An image of an eye without a lens."""
-    return Exposure(np.multiply(image, FINE, dtype=np.uint16), measure_noise(image), None)
+    return MeasuredImage(np.multiply(image, FINE, dtype=np.uint16), measure_noise(image), None)
 
 
 def turned_square(angle: float, half: float = 45.0, centre: float = 80.3) -> Array:
@@ -132,7 +132,7 @@ def test_crossing_sides_are_not_a_polygon() -> None:
 
 
 def test_a_square_inside_another_is_wholly_covered() -> None:
-    big, small = Shape.of(turned_square(0.2)), Shape.of(turned_square(0.2, half=20.0))
+    big, small = PlanarShape.of(turned_square(0.2)), PlanarShape.of(turned_square(0.2, half=20.0))
     assert big.covers(small) == pytest.approx(1.0, abs=1e-3)
     assert big.union(small) == pytest.approx((20 / 45) ** 2, abs=1e-3)
 

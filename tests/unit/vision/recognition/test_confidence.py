@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.model import Model
 from daemon.vision.recognition.confidence import by_chance, probability, ways_tried
-from daemon.vision.recognition.fits import Hypothesis
+from daemon.vision.recognition.fits import FacetHypothesis
 from tests.fakes.drawn import block, obj, prism, solid
 from tests.fakes.remembered import hypotheses, remembered
 from tests.fakes.solids import pose
@@ -37,7 +37,7 @@ def view(
     return Polyhedron(corners, rings, np.repeat(sigma_mm**2 * np.eye(3)[None], len(used), 0))
 
 
-def fits(seen: Polyhedron, model: Model) -> list[Hypothesis]:
+def fits(seen: Polyhedron, model: Model) -> list[FacetHypothesis]:
     return [h for h in hypotheses(seen, model, RECALLED) if h.explained == len(seen.facets)]
 
 

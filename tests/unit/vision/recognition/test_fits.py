@@ -14,7 +14,7 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import spread_from
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.symmetry import symmetries
-from daemon.vision.recognition.fits import Hypothesis, equivalents, facet_poses
+from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_poses
 from daemon.vision.recognition.recall import recalled
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
@@ -115,10 +115,10 @@ def test_what_has_no_counterpart_at_all_has_no_hypothesis() -> None:
 
 
 def test_poses_that_fit_as_well_are_a_symmetric_part_s_and_the_best_stands_first() -> None:
-    def one(label: str, chi2: float, x: float, explained: int = 2) -> Hypothesis:
+    def one(label: str, chi2: float, x: float, explained: int = 2) -> FacetHypothesis:
         facets = tuple(range(explained)) + (-1,) * (2 - explained)
         at = frames.rigid(np.eye(3), np.array([x, 0, 0]))
-        return Hypothesis(label, facets, np.arange(6), at, np.eye(6), chi2, 12, 0.1)
+        return FacetHypothesis(label, facets, np.arange(6), at, np.eye(6), chi2, 12, 0.1)
 
     best = one("brick", 10.0, 0.0)
     others = (

@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import Polyhedron
-from daemon.vision.recognition.fits import Hypothesis, most_likely_corners
+from daemon.vision.recognition.fits import FacetHypothesis, most_likely_corners
 from tests.fakes.solids import CUBE, pose
 
 POSE = pose(np.array([1.0, 0.5, 0.8]), 0.3)
@@ -20,9 +20,9 @@ def solid(corners: np.ndarray, sigma_mm: float) -> Polyhedron:
     return Polyhedron(corners, RINGS, np.tile(sigma_mm**2 * np.eye(3), (8, 1, 1)))
 
 
-def fit(missing: int = -1) -> Hypothesis:
+def fit(missing: int = -1) -> FacetHypothesis:
     corners = np.where(np.arange(8) == missing, -1, np.arange(8))
-    return Hypothesis("cube", tuple(range(6)), corners, POSE, np.eye(6), 1.0, 18, 0.1)
+    return FacetHypothesis("cube", tuple(range(6)), corners, POSE, np.eye(6), 1.0, 18, 0.1)
 
 
 def test_they_are_the_mean_of_measured_and_taught_weighed_by_their_covariance() -> None:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets.weld import weld
+from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.model.model import Model, learn_view
 from daemon.vision.recognition.recognise import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
@@ -92,7 +92,7 @@ def test_the_order_of_facets_and_where_their_corners_start_change_nothing(
     group = view_of(KNOWN[label], pose(np.array(direction), 0.4), rng)
     order = rng.permutation(len(group.facets))
     turned = tuple(rolled(group.facets[k], int(rng.integers(5))) for k in order)
-    shuffled = weld(turned)
+    shuffled = merge_vertices(turned)
     one, other = recognise_group(group, taught()), recognise_group(shuffled, taught())
     assert one.recognition.label == other.recognition.label
     assert one.recognition.match_ratio == other.recognition.match_ratio
@@ -121,7 +121,7 @@ def test_a_part_that_fell_into_two_groups_with_one_name_is_one_part() -> None:
     assert sorted(len(f.corners_mm) for f in whole.facets) == [4, 4, 4, 5]
     cuts = 0
     for one in combinations(range(4), 2):
-        halves = [weld(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
+        halves = [merge_vertices(tuple(whole.facets[k] for k in half)) for half in (one, set(range(4)) - set(one))]
         if all(recognise_group(half, taught()).recognition.label == "pentagonal_prism" for half in halves):
             cuts += 1
             (found,) = recognise(halves, taught())
@@ -217,7 +217,7 @@ def test_what_is_taught_later_leaves_earlier_parts_alone() -> None:
 def test_two_facets_of_one_part_in_two_groups_are_put_together() -> None:
     rng = np.random.default_rng(2)
     group = view_of(TRIANGULAR, pose(np.array([1.0, 0.0, 0.0]), 0.4), rng)
-    apart = tuple(weld([f]) for f in group.facets)
+    apart = tuple(merge_vertices([f]) for f in group.facets)
     assert [r.label for r in recognise(apart, taught())] == ["triangular_prism"]
 
 
@@ -227,6 +227,6 @@ def test_a_shadow_beside_a_part_does_not_hide_it() -> None:
     low, high = group.facets[0].corners_mm[0], group.facets[0].corners_mm[1]
     aside = np.array([0.0, 0.0, -1.0]) * 30 + np.cross(high - low, [0.0, 0.0, 1.0]) * 0.3
     shadow = measured(np.stack([high, low, low + aside, high + 0.6 * aside]), None)
-    whole = weld((*group.facets, shadow))
+    whole = merge_vertices((*group.facets, shadow))
     assert whole.touching[0, -1]
     assert "cube" in [r.label for r in recognise([whole], taught())]

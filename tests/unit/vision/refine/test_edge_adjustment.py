@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine.edge_adjustment import _wear, adjusted
 from daemon.vision.refine.edge_pose import _solved, locate
 from tests.fakes.painted import paint_pair
@@ -21,7 +21,7 @@ TOLERANCE_MM = 0.25
 def fitted(corners_mm):
     """A painted part with these corners, fitted as the taught cube."""
     rng, shape = np.random.default_rng(4), exact(CUBE.corners_mm, CUBE.facets)
-    eyes = open_eyes(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
+    eyes = open_stereo(*paint_pair([(Body(corners_mm, CUBE.facets), WHERE)], rng), rig())
     located = locate(shape, eyes, WHERE, 3.0)
     assert located is not None
     return shape, located, adjusted(shape, located.pose, located.observed, TOLERANCE_MM)

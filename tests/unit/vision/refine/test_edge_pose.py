@@ -6,9 +6,9 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine.edge_pose import fit_edges, locate
-from daemon.vision.refine.expected_edges import Placements
+from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes import painted
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -39,7 +39,7 @@ def found(label, view, seed=1):
     """(mm, degrees) off, and the sigma of the place, of a part laid from a near pose."""
     rng, shape = np.random.default_rng(seed), shape_of(label)
     where = pose(np.array(view), 0.3, 300.0)
-    fit = fit_edges(shape, open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
+    fit = fit_edges(shape, open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig()), near(where, rng))
     assert fit is not None
     return *error(fit, where, shape), np.sqrt(np.trace(fit.covariance[:3, :3]))
 
@@ -67,14 +67,14 @@ def test_a_part_of_which_only_the_outline_shows_is_located_by_that(monkeypatch, 
 def test_an_empty_table_shows_no_part(label):
     rng, shape = np.random.default_rng(2), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    assert fit_edges(shape, open_eyes(*paint_pair([], rng), rig()), where) is None
+    assert fit_edges(shape, open_stereo(*paint_pair([], rng), rig()), where) is None
 
 
 @pytest.mark.parametrize("label", KNOWN)
 def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
     rng, shape = np.random.default_rng(3), shape_of(label)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig())
+    eyes = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     assert fit_edges(shape, eyes, frames.perturb(where, np.array([24.0, -16.0, 0.0, 0.0, 0.0, 0.3]))) is None
 
 
@@ -82,14 +82,14 @@ def test_a_part_that_lies_elsewhere_is_not_taken_for_one_that_lies_here(label):
 def test_another_part_in_its_place_is_not_taken_for_it(label):
     rng = np.random.default_rng(4)
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_eyes(*paint_pair([(KNOWN[label], where)], rng), rig())
+    eyes = open_stereo(*paint_pair([(KNOWN[label], where)], rng), rig())
     assert [other for other in KNOWN if other != label and fit_edges(shape_of(other), eyes, where)] == []
 
 
 def test_a_part_half_out_of_the_picture_is_located_by_the_edges_that_are_in_it():
     rng, shape = np.random.default_rng(5), shape_of("pentagonal_prism")
     where = frames.rigid(np.eye(3), np.array([0.0, -62.0, 0.0])) @ pose(np.array(VIEWS[0]), 0.3, 300.0)
-    eyes = open_eyes(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
+    eyes = open_stereo(*paint_pair([(KNOWN["pentagonal_prism"], where)], rng), rig())
     fit = fit_edges(shape, eyes, near(where, rng))
     assert fit is not None
     assert error(fit, where, shape)[0] < 1.0
@@ -100,7 +100,7 @@ def test_shading_where_a_part_lay_is_not_that_part_though_it_turns_along_its_edg
     rng, shape = np.random.default_rng(1), shape_of("cube")
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     soft = [cv2.GaussianBlur(image, (0, 0), blur_px) for image in paint_pair([(KNOWN["cube"], where)], rng)]
-    eyes = open_eyes(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
+    eyes = open_stereo(*(np.clip(i + rng.normal(0, 1.5, i.shape), 0, 255).astype(np.uint8) for i in soft), rig())
     assert (fit_edges(shape, eyes, where) is not None) == followed
 
 
@@ -116,7 +116,7 @@ def test_a_stripe_printed_beside_a_faint_ridge_is_not_taken_for_the_ridge(monkey
     low, away, high = prism.corners_mm[[0, 1, 3]]
     near_side, far_side = (d * (away - low) / np.linalg.norm(away - low) for d in (beside_mm, beside_mm + 1.0))
     stripe = Body(np.array([low + near_side, low + far_side, high + far_side, high + near_side]), ((0, 1, 2, 3),))
-    eyes = open_eyes(*paint_pair([(prism, where), (stripe, where)], rng), rig())
+    eyes = open_stereo(*paint_pair([(prism, where), (stripe, where)], rng), rig())
     fit = fit_edges(shape_of("triangular_prism"), eyes, near(where, rng), 6.0)
     assert fit is not None
     error_mm, error_deg = error(fit, where, shape_of("triangular_prism"))
@@ -131,20 +131,20 @@ LAID = [exact(KNOWN[label].corners_mm, KNOWN[label].facets) for label in ("cube"
 
 
 def test_a_part_is_located_where_it_lies_and_neither_elsewhere_nor_as_another() -> None:
-    eyes = open_eyes(*paint_pair([(KNOWN["cube"], STANDS)], np.random.default_rng(1)), rig())
+    eyes = open_stereo(*paint_pair([(KNOWN["cube"], STANDS)], np.random.default_rng(1)), rig())
     starts = [frames.perturb(STANDS, motion) for motion in (A_LITTLE, A_LITTLE, AWAY, -A_LITTLE)]
     found = [locate(shape, eyes, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
     assert [one is not None for one in found] == [True, False, False, True]
 
 
 def test_a_part_out_of_view_is_not_located() -> None:
-    eyes = open_eyes(*paint_pair([], np.random.default_rng(1)), rig())
+    eyes = open_stereo(*paint_pair([], np.random.default_rng(1)), rig())
     aside = frames.rigid(np.eye(3), np.array([2000.0, 0.0, 400.0]))
     assert locate(LAID[0], eyes, aside, 2.0) is None
 
 
 def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
-    laid = Placements.of(LAID[:2])
+    laid = ShapeBatch.of(LAID[:2])
     for k, shape in enumerate(LAID[:2]):
         own = laid.owner == k
         assert np.array_equal(laid.ends[own] - laid.begins[k], shape.lines[0])

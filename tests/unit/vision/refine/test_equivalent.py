@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
-from daemon.vision.image.both_eyes import Eyes, open_eyes
+from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.refine.edge_pose import fit_at
 from daemon.vision.refine.refined import best_fitted, most_in_view
 from tests.fakes.painted import paint_pair
@@ -24,8 +24,8 @@ def in_view(solid: Polyhedron, where: Array) -> int:
     return int((solid.facing(where) > 0).sum())
 
 
-def seen(body: Body, where: Array) -> Eyes:
-    return open_eyes(*paint_pair([(body, where)], np.random.default_rng(4), rig()), rig())
+def seen(body: Body, where: Array) -> StereoImages:
+    return open_stereo(*paint_pair([(body, where)], np.random.default_rng(4), rig()), rig())
 
 
 def lying(off_deg: float) -> tuple[Array, Array]:

@@ -5,10 +5,10 @@ import numpy as np
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.image.both_eyes import open_eyes
+from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.model import Model
-from daemon.vision.refine.refined import sharpened
+from daemon.vision.refine.refined import refined_parts
 from daemon.vision.values import UNKNOWN, Part, Recognition
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -31,12 +31,12 @@ def cube_at(where, label="cube", sigma_mm=0.6):
 
 
 def eyes_on(body):
-    return open_eyes(*paint_pair([(body, WHERE)], np.random.default_rng(5), rig()), rig())
+    return open_stereo(*paint_pair([(body, WHERE)], np.random.default_rng(5), rig()), rig())
 
 
 def test_a_named_part_is_moved_to_its_edges_with_its_corners_and_all_it_may_equally_be():
     eyes, thought = eyes_on(CUBE), cube_at(frames.perturb(WHERE, OFF))
-    (found,) = sharpened([thought], MODEL, eyes)
+    (found,) = refined_parts([thought], MODEL, eyes)
     assert np.linalg.norm(frames.difference(found.cyclopean_from_part, WHERE)[:3]) < 0.25
     truth = frames.apply(WHERE, CUBE.corners_mm)
     for corner in np.concatenate(found.fitted_mm):
@@ -48,9 +48,9 @@ def test_a_named_part_is_moved_to_its_edges_with_its_corners_and_all_it_may_equa
 
 def test_what_has_no_name_stays_as_it_was_measured():
     thought = cube_at(frames.perturb(WHERE, OFF), UNKNOWN)
-    assert sharpened([thought], MODEL, eyes_on(CUBE)) == (thought,)
+    assert refined_parts([thought], MODEL, eyes_on(CUBE)) == (thought,)
 
 
 def test_a_part_whose_edges_are_another_s_stays_as_it_was_measured():
     thought = cube_at(frames.perturb(WHERE, OFF), sigma_mm=0.1)
-    assert sharpened([thought], MODEL, eyes_on(PYRAMID)) == (thought,)
+    assert refined_parts([thought], MODEL, eyes_on(PYRAMID)) == (thought,)

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Image32
-from daemon.vision.geometry import Eye
-from daemon.vision.image.edge_lines import Exposure
+from daemon.vision.geometry import RectifiedCamera
+from daemon.vision.image.edge_lines import MeasuredImage
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise, measure_noise
 from daemon.vision.image.outlines import Outline, Wanted, best_first, find_outlines, rough_polygons
 from daemon.vision.image.polygon_fit import Fitted, fit_polygons
@@ -26,7 +26,7 @@ from daemon.vision.image.regions import (
     closed_regions,
     edge_window,
     full_size,
-    is_quiet,
+    is_uncluttered,
     shrunk,
     smoothed,
     unit_noise,
@@ -38,12 +38,12 @@ GRAIN_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
-class OneEye:
+class CameraImage:
     """One eye's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count, rough
     polygons by what was asked for, what outlines lie near these, and what was fitted to outlines.
     """
 
-    eye: Eye
+    eye: RectifiedCamera
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
     windows: dict[float, Window | None] = field(default_factory=dict)
@@ -82,9 +82,9 @@ class OneEye:
             self.scales[shrink] = shrunk(self.unit, shrink)
         return self.scales[shrink]
 
-    def quiet(self, settings: VisionSettings) -> bool:
+    def uncluttered(self, settings: VisionSettings) -> bool:
         """Whether little but parts shows edges: then full-size pixels cost little."""
-        return is_quiet(self.scale(2), settings.faintest)
+        return is_uncluttered(self.scale(2), settings.faintest)
 
     def rough(self, settings: VisionSettings) -> list[RoughPolygon]:
         """Polygons of closed regions, the largest first."""
@@ -125,9 +125,9 @@ class OneEye:
         return Segments(found.start + first, found.end + first)
 
     @cached_property
-    def exposure(self) -> Exposure:
+    def exposure(self) -> MeasuredImage:
         """What sides are fitted to."""
-        return Exposure(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.eye)
+        return MeasuredImage(np.multiply(self.grey, FINE, dtype=np.uint16), self.noise, self.eye)
 
     @property
     def blur_px(self) -> float | None:
@@ -137,7 +137,7 @@ class OneEye:
 
 
 def outlines_near(
-    asked: Sequence[tuple[OneEye, Sequence[RoughPolygon]]], settings: VisionSettings
+    asked: Sequence[tuple[CameraImage, Sequence[RoughPolygon]]], settings: VisionSettings
 ) -> list[tuple[Outline, ...]]:
     """Each eye's outlines near rough polygons, best supported first; all eyes' side by side."""
     new = [(view, [p for p in rough if p not in view.outlined]) for view, rough in asked]
@@ -147,7 +147,7 @@ def outlines_near(
     return [best_first([o for p in rough for o in view.outlined[p]]) for view, rough in asked]
 
 
-def fits(asked: Sequence[tuple[OneEye, Sequence[Outline]]]) -> list[list[Fitted | None]]:
+def fits(asked: Sequence[tuple[CameraImage, Sequence[Outline]]]) -> list[list[Fitted | None]]:
     """Each eye's outlines fitted to its grey levels, or None where the fit strays from it; all eyes' side by side."""
     new = [[o for o in dict.fromkeys(outlines) if o not in view.fitted] for view, outlines in asked]
     found = iter(fit_polygons([(view.exposure, own) for (view, _), own in zip(asked, new, strict=True)]))

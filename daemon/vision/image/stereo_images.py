@@ -9,9 +9,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from daemon.vision.geometry import Baseline, Eye, StereoRig, baseline
+from daemon.vision.geometry import Baseline, RectifiedCamera, StereoRig, baseline
+from daemon.vision.image.camera_image import CameraImage
 from daemon.vision.image.grey import VisionError, as_grey, check_size
-from daemon.vision.image.one_eye import OneEye
 from daemon.vision.settings import VisionSettings
 
 LEAST_ASIDE_DEG = 15.0
@@ -21,25 +21,25 @@ degrees wide."""
 
 
 @dataclass(frozen=True, eq=False)
-class Eyes:
+class StereoImages:
     """A stereo pair: what each eye sees, the rig, and the rig as its baseline has it."""
 
-    left: OneEye
-    right: OneEye
+    left: CameraImage
+    right: CameraImage
     rig: StereoRig
     geometry: Baseline
 
     @property
-    def views(self) -> tuple[OneEye, OneEye]:
+    def views(self) -> tuple[CameraImage, CameraImage]:
         """Left and right, to loop over."""
         return self.left, self.right
 
-    def quiet(self, settings: VisionSettings) -> bool:
+    def uncluttered(self, settings: VisionSettings) -> bool:
         """Whether little but parts shows edges in either."""
-        return all(view.quiet(settings) for view in self.views)
+        return all(view.uncluttered(settings) for view in self.views)
 
 
-def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
+def open_stereo(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> StereoImages:
     """Check a stereo pair, (H, W) uint8 or what as_grey takes; nothing is measured yet.
 
     Raises VisionError where an image cannot be used or is not of the size the rig was calibrated for, and where the rig
@@ -51,11 +51,11 @@ def open_eyes(left: NDArray[Any], right: NDArray[Any], rig: StereoRig) -> Eyes:
         grey = as_grey(image, name)
         check_size(grey, rig.image_size, name)
         check_aside(eye, rig.image_size, name)
-        views.append(OneEye(eye, grey))
-    return Eyes(views[0], views[1], rig, geometry)
+        views.append(CameraImage(eye, grey))
+    return StereoImages(views[0], views[1], rig, geometry)
 
 
-def check_aside(eye: Eye, image_size: tuple[int, int], name: str) -> None:
+def check_aside(eye: RectifiedCamera, image_size: tuple[int, int], name: str) -> None:
     """Raise VisionError unless an eye looks across the line from eye to eye in all of its image (width, height)."""
     aside = _aside_deg(eye, image_size)
     if not aside >= LEAST_ASIDE_DEG:
@@ -67,5 +67,5 @@ def check_aside(eye: Eye, image_size: tuple[int, int], name: str) -> None:
 
 
 @lru_cache(maxsize=8)
-def _aside_deg(eye: Eye, image_size: tuple[int, int]) -> float:
+def _aside_deg(eye: RectifiedCamera, image_size: tuple[int, int]) -> float:
     return degrees(eye.least_aside(image_size))

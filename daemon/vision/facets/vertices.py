@@ -17,7 +17,7 @@ WELD_PX = 6.0  # how far the two sightings of one corner may lie apart in an ima
 OF_SHORTEST = 1 / 3  # the same as a share of the shortest side: a narrow facet's own edges must stay two
 
 
-def weld(facets: Sequence[Facet]) -> Group:
+def merge_vertices(facets: Sequence[Facet]) -> Group:
     """The facets, one or more, as a group in which the corners that neighbours have in common are one.
 
     Two facets share the pair of opposite edges that lies closest in both images, if that is close.
