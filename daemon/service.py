@@ -159,7 +159,7 @@ class Service:
                 )
             moved = _moved((old, context.calibration), (config, calibration))
             if moved:
-                if context.cycle.supervisor.let:
+                if context.cycle.supervisor.permit.granted:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log, context.worker))

@@ -3,15 +3,16 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
-from daemon.arm.belief import Belief, Beliefs, CellBelief, Change, Source
+from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, VoidingEvent
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
-from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
+from daemon.arm.paths import speed_pct
+from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
-from daemon.arm.speed import speed_pct
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import (
@@ -34,16 +35,17 @@ __all__ = [
     "PATH_MM",
     "Arrival",
     "Belief",
+    "BeliefSource",
     "Beliefs",
     "Capsule",
     "CellBelief",
-    "Change",
     "EyeName",
+    "Grant",
     "HeldBackError",
     "Interruption",
     "Kinematics",
-    "Let",
     "Limits",
+    "MotionPermit",
     "MoveRefusedError",
     "Mover",
     "NotSentError",
@@ -59,9 +61,9 @@ __all__ = [
     "RefusedError",
     "SettledPair",
     "Settling",
-    "Source",
     "StopRefusedError",
     "Supervisor",
+    "VoidingEvent",
     "Waiting",
     "Workcell",
     "ball_of",

@@ -28,7 +28,7 @@ class Reading:
     joints_rad: Array
 
 
-class Source(StrEnum):
+class BeliefSource(StrEnum):
     """How a fact was learnt."""
 
     REPORTED = "reported by the controller"
@@ -43,7 +43,7 @@ class Belief(Generic[T]):
     """One fact; learnt_s: when, on the cell's clock."""
 
     value: T
-    source: Source
+    source: BeliefSource
     learnt_s: float
 
 
@@ -88,7 +88,7 @@ class CellBelief:
     def empty_unproven(self) -> bool:
         """Whether the gripper counts as empty although facetd has not opened it since: an operator may have looked at
         another cell or overlooked a small part, and a record from before the start may be wrong."""
-        return self.holding is not None and not self.holding.value and self.holding.source is not Source.COMMANDED
+        return self.holding is not None and not self.holding.value and self.holding.source is not BeliefSource.COMMANDED
 
     @property
     def capsules(self) -> tuple[Capsule, ...]:
@@ -105,7 +105,7 @@ class CellBelief:
         }
 
 
-class Change(StrEnum):
+class VoidingEvent(StrEnum):
     """What makes beliefs void."""
 
     MOVE_BEGUN = "the arm may be moving"
@@ -125,31 +125,31 @@ class Change(StrEnum):
 PLACE = frozenset({"position", "planned"})
 CONTROLLER = PLACE | {"speed_pct", "tool", "closed"}
 GRIPPER = frozenset({"closed", "holding", "load"})
-VOIDS: Mapping[Change, frozenset[str]] = {
-    Change.MOVE_BEGUN: PLACE,
-    Change.GRIPPER_CLOSES: frozenset({"closed", "holding"}),
-    Change.GRIPPER_OPENS: frozenset({"closed"}),
-    Change.CUT_OFF: frozenset({"holding"}),
-    Change.STOPPED: CONTROLLER,
-    Change.FAULT_CLEARED: CONTROLLER,
-    Change.RECONNECTED: CONTROLLER,
-    Change.RESTARTED: CONTROLLER | GRIPPER,
-    Change.OPERATOR_TYPED: CONTROLLER,
-    Change.GRIPPER_TYPED: GRIPPER,
-    Change.MOVED_BY_OTHERS: PLACE | {"closed"},
-    Change.OTHERS_TYPED: CONTROLLER | GRIPPER,
+VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
+    VoidingEvent.MOVE_BEGUN: PLACE,
+    VoidingEvent.GRIPPER_CLOSES: frozenset({"closed", "holding"}),
+    VoidingEvent.GRIPPER_OPENS: frozenset({"closed"}),
+    VoidingEvent.CUT_OFF: frozenset({"holding"}),
+    VoidingEvent.STOPPED: CONTROLLER,
+    VoidingEvent.FAULT_CLEARED: CONTROLLER,
+    VoidingEvent.RECONNECTED: CONTROLLER,
+    VoidingEvent.RESTARTED: CONTROLLER | GRIPPER,
+    VoidingEvent.OPERATOR_TYPED: CONTROLLER,
+    VoidingEvent.GRIPPER_TYPED: GRIPPER,
+    VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed"},
+    VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
 }
 """Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go."""
 
 
-def voided(belief: CellBelief, change: Change) -> CellBelief:
+def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
     """What is still believed after a change. An opening gripper that is believed empty stays empty; one on an arm that
     a pendant moved may have been worked as well, so that it is only assumed to be empty."""
     unknown = VOIDS[change]
-    if change is Change.GRIPPER_OPENS and belief.holds_part:
+    if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
         unknown |= {"holding"}
-    elif change is Change.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
-        belief = replace(belief, holding=replace(belief.holding, source=Source.ASSUMED))
+    elif change is VoidingEvent.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
+        belief = replace(belief, holding=replace(belief.holding, source=BeliefSource.ASSUMED))
     return replace(belief, **dict.fromkeys(unknown))
 
 
@@ -161,9 +161,9 @@ class Beliefs:
 
     def __init__(self, clock: Callable[[], float], record: Callable[..., None]) -> None:
         self._clock, self._record = clock, record
-        self.now = CellBelief(holding=Belief(False, Source.ASSUMED, clock()))
+        self.now = CellBelief(holding=Belief(False, BeliefSource.ASSUMED, clock()))
 
-    def learn(self, source: Source, **facts: object) -> None:
+    def learn(self, source: BeliefSource, **facts: object) -> None:
         """Believe these facts from now on; a fact of None is unknown from now on."""
         now_s = self._clock()
         learnt: dict[str, Any] = {
@@ -171,12 +171,12 @@ class Beliefs:
         }
         self.now = replace(self.now, **learnt)
 
-    def void(self, change: Change) -> Callable[[], None]:
+    def void(self, change: VoidingEvent) -> Callable[[], None]:
         """Forget what a change leaves unknown. Gives what undoes that where the change turns out not to have begun; it
         does nothing where anything else was learnt or voided meanwhile."""
         before, after = self.now, voided(self.now, change)
         self.now = after
-        if "load" in VOIDS[change] and change is not Change.RESTARTED:
+        if "load" in VOIDS[change] and change is not VoidingEvent.RESTARTED:
             self._record("holding", held=None)
 
         def undo() -> None:

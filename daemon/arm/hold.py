@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import inf
 
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+from daemon.arm.permit import MotionPermit
 
 
 async def _nothing_to_see() -> None:
@@ -28,18 +29,17 @@ class Waiting:
 
 
 class Hold:
-    """See the module. interrupted: told as a pause holds a job, and as it goes on."""
+    """See the module. permit: withheld from what was released as a pause or step mode begins; interrupted: called as a
+    pause holds a job, and as it goes on."""
 
-    def __init__(self, interrupted: Callable[[Interruption], None]) -> None:
-        self._interrupted = interrupted
+    def __init__(self, permit: MotionPermit, interrupted: Callable[[Interruption], None]) -> None:
+        self._permit, self._interrupted = permit, interrupted
         self.pauses = 0
         """How often moves were told to be held: what was to let them go before the last of them does not."""
         self.paused_by, self._paused_s = "", -inf
         """Who said so last."""
         self.stepping = False
         """Whether each move waits for a yes."""
-        self._holds = self._let_go_at = 0
-        """How often the next move was told to wait (pause, step), and how often as the last one was let go."""
         self._going = asyncio.Event()
         self._going.set()
         self.waiting: Waiting | None = None
@@ -60,17 +60,11 @@ class Hold:
         """For how long it has waited; endless where none does."""
         return inf if self.waiting is None else asyncio.get_running_loop().time() - self.waiting.since_s
 
-    @property
-    def again(self) -> bool:
-        """Whether a move was told to wait since the last one was let go. On a bad line it takes seconds until its last
-        byte leaves, and whoever is told in them that the next move waits means this one."""
-        return self._holds != self._let_go_at
-
     def pause(self, by: str = "") -> None:
         """Hold before the next move of arm or hand. by: who says so."""
         self.pauses += 1
         self.paused_by, self._paused_s = by, time.monotonic()
-        self._holds += 1
+        self._permit.hold()
         self._going.clear()
 
     def let_go(self, pauses: int | None = None) -> None:
@@ -80,7 +74,8 @@ class Hold:
 
     def step(self, on: bool) -> None:
         """One confirmed move at a time, or not. One that waits goes on waiting: somebody may be asked about it."""
-        self._holds += on and not self.stepping
+        if on and not self.stepping:
+            self._permit.hold()
         self.stepping = on
 
     def confirm(self) -> None:
@@ -104,7 +99,7 @@ class Hold:
                 await self._agreed(text)
                 agreed = True
             await seen()
-        self._let_go_at = self._holds
+        self._permit.release()
 
     async def _agreed(self, text: str) -> None:
         loop = asyncio.get_running_loop()

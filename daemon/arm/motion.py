@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from daemon import frames
-from daemon.arm.belief import Beliefs, CellBelief, Change, Source
+from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, VoidingEvent
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
+from daemon.arm.permit import MotionPermit
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
 from daemon.arm.workcell import HeldBackError, Kinematics, Reading, Workcell
@@ -123,18 +123,6 @@ class Reach:
         return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.bounds.max_speed_pct))
 
 
-class Leave(Protocol):
-    """Whether the arm may move, as its one owner says (supervisor.py)."""
-
-    @property
-    def enabled(self) -> bool:
-        """An operator let it move, knowing how its cell stands."""
-
-    @property
-    def hindrance(self) -> str | None:
-        """The fault that stands, or the stop that is under way."""
-
-
 Gate = Callable[[str, Callable[[], Awaitable[object]]], Awaitable[None]]
 """May hold back what moves, told in words. How things stand after a wait is seen by the gate itself, by what it is
 given, and what was to be held by then is held again."""
@@ -145,16 +133,21 @@ async def _open_gate(_: str, __: Callable[[], Awaitable[object]]) -> None:
 
 
 class Mover:
-    """Sends guarded moves. leave says whether any may be; gate may hold arm and hand back (pause, step); dry: all but
-    the bytes."""
+    """Sends guarded moves, where the robot's permit allows them. gate may hold arm and gripper (pause, step); dry: all
+    but the bytes."""
 
-    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, leave: Leave, gate: Gate = _open_gate) -> None:
+    def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
         self.cell = cell
         self.limits = limits
         self.arrival = arrival
-        self.leave, self.gate = leave, gate
+        self.gate = gate
         self.dry = False
         self.cycle = 0
+
+    @property
+    def permit(self) -> MotionPermit:
+        """Whether arm and gripper may move."""
+        return self.cell.robot.permit
 
     @property
     def beliefs(self) -> Beliefs:
@@ -186,13 +179,13 @@ class Mover:
     def standing(self) -> ArmState:
         """How things stand now."""
         at = None if self.here is None else self.here.world_from_tool
-        return ArmState(self.leave.enabled, self.leave.hindrance, at, self.cell.clock())
+        return ArmState(self.permit.enabled, self.permit.hindrance, at, self.cell.clock())
 
     async def rest(self) -> Reading:
         """Ask the controller where the arm is at rest, and believe it. Raises where it moves on."""
-        self.beliefs.void(Change.MOVE_BEGUN)
+        self.beliefs.void(VoidingEvent.MOVE_BEGUN)
         reading = await self.cell.robot.rest()
-        self.beliefs.learn(Source.REPORTED, position=reading)
+        self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         return reading
 
     def check(self, command: MoveCommand) -> None:
@@ -208,7 +201,15 @@ class Mover:
         return Reach(self.cell.robot.kinematics, self.here, self.bounds, self.arrival)
 
     async def go(self, command: MoveCommand) -> Reading:
-        """One move, to rest. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
+        """One move, to rest; one that is held as it is being typed is checked and sent anew. Raises MoveRefusedError
+        before, NotAtTargetError after, or what the robot raises."""
+        while True:
+            reading = await self._sent(command)
+            if reading is not None:
+                return reading
+
+    async def _sent(self, command: MoveCommand) -> Reading | None:
+        """Check, wait out a hold, check again, send; None where it was held before its last byte left."""
         self.check(command)
         await self._held(_in_words(command), self._way_in_words(command))
         self.check(command)
@@ -217,10 +218,10 @@ class Mover:
         joints = self.cell.robot.kinematics.reachable(command.world_from_tool, self.here.joints_rad)
         if self.dry:
             there = Reading(command.world_from_tool, self.here.joints_rad if joints is None else joints)
-            self.beliefs.learn(Source.COMMANDED, planned=there)
+            self.beliefs.learn(BeliefSource.COMMANDED, planned=there)
             return there
         start = self.here
-        not_begun = self.beliefs.void(Change.MOVE_BEGUN)
+        not_begun = self.beliefs.void(VoidingEvent.MOVE_BEGUN)
         longest_s = self.arrival.longest_s(start, command, joints)
         started_s = self.cell.clock()
         try:
@@ -234,8 +235,8 @@ class Mover:
         except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
             self._log_held_back("move")
             not_begun()
-            return await self.go(command)
-        self.beliefs.learn(Source.REPORTED, position=reading)
+            return None
+        self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         self._arrived(command, reading, self.cell.clock() - started_s)
         if joints is not None:
             _went_as_looked_along(command, reading, joints)
@@ -284,19 +285,24 @@ class Mover:
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
     async def hand(self, closed: bool, hand_s: float = 0.0) -> None:
-        """Open or close the gripper: held back, and refused by enable and fault, as a move is. hand_s: what its fingers
+        """Open or close the gripper: held, and refused by enable and fault, as a move is. hand_s: what its fingers
         need; until then it is neither open nor closed.
 
         Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
         it is, and open once it was opened.
         """
+        while not await self._gripper_worked(closed, hand_s):
+            pass
+
+    async def _gripper_worked(self, closed: bool, hand_s: float) -> bool:
+        """Whether it was worked, and not held before the last byte left."""
         self._check_hand()
         await self._held(f"{'close' if closed else 'open'} the hand")
         self._check_hand()
         if self.dry:
             self._log_hand(closed)
-            return
-        not_begun = self.beliefs.void(Change.GRIPPER_CLOSES if closed else Change.GRIPPER_OPENS)
+            return True
+        not_begun = self.beliefs.void(VoidingEvent.GRIPPER_CLOSES if closed else VoidingEvent.GRIPPER_OPENS)
         if closed:
             self._log_hand(closed)
         try:
@@ -305,14 +311,14 @@ class Mover:
             if closed:
                 self._log_held_back("hand")
             not_begun()
-            await self.hand(closed, hand_s)
-            return
+            return False
         await asyncio.sleep(hand_s)
         if closed:
-            self.beliefs.learn(Source.COMMANDED, closed=True)
+            self.beliefs.learn(BeliefSource.COMMANDED, closed=True)
         else:
-            self.beliefs.learn(Source.COMMANDED, closed=False, holding=False, load=None)
+            self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, load=None)
             self._log_hand(closed)
+        return True
 
     async def _held(self, text: str, way: str = "") -> None:
         """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
@@ -365,7 +371,7 @@ class Mover:
         off_mm, off_deg = _apart(now.world_from_tool, then.world_from_tool)
         off_deg = max(off_deg, float(np.degrees(np.abs(now.joints_rad - then.joints_rad)).max()))
         if self.arrival.missed_by(off_mm, off_deg):
-            self.beliefs.void(Change.MOVED_BY_OTHERS)
+            self.beliefs.void(VoidingEvent.MOVED_BY_OTHERS)
             told = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
             raise MovedByOthersError(
                 f"{doing}: since it came to rest somebody else moved the arm, {told} (its pendant, another terminal?); "
@@ -373,10 +379,10 @@ class Mover:
             )
 
     def _check_hand(self) -> None:
-        hindrance = self.leave.hindrance
-        if hindrance is not None or not self.leave.enabled:
+        hindrance = self.permit.hindrance
+        if hindrance is not None or not self.permit.enabled:
             name = "fault_stands" if hindrance is not None else "not_enabled"
-            raise self._refused(Refusal(name, f"the hand stays as it is: {hindrance or 'the arm is not enabled'}"))
+            raise self._refused(Refusal(name, f"the gripper does not move: {hindrance or 'the arm is not enabled'}"))
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Logged, and to be raised."""
@@ -428,8 +434,8 @@ def _went_as_looked_along(command: MoveCommand, reading: Reading, joints_rad: Ar
     joint = int(off_deg.argmax())
     if off_deg[joint] > OTHERWISE_DEG:
         raise NotAtTargetError(
-            f"{command.purpose}: the arm is there, but with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees "
-            "against the way that was looked along: it was told to turn over (FLIP, LEFTY, BELOW)?"
+            f"{command.purpose}: the arm arrived with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees against "
+            "the planned path. Did somebody set FLIP, LEFTY or BELOW at the controller? Set it back, then `resume`"
         )
 
 

@@ -34,15 +34,6 @@ class Interruption(StrEnum):
     ERROR = "error"
 
 
-class Let(StrEnum):
-    """What an operator lets the arm do."""
-
-    NOTHING = "nothing"
-    BY_HAND = "by hand"
-    """Only what an operator tells the controller himself: no guard knows how this cell stands."""
-    ALL = "all"
-
-
 class RefusedError(NotSentError):
     """Not done now; the message says why and what to do."""
 

@@ -1,4 +1,4 @@
-"""Ways from pose to pose: steps within the limits, backing off, lifting. Pure."""
+"""Ways from pose to pose: steps within the limits, backing off, lifting; how fast near a part and far from it. Pure."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+
+NEAR_MM, FAR_MM = 100.0, 400.0
 
 
 def backed_off(world_from_tool: Array, distance_mm: float) -> Array:
@@ -33,3 +35,9 @@ def within(a: Array, b: Array, most_mm: float, most_deg: float) -> bool:
     """Whether one move from a to b stays within the limits, with a little to spare."""
     far_mm, turn = frames.size(frames.difference(b, a))
     return far_mm < 0.98 * most_mm and float(np.degrees(turn)) < 0.98 * most_deg
+
+
+def speed_pct(distance_mm: float, travel_pct: float, near_pct: float) -> float:
+    """Speed by distance to the part: near_pct within NEAR_MM, travel_pct beyond FAR_MM, a ramp between."""
+    share = float(np.clip((distance_mm - NEAR_MM) / (FAR_MM - NEAR_MM), 0.0, 1.0))
+    return near_pct + share * (travel_pct - near_pct)

@@ -19,8 +19,8 @@ UNCONFIRMED = "NOT CONFIRMED"
 
 
 class Stopping:
-    """See the module. robot: which arm, at the time; alarmed: told in words as the alarm sounds, and None where the arm
-    was seen at rest after it."""
+    """See the module. robot: which arm, at the time; alarmed: called with the alarm as it sounds, and with None where
+    the arm was seen at rest after it. Nothing is permitted to move meanwhile."""
 
     def __init__(self, robot: Callable[[], Robot], alarmed: Callable[[str | None], None]) -> None:
         self._robot, self._alarmed = robot, alarmed
@@ -44,7 +44,10 @@ class Stopping:
         if self.under_way:
             return False
         self._alarm = asyncio.get_running_loop().create_future()
+        permit = self._robot().permit
+        permit.stop_begins()
         self._telling = asyncio.create_task(self._until_at_rest(self._alarm), name="stop")
+        self._telling.add_done_callback(lambda _: permit.stop_ends())
         return True
 
     async def outcome(self) -> str | None:

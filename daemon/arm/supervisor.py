@@ -12,11 +12,12 @@ from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import copy_context
 from typing import Any, TypeVar
 
-from daemon.arm.belief import Change
+from daemon.arm.belief import VoidingEvent
 from daemon.arm.guard import Limits
 from daemon.arm.hold import Hold
 from daemon.arm.motion import Arrival, Mover, NotSentError
-from daemon.arm.operators import SAID, Interruption, Let, RefusedError
+from daemon.arm.operators import SAID, Interruption, RefusedError
+from daemon.arm.permit import Grant
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import HeldBackError, Workcell
 from daemon.events.codes import BY_OPERATOR, FaultCause, cause_of
@@ -40,19 +41,16 @@ class Supervisor:
     def __init__(
         self, cell: Workcell, limits: Limits, arrival: Arrival, interrupted: Callable[[Interruption], None]
     ) -> None:
-        self.hold = Hold(interrupted)
+        self.permit = cell.robot.permit
+        """Whether arm and gripper may move; granted and withdrawn here alone."""
+        self.hold = Hold(self.permit, interrupted)
         """Pause, step mode, and the move that waits for a yes."""
-        self.mover = Mover(cell, limits, arrival, self, self.hold.wait)
-        cell.robot.held = self._held_back
-        self.fault: str | None = None
+        self.mover = Mover(cell, limits, arrival, self.hold.wait)
         self.fault_cause = BY_OPERATOR
         """What the last stop was caused by; an alarm that it was not confirmed has the same cause."""
-        """What stands until resume."""
-        self._let, self._let_by = Let.NOTHING, 0
-        """What an operator let, and the stop that had been seen to work then."""
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
-        self._doing = self._why = ""
+        self._doing = ""
         self.ended_by: Interruption | None = None
         """What ended the job that was ended last: a person (STOP, ABORT) or an error."""
         self._ending = 0
@@ -75,33 +73,22 @@ class Supervisor:
     @property
     def stopping(self) -> bool:
         """Whether a stop is under way: until the arm was seen at rest and the job has ended."""
-        return self._ending > 0 or self._stopping.under_way
+        return self.permit.stopping
+
+    @property
+    def fault(self) -> str | None:
+        """What is active until resume."""
+        return self.permit.fault
 
     @property
     def enabled(self) -> bool:
         """Whether an operator lets the arm move, its stop seen to work."""
-        return self._let is Let.ALL and self._stop_as_then
+        return self.permit.enabled
 
     @property
     def by_hand_only(self) -> bool:
         """Whether an operator lets the arm do what he tells the controller himself, and nothing else."""
-        return self._let is Let.BY_HAND and self._stop_as_then
-
-    @property
-    def _stop_as_then(self) -> bool:
-        """Whether the stop is seen to work as it was when leave was given. Where it was not meanwhile (the line was
-        lost, the controller switched off, or refuses it), that it is seen again gives no leave back."""
-        return self.mover.cell.robot.stop_seen == self._let_by > 0
-
-    @property
-    def let(self) -> bool:
-        """Whether an operator let the arm move, be its stop seen to work still or not."""
-        return self._let is not Let.NOTHING
-
-    @property
-    def hindrance(self) -> str | None:
-        """The fault that stands, or the stop that is under way: nothing moves."""
-        return self.fault or (f"being stopped ({self._why})" if self.stopping else None)
+        return self.permit.by_hand_only
 
     async def at_rest(self) -> bool:
         """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked. Who asks
@@ -137,33 +124,33 @@ class Supervisor:
     async def prove_stop(self) -> None:
         """See that the controller takes the word that stops the arm, once each time the line was opened. Raises
         StopRefusedError where it does not."""
-        if not self.mover.cell.robot.stop_seen:
+        if not self.permit.stop_seen:
             await self.run("try the stop", self.mover.cell.robot.prove_stop(), moves=False)
 
-    def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
+    def enable(self, stops: int | None = None, grant: Grant = Grant.ALL) -> None:
         """Let the arm move. stops: as many as there had been when it was asked for; a later stop or disable voids it.
         Raises RefusedError."""
         if self._closed:
-            raise RefusedError("the daemon ends")
+            raise RefusedError("facetd is shutting down")
         self.not_while_stopping("enable")
         self.not_after(stops, "enable")
-        if not self.mover.cell.robot.stop_seen:
-            raise RefusedError("no stop of this arm was seen to work since the line was opened; say `enable` once more")
-        self._let, self._let_by = let, self.mover.cell.robot.stop_seen
+        if not self.permit.stop_seen:
+            raise RefusedError("facetd has not seen the stop work since the line was opened; say `enable` once more")
+        self.permit.grant(grant)
 
     async def disable(self) -> str | None:
         """Do not let the arm move; stop it where it may. Gives what `stop` does."""
-        may_move = self.let or self.busy or self.stopping
-        self._let = Let.NOTHING
+        may_move = self.permit.granted or self.busy or self.stopping
+        self.permit.withdraw()
         self.stops += 1
         return await self._halt(Interruption.ABORT, "disabled", fault=None) if may_move else None
 
     def line_opened_anew(self) -> None:
         """Nobody knows what is at its other end now: an operator enables the arm again, its stop tried."""
-        self._let = Let.NOTHING
+        self.permit.withdraw()
         self.stops += 1
         self._openings += 1
-        self.mover.beliefs.void(Change.RECONNECTED)
+        self.mover.beliefs.void(VoidingEvent.RECONNECTED)
 
     def resume(self, stops: int | None = None, pauses: int | None = None) -> None:
         """Go on after pause; clear a fault (what was going on does not go on). stops, pauses: as many as there had been
@@ -171,8 +158,8 @@ class Supervisor:
         self.not_after(stops, "resume")
         if self.fault is not None:
             self.not_while_stopping("resume", busy=self._task is not None)
-            self.fault = None
-            self.mover.beliefs.void(Change.FAULT_CLEARED)
+            self.permit.fault = None
+            self.mover.beliefs.void(VoidingEvent.FAULT_CLEARED)
             self._tell(lambda: self._interrupted(Interruption.RESUME))
         self.hold.let_go(pauses)
 
@@ -182,7 +169,7 @@ class Supervisor:
         self.mover.dry = on
 
     def refit(self, cell: Workcell, limits: Limits, arrival: Arrival) -> None:
-        """Go on with another calibration or other limits; only while nothing else is being done."""
+        """Go on with another calibration or other limits, and the same robot; only while nothing else is being done."""
         self.between_jobs("settings are changed")
         self.mover.cell, self.mover.limits, self.mover.arrival = cell, limits, arrival
 
@@ -190,23 +177,25 @@ class Supervisor:
         """Raise RefusedError, with what to do, where nothing may move."""
         self._nothing_hinders()
         if self.by_hand_only:
-            raise RefusedError("the arm is enabled for `robot` only: the calibration has no hand_eye yet")
+            raise RefusedError(
+                "the arm is enabled for `robot` only: calibrate hand-eye first (calibration.yaml has no hand_eye)"
+            )
         if not self.enabled:
-            raise RefusedError("the arm is not enabled: say `enable`")
+            raise RefusedError("the arm is not enabled: enable it first, `enable`")
 
     def may_move_by_hand(self) -> None:
         """Raise RefusedError, with what to do, where what an operator tells the controller himself may not move."""
         self._nothing_hinders()
         if not (self.enabled or self.by_hand_only):
-            raise RefusedError("the arm is not enabled: say `enable`")
+            raise RefusedError("the arm is not enabled: enable it first, `enable`")
         if self.mover.dry:
-            raise RefusedError("`dry` is on: nothing is sent that may move the arm")
+            raise RefusedError("nothing moves while `dry` is on: say `dry off` first")
 
     def _nothing_hinders(self) -> None:
         if self.fault is not None:
-            raise RefusedError(f"the fault `{self.fault}` stands: say `resume`")
+            raise RefusedError(f"clear the fault first, `resume`: {self.fault}")
         if self.stopping:
-            raise RefusedError(f"the arm is {self.hindrance}; try again when it is at rest")
+            raise RefusedError(f"the arm is {self.permit.hindrance}; try again when it is at rest")
 
     # Jobs, and their end.
 
@@ -235,7 +224,7 @@ class Supervisor:
             return await asyncio.shield(task)
         except asyncio.CancelledError:
             if task.cancelled():
-                raise RefusedError(f"{doing}: {self._why}") from None
+                raise RefusedError(f"{doing}: {self.permit.why}") from None
             raise
 
     async def by_hand(self, doing: str, work: Callable[[], Awaitable[T]], ask: bool = False) -> T:
@@ -263,7 +252,7 @@ class Supervisor:
             try:
                 return await work()
             finally:
-                self.mover.beliefs.void(Change.OPERATOR_TYPED)
+                self.mover.beliefs.void(VoidingEvent.OPERATOR_TYPED)
 
         return await self.run(doing, conversation(), moves)
 
@@ -282,8 +271,9 @@ class Supervisor:
 
     async def close(self) -> None:
         """Stop the arm where it may move, and end the job; from then on nothing moves."""
-        may_move = self.let or self.busy or self.stopping
-        self._let, self._closed = Let.NOTHING, True
+        may_move = self.permit.granted or self.busy or self.stopping
+        self.permit.withdraw()
+        self._closed = True
         if may_move:
             await self._halt(Interruption.ABORT, "the daemon ends", fault=None)
 
@@ -292,8 +282,8 @@ class Supervisor:
         await self._stopping.over()
 
     def latch(self, fault: str) -> None:
-        """A fault stands from now on; nothing is told to the arm."""
-        self.fault = fault
+        """A fault is active from now on; nothing is sent to the arm."""
+        self.permit.fault = fault
 
     async def stop_arm(
         self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
@@ -303,11 +293,11 @@ class Supervisor:
             self.latch(_on_top_of(self.fault, fault))
         if not self._stopping.alarm:
             self.fault_cause = cause
-        if not self._stop_as_then:
-            self._let = Let.NOTHING
+        if not self.permit.stop_as_granted:
+            self.permit.withdraw()
         self.ended_by = event
-        self._why = why
-        self.mover.beliefs.void(Change.STOPPED)
+        self.permit.why = why
+        self.mover.beliefs.void(VoidingEvent.STOPPED)
         self.stops += 1
         if self._stopping.tell(self.fault or why):
             self._told.clear()
@@ -322,6 +312,7 @@ class Supervisor:
         """End the job: the fault is set in the same breath as its task is cancelled, before anything can run."""
         task = self._task
         self._ending += 1
+        self.permit.stop_begins()
         try:
             if task is not None:
                 task.cancel()
@@ -330,6 +321,7 @@ class Supervisor:
                 await asyncio.wait({task})
         finally:
             self._ending -= 1
+            self.permit.stop_ends()
         return alarm
 
     async def _brought_to_rest(self, event: Interruption, fault: str | None, cause: FaultCause) -> str | None:
@@ -384,18 +376,18 @@ class Supervisor:
         """Raise RefusedError where a stop is under way: this word is not heard then."""
         if self.stopping or busy:
             doubt = f" ({self.fault})" if self._stopping.alarm else ""
-            raise RefusedError(f"the arm is still being stopped{doubt}; say `{word}` once more when it is at rest")
+            raise RefusedError(f"facetd is still stopping the arm{doubt}; say `{word}` once more when it is at rest")
 
     def not_after(self, stops: int | None, word: str) -> None:
         """Raise RefusedError where the arm was stopped or disabled since there had been so many stops: void is a word,
         or the yes to a question, from before."""
         if stops is not None and stops != self.stops:
             why = f": {self.fault}" if self.fault else ""
-            raise RefusedError(f"meanwhile it was stopped again{why}; say `{word}` once more")
+            raise RefusedError(f"somebody stopped the arm meanwhile{why}; say `{word}` once more")
 
     def _may_begin(self, moves: bool) -> None:
         if self._task is not None or (moves and self.stopping):
-            raise RefusedError(f"busy: {self._doing or self.hindrance}")
+            raise RefusedError(f"busy: {self._doing or self.permit.hindrance}")
         word, stops = SAID.get() or ("", None)
         if moves:
             self.not_after(stops, word)
@@ -405,11 +397,6 @@ class Supervisor:
         changed under it."""
         if self._task is not None and self._task is not asyncio.current_task():
             raise RefusedError(f"busy: {self._doing}; {what} in between")
-
-    def _held_back(self) -> bool:
-        """Whether what was let go is held back after all: asked before its last byte leaves."""
-        may_move = self.enabled or self.by_hand_only
-        return self.hold.again or self.hindrance is not None or not may_move
 
 
 def _on_top_of(standing: str | None, fault: str) -> str:

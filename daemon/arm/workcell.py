@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daemon.arm.belief import Beliefs
 from daemon.arm.belief import Reading as Reading
+from daemon.arm.permit import MotionPermit
 from daemon.arrays import Array
 from daemon.compute.calls import Compute
 from daemon.errors import FacetdError
@@ -59,20 +60,16 @@ class Kinematics(Protocol):
 class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
 
-    held: asked before the last byte of what moves arm or hand leaves: whether it is held back; raises HeldBackError.
-    beliefs: what is believed of arm and gripper; the robot voids what it hears to be so no longer (somebody else types
-    on its line, it was opened again), before it raises.
+    permit: asked before the last byte of what moves arm or gripper leaves; where it is withheld, HeldBackError is
+    raised and nothing was carried out. beliefs: what is believed of arm and gripper; the robot voids what it hears to
+    be so no longer (somebody else types on its line, it was opened again), before it raises.
     """
 
-    held: Callable[[], bool]
+    @property
+    def permit(self) -> MotionPermit: ...
 
     @property
     def beliefs(self) -> Beliefs: ...
-
-    @property
-    def stop_seen(self) -> int:
-        """0 where the controller was not seen to take the word that stops the arm since the line to it was opened, or
-        since it was switched on; else a number that is another each time it has come to be seen."""
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is; one that moves is a place on the way."""

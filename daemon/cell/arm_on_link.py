@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import Beliefs, Change, HeldBackError, Reading, Source, StopRefusedError
+from daemon.arm import Beliefs, BeliefSource, HeldBackError, MotionPermit, Reading, StopRefusedError, VoidingEvent
 from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
@@ -68,7 +68,8 @@ class ArmOnLink:
 
     def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
         self.link = link
-        self.beliefs = beliefs
+        self.beliefs, self.permit = beliefs, MotionPermit()
+        link.permit = self.permit
         self.heard_s: float | None = None
         """When the controller last answered, on the cell's clock."""
         self.aside = False
@@ -79,7 +80,7 @@ class ArmOnLink:
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
-        self.beliefs.void(Change.RECONNECTED)
+        self.beliefs.void(VoidingEvent.RECONNECTED)
         await self.link.open()
         await self._introduce_tool()
         self._heard()
@@ -127,7 +128,7 @@ class ArmOnLink:
         start = Start(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
-            self.beliefs.learn(Source.COMMANDED, speed_pct=speed_pct)
+            self.beliefs.learn(BeliefSource.COMMANDED, speed_pct=speed_pct)
             try:
                 return self._reading(await self.link.rest(location, timeout_s))
             except Elsewhere as elsewhere:
@@ -155,34 +156,20 @@ class ArmOnLink:
         return True
 
     @property
-    def stop_seen(self) -> int:
-        """Workcell's, of the link."""
-        return self.link.stop_seen
-
-    @property
-    def held(self) -> Callable[[], bool]:
-        """Workcell's, of the link."""
-        return self.link.held
-
-    @held.setter
-    def held(self, held: Callable[[], bool]) -> None:
-        self.link.held = held
-
-    @property
     def connected(self) -> bool:
         """Whether there is a line to the controller."""
         return self.link.connected
 
     async def abort(self) -> None:
         """Stop the arm now, and see it at rest. Raises StopRefusedError at once, LinkError after some tries."""
-        self.beliefs.void(Change.STOPPED)
+        self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
             await self.link.abort()
         self._heard()
 
     async def prove_stop(self) -> None:
         """See that the controller accepts the stop word. Raises StopRefusedError, LinkError."""
-        self.beliefs.void(Change.STOPPED)
+        self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
             await self.link.prove_stop()
         self._heard()
@@ -268,10 +255,10 @@ class ArmOnLink:
             try:
                 yield
             finally:
-                self.beliefs.void(Change.OPERATOR_TYPED)
+                self.beliefs.void(VoidingEvent.OPERATOR_TYPED)
 
     def _others_type(self) -> None:
-        self.beliefs.void(Change.OTHERS_TYPED)
+        self.beliefs.void(VoidingEvent.OTHERS_TYPED)
 
     async def _rest(self) -> None:
         """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""
@@ -288,7 +275,7 @@ class ArmOnLink:
         """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
         if self.link.question is None:
             await self.link.tool(location_from_matrix(self.arm.tool_for_controller))
-            self.beliefs.learn(Source.COMMANDED, tool=self.arm.tool_for_controller)
+            self.beliefs.learn(BeliefSource.COMMANDED, tool=self.arm.tool_for_controller)
 
     def _reading(self, where: Where) -> Reading:
         self._heard()

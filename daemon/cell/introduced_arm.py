@@ -17,7 +17,7 @@ from daemon.arrays import Array
 from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
-from drivers.val2.acquaintance import Acquaintance, Finding
+from drivers.val2.acquaintance import Acquaintance, ProbeFinding
 from drivers.val2.dialect import Dialect
 from drivers.val2.location import matrix_from_location
 
@@ -193,7 +193,7 @@ def _length_sure(arm: Arm, name: str) -> str:
     return arm.source or _sure(arm.found, name)
 
 
-def _entry(finding: Finding) -> dict[str, Any]:
+def _entry(finding: ProbeFinding) -> dict[str, Any]:
     return _value(finding.value, finding.found, finding.sure)
 
 

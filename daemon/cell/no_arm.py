@@ -5,12 +5,11 @@ Honours daemon/arm/workcell.py's Robot, and what the console asks of an arm besi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NoReturn
 
 import numpy as np
 
-from daemon.arm import Beliefs, Reading
+from daemon.arm import Beliefs, MotionPermit, Reading
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from drivers.puma560 import PUMA560
@@ -45,13 +44,13 @@ class NoArm:
 
     heard_s: float | None = None
     question: str | None = None
-    aside = stopped_on_opening = asks_whether_to_move = stop_seen = False
+    aside = stopped_on_opening = asks_whether_to_move = False
     connected = True
     arm = PUMA560
     kinematics = NoKinematics()
 
     def __init__(self, beliefs: Beliefs) -> None:
-        self.held: Callable[[], bool] = bool
+        self.permit = MotionPermit()
         self.beliefs = beliefs
 
     async def _nothing(self) -> None:

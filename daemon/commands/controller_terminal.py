@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
-from daemon.arm import Change
+from daemon.arm import VoidingEvent
 from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
 from daemon.cell.no_arm import CellError
 from daemon.commands.step_mode import with_questions
@@ -71,7 +71,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
                 raise CommandError(NOT_OF_POWER_UP.format(question))
 
             async def answered() -> list[str]:
-                context.cycle.beliefs.void(Change.GRIPPER_TYPED)
+                context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
                 return await arm.power_up(replies)
 
             said = await with_questions(context, by_hand("power-up", answered), frontend)
@@ -271,7 +271,7 @@ class Typist:
             self.lines += 1
             self._record(text)
         if self._moving and text[:1].encode() in YES:  # a program may go on with it
-            self._context.cycle.beliefs.void(Change.GRIPPER_TYPED)
+            self._context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
         note_hand(self._context, text)
         self._moving |= moves_the_arm(text)
         send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
@@ -285,7 +285,7 @@ class Typist:
 def note_hand(context: CommandContext, text: str) -> None:
     """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
     if works_the_hand(text):
-        context.cycle.beliefs.void(Change.GRIPPER_TYPED)
+        context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
 
 
 COMMANDS = (robot,)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from daemon.arm import Let, RefusedError, StopRefusedError
+from daemon.arm import Grant, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
 from daemon.console.context import CommandContext
@@ -42,25 +42,25 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
         raise CommandError("this cell is a recording: it has no arm to move")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
-    let = Let.ALL if _eyes_on_hand(context) else await _by_hand_only(context, frontend)
+    grant = Grant.ALL if _eyes_on_hand(context) else await _by_hand_only(context, frontend)
     try:
         await supervisor.prove_stop()
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: correct arm.dialect.abort_word and restart facetd") from None
-    if let is Let.ALL and not _eyes_on_hand(context):
+    if grant is Grant.ALL and not _eyes_on_hand(context):
         raise CommandError("not enabled: the calibration was replaced by one without hand_eye meanwhile")
-    supervisor.enable(asked, let)
+    supervisor.enable(asked, grant)
     fault = context.cycle.status()["fault"]
-    may = "The arm is enabled." if let is Let.ALL else "The arm is enabled for `robot` only."
+    may = "The arm is enabled." if grant is Grant.ALL else "The arm is enabled for `robot` only."
     return CommandResult(may + (f" Clear the fault first: `resume` ({fault})." if fault else ""))
 
 
 def _eyes_on_hand(context: CommandContext) -> bool:
-    """Whether it is known how the cameras sit on the hand: without that no move may be let."""
+    """Whether it is known how the cameras sit on the hand: without that no move is permitted."""
     return context.calibration.tool_from_cyclopean is not None
 
 
-async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Let:
+async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Grant:
     """Asked where no move could be guarded. Raises CommandError on anything but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
@@ -69,7 +69,7 @@ async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Let:
         )
     if not await yes_or_no(frontend, f"{lack}. Enable the arm for `robot cal` and `robot monitor` only? [y/n]"):
         raise CommandError(f"not enabled: {lack}")
-    return Let.BY_HAND
+    return Grant.BY_HAND
 
 
 @command("disable", "move", at_once=True)

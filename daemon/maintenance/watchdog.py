@@ -151,7 +151,7 @@ class Watchdog:
 
     async def _stop_what_may_move(self, source: str, text: str, cause: FaultCause) -> None:
         supervisor = self._context.cycle.supervisor
-        if supervisor.let and supervisor.fault is None:
+        if supervisor.permit.granted and supervisor.fault is None:
             await supervisor.fail(source, text, cause)
 
     async def _keep_quota(self) -> None:

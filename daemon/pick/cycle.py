@@ -17,14 +17,14 @@ from typing import Any
 from daemon import frames
 from daemon.arm import (
     Beliefs,
+    BeliefSource,
     CellBelief,
-    Change,
     Interruption,
     OperatorRefusedError,
     Reading,
     RefusedError,
-    Source,
     Supervisor,
+    VoidingEvent,
     Workcell,
     ball_of,
 )
@@ -246,16 +246,16 @@ class PickCycle:
         self.pick_order = pick_order
         self.supervisor.latch(f"restarted: the daemon ended in {state}")
         if closed is not False:
-            self.beliefs.void(Change.RESTARTED)
+            self.beliefs.void(VoidingEvent.RESTARTED)
         self.state = PickState.FAULT
 
     def holding(self, answer: bool) -> None:
         """What the operator sees in the gripper. That it is empty proves less than that facetd has opened it, where
         that is believed already."""
         if answer:
-            self.beliefs.learn(Source.OPERATOR, holding=True)
+            self.beliefs.learn(BeliefSource.OPERATOR, holding=True)
         elif self.belief.holds_part is not False or self.belief.empty_unproven:
-            self.beliefs.learn(Source.OPERATOR, holding=False, load=None)
+            self.beliefs.learn(BeliefSource.OPERATOR, holding=False, load=None)
 
     # Inside.
 
@@ -267,7 +267,9 @@ class PickCycle:
 
     def _must_know_the_hand(self) -> None:
         if self.belief.holds_part is None:
-            raise RefusedError("it is not known whether a part is in the gripper: say `holding yes` or `holding no`")
+            raise RefusedError(
+                "facetd does not know whether the gripper holds a part: look, then say `holding yes` or `holding no`"
+            )
 
     def _must_be_empty(self) -> None:
         if self.belief.holds_part:
@@ -285,7 +287,7 @@ class PickCycle:
         if event is PickEvent.PAUSE:
             self._held = self.state
         elif event in CUT_OFF and PickState.PLACE in (self.state, self._held):
-            self.beliefs.void(Change.CUT_OFF)
+            self.beliefs.void(VoidingEvent.CUT_OFF)
         before, self.state = self.state, then
         if event is PickEvent.PLACED and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
@@ -299,7 +301,7 @@ class PickCycle:
 
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:
-            raise RefusedError("there is no recogniser to look with")
+            raise RefusedError("there is no model to recognise parts with: teach and train first")
         mover = self.supervisor.mover
         before = await self._set_out_to_look()
         look = await self._context(self.recogniser).lit_look(before, purpose)
@@ -345,7 +347,7 @@ class PickCycle:
         here = await self.set_out()
         if self.cell.alone is not None and self.supervisor.mover.low:
             raise RefusedError(
-                "with one eye a look moves the hand aside, and it is amid what may lie on the table: `jog z` up first"
+                "with one camera a look moves the gripper aside, and it is low over the table: raise it first, `jog z`"
             )
         return here
 
@@ -355,12 +357,12 @@ class PickCycle:
         load = self.belief.load
         if self.belief.holds_part is False or self.recogniser is None:
             return
-        if load is not None and load.source is not Source.ASSUMED:  # facetd grasped it, and knows how it lies
+        if load is not None and load.source is not BeliefSource.ASSUMED:  # facetd grasped it, and knows how it lies
             return
         taught = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
         balls = self.belief.capsules + ((ball_of(taught, "what may be in the hand"),) if taught else ())
         largest = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
-        self.beliefs.learn(Source.ASSUMED, load=largest)
+        self.beliefs.learn(BeliefSource.ASSUMED, load=largest)
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""
@@ -447,7 +449,7 @@ class PickCycle:
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event is PickEvent.GONE:
-                self.beliefs.learn(Source.OBSERVED, holding=True)
+                self.beliefs.learn(BeliefSource.OBSERVED, holding=True)
             self._enter(event)
 
     def _ended(self, world: WorldModel, before: int, started_s: float) -> CycleEnd:

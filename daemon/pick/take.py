@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from daemon import frames
-from daemon.arm import NotSettledError, Source, capsule_around
+from daemon.arm import BeliefSource, NotSettledError, capsule_around
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.pick import viewpoints
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, mount_of, still_there
@@ -56,7 +56,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     load = (capsule_around(corners, f"{target.label} in the hand"),)
-    context.mover.beliefs.learn(Source.COMMANDED, load=load)
+    context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load)
     return PickEvent.CLOSED
 
 
@@ -146,7 +146,7 @@ async def place(
     world.code = None if world.outcome is Outcome.PICKED else code
     context.decide(world.outcome, world.why, code, label=target.label)
     if opened is InGripper.PART:
-        context.mover.beliefs.learn(Source.OBSERVED, holding=True)
+        context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=True)
         return PickEvent.STILL_HELD
     return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.PLACED
 

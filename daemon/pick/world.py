@@ -94,7 +94,9 @@ class PickContext:
         Raises RefusedError where the arm cannot go beside."""
         mover, settings, cell = self.mover, self.settings, self.cell
         if mover.dry:
-            raise RefusedError("with one eye a look needs two places, and while `dry` is on nothing moves")
+            raise RefusedError(
+                "with one camera a look needs two places, and nothing moves while `dry` is on: say `dry off` first"
+            )
         tool_from_eye = cell.tool_from_cyclopean @ cell.rig.left.cyclopean_from_camera
         world_from_eye = first.reading.world_from_tool @ tool_from_eye
         eye_from_tool, refused = frames.inverse(tool_from_eye), ""

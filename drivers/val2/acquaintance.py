@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 
 from drivers.val2.conversation import POISON
 from drivers.val2.location import apart
-from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Table, Text, Where
+from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Text, Where, WhereTable
 
 Sure = Literal["certain", "likely", "assumed"]
 STOP_WORDS = ("ABORT", "PANIC")
@@ -87,7 +87,7 @@ class UnclearError(Exception):
 
 
 @dataclass(frozen=True)
-class Finding:
+class ProbeFinding:
     """One thing found: name is a key of the dialect where it has one. sure: certain (seen), likely, or assumed."""
 
     name: str
@@ -97,7 +97,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Answer:
+class ProbeAnswer:
     """One answer, read."""
 
     raw: bytes
@@ -116,7 +116,7 @@ class Answer:
 class Acquaintance:
     """What is known so far. findings, by name; readings: WHEREs at rest, places and joints together."""
 
-    findings: dict[str, Finding] = field(default_factory=dict)
+    findings: dict[str, ProbeFinding] = field(default_factory=dict)
     readings: list[Where] = field(default_factory=list)
     moved: bool = False
     end: bytes = b"\r"
@@ -131,7 +131,7 @@ class Acquaintance:
 
     def found(self, name: str, value: Any, how: str, sure: Sure = "certain") -> None:
         """Keep one thing."""
-        self.findings[name] = Finding(name, value, how, sure)
+        self.findings[name] = ProbeFinding(name, value, how, sure)
 
     def dialect(self) -> dict[str, Any]:
         """The values that are keys of the dialect."""
@@ -145,13 +145,13 @@ SEEN_ALONE = frozenset(
 """What is told, and is no key of the dialect: the driver is right either way."""
 
 
-def ask(known: Acquaintance, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, Answer]:
+def ask(known: Acquaintance, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, ProbeAnswer]:
     """Type a line and read its answer, up to the prompt or a question; what is missing by then is missing."""
     body = text.encode("ascii")
     return (yield from listen(known, body + known.end, body, most_s))
 
 
-def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, Answer]:
+def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, ProbeAnswer]:
     """Type something and read what comes until the line is silent, or for most_s."""
     pieces: list[tuple[float, bytes]] = []
     waited_s = 0.0
@@ -166,19 +166,19 @@ def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Gen
         step = Exchange(b"", QUIET_S, most_s - waited_s)
 
 
-def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> Answer:
+def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> ProbeAnswer:
     raw = b"".join(piece for _, piece in pieces)
     said = raw.replace(typed, b"", 1) if typed else raw
     reader = Reader()
     reader.line_ended(echoed=False)
     events = reader.receive(said) + reader.silence()
     errors = tuple(event.text for event in events if isinstance(event, Error))
-    tables = [event.where for event in events if isinstance(event, Table)]
+    tables = [event.where for event in events if isinstance(event, WhereTable)]
     last = events[-1] if events else None
     tail = said.decode("latin-1").rsplit("\n", 1)[-1].rsplit("\r", 1)[-1]
     at = [at_s for at_s, _ in pieces]
     late_s = max((after - before for before, after in pairwise(at)), default=0.0)
-    return Answer(
+    return ProbeAnswer(
         raw=raw,
         lines=tuple(event.text for event in events if isinstance(event, Text | Error)),
         errors=errors,

@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer
@@ -22,9 +23,9 @@ from drivers.val2.wire import (
     Prompt,
     Reader,
     ReaderState,
-    Table,
     Text,
     Where,
+    WhereTable,
 )
 
 POISON = b"!!"
@@ -36,13 +37,32 @@ TWICE = (
 )
 
 
-def never() -> bool:
-    """Nothing is held back."""
-    return False
+class LinePermit(Protocol):
+    """Whether what moves may be sent; one object, held by whoever permits it and by the line. stop_seen is written
+    here, all else there."""
+
+    stop_seen: int
+    """How often it has come to be seen that the controller takes the word that stops the arm; 0 where it was not since
+    the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
+
+    @property
+    def withheld(self) -> bool: ...
+
+
+class Unconditional:
+    """The permit of a line that nobody withholds motion from."""
+
+    def __init__(self) -> None:
+        self.stop_seen = 0
+
+    @property
+    def withheld(self) -> bool:
+        """Never."""
+        return False
 
 
 @dataclass(frozen=True)
-class Answer:
+class ControllerAnswer:
     """What the controller said to one command, up to its prompt, or to a question (then kept) nobody had a reply for.
 
     where: the table, if it printed one, in mm and the angles of our kinematics.
@@ -62,10 +82,15 @@ class Conversation:
     """The two directions of the line: what comes is heard here, what goes out is typed and checked here."""
 
     def __init__(
-        self, dialect: Dialect, reader: Reader, send: Callable[[bytes, bytes], None], clock: Callable[[], float]
+        self,
+        dialect: Dialect,
+        reader: Reader,
+        send: Callable[[bytes, bytes], None],
+        clock: Callable[[], float],
+        permit: LinePermit,
     ):
-        """send: bytes, and what of them the ledger is to have."""
-        self.dialect, self.clock = dialect, clock
+        """send: bytes, and what of them the ledger is to have; permit: asked before a line that moves is ended."""
+        self.dialect, self.clock, self._permit = dialect, clock, permit
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
@@ -115,16 +140,17 @@ class Conversation:
         replies: Sequence[str],
         timeout_s: float,
         meant: Callable[[str], bool] = bool,
-        held: Callable[[], bool] = never,
-    ) -> Answer:
+        moves: bool = False,
+    ) -> ControllerAnswer:
         """Type a command, and the replies to what it asks, and gather everything up to the prompt, or to a question
-        that there is no reply to, or that the replies are not meant for. held: asked before the command is ended.
+        that there is no reply to, or that the replies are not meant for. moves: it is ended only where motion is
+        permitted then.
 
         Raises Garbled, NoAnswer, HeldBack, Preempted, PortError, ValueError on what cannot be typed.
         """
         began_s = self.clock()
         self.typed_whole = False
-        await self._type_line(command, held)
+        await self._type_line(command, moves)
         left = list(replies)
         gathered: list[LineEvent] = []
         while True:
@@ -240,7 +266,7 @@ class Conversation:
             waiting.put_nowait(b"")
             await asyncio.wait({task})
 
-    async def _type_line(self, text: str, held: Callable[[], bool] = never) -> None:
+    async def _type_line(self, text: str, moves: bool = False) -> None:
         """Send the characters, compare what comes back, and only then send the line end.
 
         Raises Garbled (the line end was not sent), NoAnswer (no echo; likewise), HeldBack (likewise).
@@ -254,7 +280,7 @@ class Conversation:
             await self._hear_echo(text)
         elif body:
             await self._send_paced(body)
-        if held():
+        if moves and self._permit.withheld:
             raise HeldBack(f"{text!r} was held back")
         self._put(self.dialect.line_end)
         self._reader.line_ended(self.dialect.echo)
@@ -309,7 +335,7 @@ def _in_words(event: LineEvent) -> str:
     return A_PROMPT if isinstance(event, Prompt) else event.raw.decode("latin-1").strip()
 
 
-def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> Answer:
+def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
     """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
@@ -318,9 +344,9 @@ def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: 
         raise Garbled(TWICE, code="converter_echoes")
     if garbled:
         raise Garbled(f"the answer to {command!r} did not come through whole")
-    tables = [event.where for event in events if isinstance(event, Table)]
+    tables = [event.where for event in events if isinstance(event, WhereTable)]
     last = events[-1]
-    return Answer(
+    return ControllerAnswer(
         command=command,
         lines=tuple(event.text for event in events if isinstance(event, Text | Error | ControllerQuestion)),
         errors=tuple(event.text for event in events if isinstance(event, Error)),

@@ -12,9 +12,9 @@ from typing import Any
 from drivers.val2.acquaintance import (
     CAREFUL_S,
     Acquaintance,
-    Answer,
     Exchange,
     Heard,
+    ProbeAnswer,
     Step,
     Steps,
     Tell,
@@ -185,6 +185,6 @@ def _typing_s(known: Acquaintance, text: str) -> float:
     return 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)
 
 
-def _moved(known: Acquaintance, text: str) -> Generator[Step, Any, Answer]:
+def _moved(known: Acquaintance, text: str) -> Generator[Step, Any, ProbeAnswer]:
     yield from _typed(known, text)
     return (yield from listen(known, known.end, b"", MOTION_S))

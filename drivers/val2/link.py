@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.val2 import commands
-from drivers.val2.conversation import POISON, Answer, Conversation, never
+from drivers.val2.conversation import POISON, ControllerAnswer, Conversation, LinePermit, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -32,11 +32,11 @@ from drivers.val2.errors import (
 from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
-from drivers.val2.session import Session, confirms
+from drivers.val2.session import LineSession, confirms
 from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
 __all__ = [
-    "Answer",
+    "ControllerAnswer",
     "ControllerError",
     "Dialect",
     "Disturbed",
@@ -91,17 +91,15 @@ class Link:
         self._ledger = Ledger(on_wire)
         self._belongs_together = belongs_together or (lambda where: True)
         self._open_port = open_port
-        self._session: Session | None = None
+        self._session: LineSession | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
-        self.held: Callable[[], bool] = never
-        """Asked before a line that moves is ended, at each try: whether it is held back; then it is taken back."""
+        self.permit: LinePermit = Unconditional()
+        """Asked before a line that moves is ended, at each try; where motion is withheld, the line is taken back."""
         self.disturbed: Callable[[], None] = nothing
         """Called as something is heard that answers nothing of ours: whatever is believed of the cell is void."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
-        self.stop_seen = self._times_seen = 0
-        """How often it has come to be seen that the controller takes the word that stops the arm; 0 where it was not
-        since the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
+        self._times_seen = 0
         self.program_may_run = False
         """Whether a person may have begun a program since that word was taken last: what is asked may be its question,
         and two WHERE that agree a pause of it."""
@@ -114,7 +112,7 @@ class Link:
         An arm that is still at work on what somebody before us told it (a program that was killed) is stopped.
         """
         self._let_go()
-        self._session = Session(
+        self._session = LineSession(
             self.port,
             self.dialect,
             self.clock,
@@ -122,6 +120,7 @@ class Link:
             self._open_port,
             self._unsee_the_stop,
             self._others_type,
+            self.permit,
         )
         self.stopped_on_opening = False
         try:
@@ -142,12 +141,17 @@ class Link:
             self._session = None
 
     def _unsee_the_stop(self) -> None:
-        self.stop_seen = 0
+        self.permit.stop_seen = 0
 
     def _others_type(self) -> None:
         """What they have begun nobody knows: a program, a motion, a word in place of the one that stops the arm."""
         self._unsee_the_stop()
         self.disturbed()
+
+    @property
+    def stop_seen(self) -> int:
+        """Of the permit: 0 where the controller was not seen to take the word that stops the arm."""
+        return self.permit.stop_seen
 
     @property
     def connected(self) -> bool:
@@ -159,7 +163,7 @@ class Link:
         """What the controller asks; until power_up() answers it, it takes no commands."""
         return self._session.question if self._session is not None else None
 
-    async def power_up(self, replies: Sequence[str] = ("Y", "Y")) -> Answer:
+    async def power_up(self, replies: Sequence[str] = ("Y", "Y")) -> ControllerAnswer:
         """Answer what the controller asks, and what it asks next, where that is of the same kind: a yes to a question
         of power-up moves nothing, one to another may. Raises ControllerError."""
         session = self._open_session
@@ -187,7 +191,7 @@ class Link:
 
     # Asking
 
-    async def command(self, text: str, replies: Sequence[str] = (), timeout_s: float | None = None) -> Answer:
+    async def command(self, text: str, replies: Sequence[str] = (), timeout_s: float | None = None) -> ControllerAnswer:
         """Type any command and give the whole answer; replies: to the questions it asks, in turn.
 
         Raises ControllerError with the controller's words, or where it asks more than there are replies.
@@ -203,7 +207,7 @@ class Link:
         """Monitor speed, percent of full."""
         await self.command(commands.speed(percent))
 
-    async def calibrate(self, answer: str = "Y") -> Answer:
+    async def calibrate(self, answer: str = "Y") -> ControllerAnswer:
         """CAL, its question answered, and none that another asks: a controller whose power went just then. Raises
         ControllerError."""
         return await self._carry_out((self.dialect.calibrate_word,), (answer,), self.dialect.calibrate_s, confirms)
@@ -297,7 +301,7 @@ class Link:
     # Inside
 
     @property
-    def _open_session(self) -> Session:
+    def _open_session(self) -> LineSession:
         if self._session is None:
             raise PortError(f"{self.port}: not open")
         return self._session
@@ -306,7 +310,7 @@ class Link:
     def _move_answer_s(self) -> float:
         return self.dialect.answer_s if self.dialect.prompt_after_move == "start" else self.dialect.motion_s
 
-    async def _come_to_a_still_arm(self, session: Session) -> None:
+    async def _come_to_a_still_arm(self, session: LineSession) -> None:
         """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer.
 
         A controller that says something and gives no prompt may have an arm at work; where nothing is echoed, one that
@@ -353,7 +357,7 @@ class Link:
                 lines[-1],
                 (),
                 timeout_s or self._move_answer_s,
-                held=self.held,
+                moves=True,
                 first=lambda: self._told_before(talk, lines[:-1], start),
             )
             session.accept(answer)
@@ -383,15 +387,15 @@ class Link:
         replies: Sequence[str],
         timeout_s: float | None,
         meant: Callable[[str], bool] = bool,
-    ) -> Answer:
+    ) -> ControllerAnswer:
         """Several lines in one turn, so that no abort can fall between them unnoticed; the last one's answer."""
         session = self._open_session
         async with session.turn(moves=any(map(commands.moves_the_arm, lines))) as talk:
             for line in lines:
                 self.program_may_run |= line != self.dialect.calibrate_word and commands.begins_a_program(line)
                 moves = commands.moves_the_arm(line)
-                default_s, held = (self.dialect.motion_s, self.held) if moves else (self.dialect.answer_s, never)
-                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, held))
+                default_s = self.dialect.motion_s if moves else self.dialect.answer_s
+                answer = session.accept(await session.ask(talk, line, replies, timeout_s or default_s, meant, moves))
         return answer
 
     async def _where(self, talk: Conversation, any_place: bool = False) -> Where:
@@ -429,7 +433,7 @@ class Link:
         if self.dialect.break_after_move:
             await self.command("DO BREAK", timeout_s=timeout_s)
 
-    async def _abort(self, session: Session) -> Where | None:
+    async def _abort(self, session: LineSession) -> Where | None:
         """Try after try, each no longer than a prompt and two WHERE take. Whatever is half typed becomes an error, not
         a command; a question in the way is answered with N first, but for one of power-up, where no program may ask."""
         no = b"N" + self.dialect.line_end
@@ -465,7 +469,7 @@ class Link:
         await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
-    async def _stopped(self, session: Session, talk: Conversation) -> Where:
+    async def _stopped(self, session: LineSession, talk: Conversation) -> Where:
         """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
         by_itself = await self._see_it_taken(
             session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
@@ -486,7 +490,9 @@ class Link:
         session.leave_unheard(by_itself)
         return readings[-1]
 
-    async def _see_it_taken(self, session: Session, type_word: Callable[[], Awaitable[Answer]]) -> list[str]:
+    async def _see_it_taken(
+        self, session: LineSession, type_word: Callable[[], Awaitable[ControllerAnswer]]
+    ) -> list[str]:
         """See by its own answer that the word which stops the arm is taken; gives what the controller said by itself
         meanwhile: a refusal is said to the word each time, that its power went or a program ended is not.
 
@@ -509,7 +515,7 @@ class Link:
         self.program_may_run = False
         if not self.stop_seen:
             self._times_seen += 1
-            self.stop_seen = self._times_seen
+            self.permit.stop_seen = self._times_seen
         return by_itself
 
 

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 from drivers.val2 import commands
-from drivers.val2.conversation import Answer, Conversation, never
+from drivers.val2.conversation import ControllerAnswer, Conversation, LinePermit
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -33,7 +33,7 @@ CONFIRMS = "are you sure"
 """How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
 
-class Session:
+class LineSession:
     """Bytes become events and reach whoever has the turn; what is sent and heard goes to the ledger."""
 
     def __init__(
@@ -45,9 +45,12 @@ class Session:
         open_port: OpenPort,
         switched_on: Callable[[], None],
         disturbed: Callable[[], None],
+        permit: LinePermit,
     ) -> None:
         """Claim the port. Raises PortError. Needs a running event loop. switched_on: called as the controller asks what
-        it asks at power-up, whoever has the line; disturbed: as it is found that somebody else types on it."""
+        it asks at power-up, whoever has the line; disturbed: as it is found that somebody else types on it; permit:
+        asked before a line that moves is ended, at each try."""
+        self._permit = permit
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """What the controller asks and nobody has answered yet."""
@@ -162,17 +165,17 @@ class Session:
         replies: Sequence[str],
         wait_s: float,
         meant: Callable[[str], bool] = bool,
-        held: Callable[[], bool] = never,
+        moves: bool = False,
         first: Callable[[], Awaitable[None]] | None = None,
-    ) -> Answer:
-        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing. first: what is to
-        be done each time before it is typed."""
+    ) -> ControllerAnswer:
+        """Ask, and ask again as long as that is safe: the line was never ended, or it moves nothing. moves: it is ended
+        only where motion is permitted then; first: what is to be done each time before it is typed."""
         for _ in range(self.dialect.typing_attempts):
             if first is not None:
                 await first()
             self._refuse_others(talk.unheard_of_others())
             try:
-                answer = await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, held))
+                answer = await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, moves))
                 said_by_itself = answer.question is not None or answer.errors
                 if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
                     self._refuse_others([line for line in answer.of_text if _is_no_noise(line)])
@@ -189,7 +192,7 @@ class Session:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
 
-    async def past_a_rest(self, type_it: Callable[[], Awaitable[Answer]]) -> Answer:
+    async def past_a_rest(self, type_it: Callable[[], Awaitable[ControllerAnswer]]) -> ControllerAnswer:
         """Type it; once more where this was the first line since the prompt was found, and was refused as a command
         nobody knows: it was not carried out."""
         answer = await type_it()
@@ -209,7 +212,7 @@ class Session:
             raise self._unanswered() from problem
         return [event.text for event in events if isinstance(event, Error) and not _may_be_our_own_noise(event.text)]
 
-    def accept(self, answer: Answer) -> Answer:
+    def accept(self, answer: ControllerAnswer) -> ControllerAnswer:
         """An answer without errors and without an open question. Raises ControllerError on any other."""
         if answer.question is not None:
             self.question = answer.question
@@ -257,7 +260,7 @@ class Session:
         return ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     def _new_conversation(self) -> Conversation:
-        return Conversation(self.dialect, self._reader, self.send, self.clock)
+        return Conversation(self.dialect, self._reader, self.send, self.clock, self._permit)
 
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()

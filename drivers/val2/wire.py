@@ -93,7 +93,7 @@ class Error(LineEvent):
 
 
 @dataclass(frozen=True)
-class Table(LineEvent):
+class WhereTable(LineEvent):
     """A whole answer to WHERE."""
 
     what: ClassVar[str] = "table"
@@ -257,7 +257,7 @@ class Reader:
         if where is not None:
             raw = b"".join(raw for raw, _ in self._table)
             self._table.clear()
-            events.append(Table(raw, where))
+            events.append(WhereTable(raw, where))
         return True
 
     def _give_up_table(self, events: list[LineEvent]) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.belief import Beliefs
+from daemon.arm.motion import Mover
+from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
@@ -122,21 +124,14 @@ def joints(world_from_tool: np.ndarray, near_rad: np.ndarray | None = None) -> n
         return np.full(6, np.nan)
 
 
-@dataclass
-class Allowed:
-    """What a mover asks whether it may move."""
-
-    enabled: bool = True
-    hindrance: str | None = None
-
-
 class FakeRobot:
     """Jumps. A hand closed within 15 mm of a part's middle takes it, unless it is slippery."""
 
     def __init__(self, world: World) -> None:
         self.world = world
         self.beliefs = Beliefs(lambda: world.now_s, world.record)
-        self.stop_seen = 1
+        self.permit = MotionPermit()
+        self.permit.stop_seen = 1
         self._before: np.ndarray | None = None
 
     def _joints(self, world_from_tool: np.ndarray) -> np.ndarray:
@@ -191,7 +186,7 @@ class FakeRobot:
 
     async def prove_stop(self) -> None:
         self.world.before("prove")
-        self.stop_seen = self.stop_seen or 2
+        self.permit.stop_seen = self.permit.stop_seen or 2
 
     async def abort(self) -> None:
         self.world.wire.append(("abort", None))
@@ -321,6 +316,12 @@ def build(world: World) -> Workcell:
     """The workcell of this world."""
     eyes = FakeEyes(world)
     return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN, asyncio.to_thread)
+
+
+def permitted(mover: Mover) -> Mover:
+    """One that may move."""
+    mover.permit.grant(Grant.ALL)
+    return mover
 
 
 def cycle_of(world: World, settings: Settings | None = None) -> PickCycle:

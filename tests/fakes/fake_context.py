@@ -13,9 +13,10 @@ from unittest.mock import Mock
 
 import numpy as np
 
-from daemon.arm.belief import Belief, CellBelief, Source
+from daemon.arm.belief import Belief, BeliefSource, CellBelief
 from daemon.arm.hold import Waiting
-from daemon.arm.operators import Let, RefusedError
+from daemon.arm.operators import RefusedError
+from daemon.arm.permit import Grant
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.maintenance.troubles import Troubles
@@ -53,7 +54,7 @@ class FakeCycle:
     @property
     def belief(self) -> CellBelief:
         """What the gripper holds, as an operator says."""
-        return CellBelief(holding=None if self.held is None else Belief(self.held, Source.OPERATOR, 0.0))
+        return CellBelief(holding=None if self.held is None else Belief(self.held, BeliefSource.OPERATOR, 0.0))
 
     @property
     def supervisor(self) -> FakeCycle:
@@ -110,10 +111,10 @@ class FakeCycle:
         if self.stop_refused_with:
             raise StopRefusedError(self.stop_refused_with)
 
-    def enable(self, stops: int | None = None, let: Let = Let.ALL) -> None:
+    def enable(self, stops: int | None = None, grant: Grant = Grant.ALL) -> None:
         if stops not in (None, self.stops):
             raise RefusedError("stopped again")
-        self.told.append("enable" if let is Let.ALL else f"enable {let}")
+        self.told.append("enable" if grant is Grant.ALL else f"enable {grant}")
 
     def between_jobs(self, what: str) -> None:
         """Nothing is being done here for long."""

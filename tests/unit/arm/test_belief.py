@@ -9,13 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm.belief import VOIDS, Belief, Beliefs, CellBelief, Change, Reading, Source, voided
+from daemon.arm.belief import VOIDS, Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent, voided
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import HeldBackError
-from tests.fakes.fake_cell import HEAD_DOWN, Allowed, World, build
+from daemon.events.codes import CauseCode, FaultCause
+from tests.fakes.fake_cell import HEAD_DOWN, World, build, permitted
 
 FACTS = [field.name for field in fields(CellBelief)]
 LOAD = (Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0),)
@@ -34,7 +35,7 @@ def everything(holding: bool = True) -> CellBelief:
         "holding": holding,
         "load": LOAD,
     }
-    return CellBelief(**{name: Belief(value, Source.COMMANDED, 1.0) for name, value in values.items()})
+    return CellBelief(**{name: Belief(value, BeliefSource.COMMANDED, 1.0) for name, value in values.items()})
 
 
 def unknown(belief: CellBelief) -> set[str]:
@@ -47,18 +48,18 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "speed_pct"
 @pytest.mark.parametrize(
     ("change", "lost"),
     [
-        (Change.MOVE_BEGUN, PLACE),
-        (Change.GRIPPER_CLOSES, {"closed", "holding"}),
-        (Change.GRIPPER_OPENS, {"closed", "holding"}),
-        (Change.CUT_OFF, {"holding"}),
-        (Change.STOPPED, CONTROLLER),
-        (Change.FAULT_CLEARED, CONTROLLER),
-        (Change.RECONNECTED, CONTROLLER),
-        (Change.RESTARTED, set(FACTS)),
-        (Change.OPERATOR_TYPED, CONTROLLER),
-        (Change.GRIPPER_TYPED, {"closed", "holding", "load"}),
-        (Change.MOVED_BY_OTHERS, PLACE | {"closed"}),
-        (Change.OTHERS_TYPED, set(FACTS)),
+        (VoidingEvent.MOVE_BEGUN, PLACE),
+        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding"}),
+        (VoidingEvent.GRIPPER_OPENS, {"closed", "holding"}),
+        (VoidingEvent.CUT_OFF, {"holding"}),
+        (VoidingEvent.STOPPED, CONTROLLER),
+        (VoidingEvent.FAULT_CLEARED, CONTROLLER),
+        (VoidingEvent.RECONNECTED, CONTROLLER),
+        (VoidingEvent.RESTARTED, set(FACTS)),
+        (VoidingEvent.OPERATOR_TYPED, CONTROLLER),
+        (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "load"}),
+        (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed"}),
+        (VoidingEvent.OTHERS_TYPED, set(FACTS)),
     ],
 )
 def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(change, lost):
@@ -66,10 +67,10 @@ def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(ch
 
 
 def test_every_change_has_its_row():
-    assert set(VOIDS) == set(Change)
+    assert set(VOIDS) == set(VoidingEvent)
 
 
-@given(st.lists(st.sampled_from(list(Change)), min_size=1, max_size=6), st.booleans())
+@given(st.lists(st.sampled_from(list(VoidingEvent)), min_size=1, max_size=6), st.booleans())
 def test_whatever_changes_follow_one_another_nothing_becomes_known_by_them(changes, holding):
     belief = everything(holding)
     for change in changes:
@@ -79,17 +80,17 @@ def test_whatever_changes_follow_one_another_nothing_becomes_known_by_them(chang
 
 
 def test_an_opening_gripper_that_is_believed_empty_stays_empty():
-    assert voided(everything(holding=False), Change.GRIPPER_OPENS).holds_part is False
+    assert voided(everything(holding=False), VoidingEvent.GRIPPER_OPENS).holds_part is False
 
 
 def test_an_empty_gripper_on_an_arm_that_a_pendant_moved_is_only_assumed_to_be_empty():
     """A pendant works the gripper as well: it is opened over the bin before the next pick."""
     believed = everything(holding=False)
     assert not believed.empty_unproven
-    moved = voided(believed, Change.MOVED_BY_OTHERS)
+    moved = voided(believed, VoidingEvent.MOVED_BY_OTHERS)
     assert moved.holds_part is False
     assert moved.empty_unproven
-    assert voided(everything(holding=True), Change.MOVED_BY_OTHERS).holds_part is True
+    assert voided(everything(holding=True), VoidingEvent.MOVED_BY_OTHERS).holds_part is True
 
 
 def test_each_fact_says_how_and_when_it_was_learnt():
@@ -97,9 +98,9 @@ def test_each_fact_says_how_and_when_it_was_learnt():
     beliefs = Beliefs(lambda: now[0], lambda *_, **__: None)
     assert beliefs.now.empty_unproven, "nobody has seen it open yet"
     now[0] = 12.0
-    beliefs.learn(Source.REPORTED, position=READING)
-    beliefs.learn(Source.COMMANDED, closed=False, load=LOAD, tool=np.eye(4))
-    beliefs.learn(Source.OBSERVED, holding=True)
+    beliefs.learn(BeliefSource.REPORTED, position=READING)
+    beliefs.learn(BeliefSource.COMMANDED, closed=False, load=LOAD, tool=np.eye(4))
+    beliefs.learn(BeliefSource.OBSERVED, holding=True)
     told = beliefs.now.json(15.5)
     assert told["position"] == {"value": [0.0, 0.0, 0.0], "how": "reported by the controller", "age_s": 3.5}
     assert told["holding"] == {"value": True, "how": "observed by the cameras", "age_s": 3.5}
@@ -109,22 +110,22 @@ def test_each_fact_says_how_and_when_it_was_learnt():
     assert "speed_pct" not in told
 
 
-@pytest.mark.parametrize("change", list(Change))
+@pytest.mark.parametrize("change", list(VoidingEvent))
 def test_that_a_part_may_be_in_the_gripper_again_is_recorded_where_others_worked_it(change):
     records = []
     beliefs = Beliefs(lambda: 0.0, lambda kind, **fields: records.append((kind, fields)))
     beliefs.void(change)
-    others = change in (Change.GRIPPER_TYPED, Change.OTHERS_TYPED)
+    others = change in (VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED)
     assert records == [("holding", {"held": None})] * others
 
 
 def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_meanwhile():
     beliefs = Beliefs(lambda: 0.0, lambda *_, **__: None)
-    beliefs.learn(Source.REPORTED, position=READING)
-    beliefs.void(Change.MOVE_BEGUN)()
+    beliefs.learn(BeliefSource.REPORTED, position=READING)
+    beliefs.void(VoidingEvent.MOVE_BEGUN)()
     assert beliefs.now.at is READING
-    undo = beliefs.void(Change.MOVE_BEGUN)
-    beliefs.void(Change.STOPPED)
+    undo = beliefs.void(VoidingEvent.MOVE_BEGUN)
+    beliefs.void(VoidingEvent.STOPPED)
     undo()
     assert beliefs.now.at is None
 
@@ -133,9 +134,9 @@ def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_mean
 
 
 def mover_in(world: World) -> Mover:
-    mover = Mover(build(world), Limits(), Arrival(), Allowed())
+    mover = permitted(Mover(build(world), Limits(), Arrival()))
     asyncio.run(mover.rest())
-    mover.beliefs.learn(Source.COMMANDED, speed_pct=30.0, tool=np.eye(4), closed=True, holding=True, load=LOAD)
+    mover.beliefs.learn(BeliefSource.COMMANDED, speed_pct=30.0, tool=np.eye(4), closed=True, holding=True, load=LOAD)
     return mover
 
 
@@ -193,7 +194,7 @@ def test_a_gripper_that_was_held_back_is_tried_again_and_unknown_as_long_as_it_m
 def test_an_arm_that_was_moved_by_others_is_nowhere_and_its_gripper_in_doubt():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    mover.beliefs.learn(Source.COMMANDED, closed=False, holding=False)
+    mover.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False)
     world.before = lambda name: world.at.__setitem__((1, 3), 5.0) if name == "move" else None
     with pytest.raises(MovedByOthersError):
         asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "a test")))
@@ -205,7 +206,7 @@ def supervised() -> Supervisor:
     supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
     supervisor.enable()
     supervisor.mover.beliefs.learn(
-        Source.COMMANDED, position=READING, speed_pct=30.0, tool=np.eye(4), closed=False, holding=True, load=LOAD
+        BeliefSource.COMMANDED, position=READING, speed_pct=30.0, tool=np.eye(4), closed=False, holding=True, load=LOAD
     )
     return supervisor
 
@@ -215,7 +216,7 @@ async def stopped(supervisor: Supervisor) -> None:
 
 
 async def found_faulty(supervisor: Supervisor) -> None:
-    await supervisor.fail("cameras", "no frame")
+    await supervisor.fail("cameras", "no frame", FaultCause(CauseCode.CAMERA_LOST))
 
 
 async def reconnected(supervisor: Supervisor) -> None:

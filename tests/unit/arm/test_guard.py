@@ -12,15 +12,16 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from daemon import frames
 from daemon.arm import guard, motion
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
+from daemon.arm.permit import Grant
 from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
 from drivers.simcell.truth import load_truth
-from tests.fakes.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
+from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, permitted
 
 POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
 LIMITS = Limits(keep_out=(POST,), room_low_mm=(-2000.0, -400.0, -2000.0))
@@ -99,7 +100,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def build(self):
         self.loop = asyncio.new_event_loop()
         self.world = World(np.random.default_rng(1))
-        self.mover = Mover(build(self.world), LIMITS, Arrival(), Allowed())
+        self.mover = permitted(Mover(build(self.world), LIMITS, Arrival()))
         self.look_s = 0.0
         self.judged = 0
         self.wrong: list[str] = []
@@ -107,11 +108,11 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(on=st.sampled_from([True, True, True, False]))
     def enable(self, on):
-        self.mover.leave.enabled = on
+        self.mover.permit.grant(Grant.ALL if on else Grant.NOTHING)
 
     @rule(fault=st.sampled_from([None, None, None, "stopped"]))
     def fault(self, fault):
-        self.mover.leave.hindrance = fault
+        self.mover.permit.fault = fault
 
     @rule()
     def look(self):
@@ -123,7 +124,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule()
     def lose_the_arm(self):
-        self.mover.beliefs.learn(Source.REPORTED, position=None)
+        self.mover.beliefs.learn(BeliefSource.REPORTED, position=None)
 
     @rule()
     def ask_where(self):
@@ -152,7 +153,7 @@ class GuardedMotion(RuleBasedStateMachine):
     def go_to(self, pose, speed, from_look):
         before = self.mover.belief.at
         told = MoveCommand(pose, True, speed, "random", self.look_s if from_look else None)
-        state = (self.mover.leave.enabled, self.mover.leave.hindrance, self.world.now_s)
+        state = (self.mover.permit.enabled, self.mover.permit.hindrance, self.world.now_s)
         try:
             self.loop.run_until_complete(self.mover.go(told))
         except MoveRefusedError:
@@ -205,7 +206,7 @@ class GuardedMotion(RuleBasedStateMachine):
 
     @rule(closed=st.booleans())
     def hand(self, closed):
-        may = self.mover.leave.enabled and self.mover.leave.hindrance is None
+        may = self.mover.permit.enabled and self.mover.permit.hindrance is None
         sent = len(self.world.wire)
         try:
             self.loop.run_until_complete(self.mover.hand(closed))

@@ -10,6 +10,7 @@ import pytest
 
 from daemon.arm.hold import Hold
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
+from daemon.arm.permit import MotionPermit
 
 
 def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -> str:
@@ -35,14 +36,14 @@ def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -
 def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
     said: list[Interruption] = []
     for then, becomes in ((lambda _: None, "waits"), (lambda hold: hold.let_go(), "goes")):
-        hold = Hold(said.append)
+        hold = Hold(MotionPermit(), said.append)
         hold.pause()
         assert waits(hold, False, lambda _, hold=hold, then=then: then(hold)) == becomes
     assert said == [Interruption.PAUSE, Interruption.PAUSE, Interruption.RESUME]
 
 
 def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
-    hold = Hold(lambda _: None)
+    hold = Hold(MotionPermit(), lambda _: None)
     hold.pause()
     decided = hold.pauses
     hold.pause()
@@ -54,7 +55,7 @@ def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
 
 @pytest.mark.parametrize("ask", [False, True])
 def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None:
-    hold = Hold(lambda _: None)
+    hold = Hold(MotionPermit(), lambda _: None)
     hold.step(not ask)
     assert waits(hold, ask, lambda _: None) == "waits"
     assert waits(hold, ask, lambda _: hold.confirm()) == "goes"
@@ -63,7 +64,7 @@ def test_in_step_mode_or_where_told_to_a_move_waits_for_a_yes(ask: bool) -> None
 
 
 def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
-    hold = Hold(lambda _: None)
+    hold = Hold(MotionPermit(), lambda _: None)
     hold.step(True)
 
     def paused_before_the_yes(_: object) -> None:
@@ -74,7 +75,7 @@ def test_a_yes_sends_nothing_that_a_pause_holds_by_then() -> None:
 
 
 def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
-    hold = Hold(lambda _: None)
+    hold = Hold(MotionPermit(), lambda _: None)
     with pytest.raises(RefusedError, match="no move is waiting"):
         hold.confirm()
     hold.step(True)
@@ -88,13 +89,13 @@ def test_a_second_answer_and_one_to_nothing_are_refused() -> None:
 
 
 def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None:
-    hold = Hold(lambda _: None)
+    hold = Hold(MotionPermit(), lambda _: None)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold.again
+    assert not hold._permit.held
     for said in (hold.pause, lambda: hold.step(True)):
         said()
-        assert hold.again
+        assert hold._permit.held
     hold.let_go()
     hold.step(False)
     assert waits(hold, False, lambda _: None) == "goes"
-    assert not hold.again
+    assert not hold._permit.held

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm.belief import Change, Source
+from daemon.arm.belief import BeliefSource, VoidingEvent
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
-from tests.fakes.fake_cell import ARM, HEAD_DOWN, Allowed, World, build
+from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, permitted
 
 START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 
@@ -64,21 +64,21 @@ CARRIED = Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0)
 
 
 def mover_in(world: World, gate=None, **limits) -> Mover:
-    mover = Mover(build(world), Limits(**limits), Arrival(), Allowed(), *([gate] if gate else []))
+    mover = permitted(Mover(build(world), Limits(**limits), Arrival(), *([gate] if gate else [])))
     asyncio.run(mover.rest())
     return mover
 
 
 def disable(mover: Mover, world: World) -> None:
-    mover.leave.enabled = False
+    mover.permit.withdraw()
 
 
 def stop(mover: Mover, world: World) -> None:
-    mover.leave.hindrance = "stopped"
+    mover.permit.fault = "stopped"
 
 
 def lose(mover: Mover, world: World) -> None:
-    mover.beliefs.learn(Source.REPORTED, position=None)
+    mover.beliefs.learn(BeliefSource.REPORTED, position=None)
 
 
 def age(mover: Mover, world: World) -> None:
@@ -111,7 +111,7 @@ def test_a_move_that_is_refused_before_is_not_held_back_first():
         asked.append(told)
 
     mover = mover_in(world, gate)
-    mover.leave.enabled = False
+    mover.permit.withdraw()
     with pytest.raises(MoveRefusedError):
         asyncio.run(mover.go(command(NEAR, False, 50.0)))
     assert not asked
@@ -276,7 +276,7 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
     asyncio.run(mover.go(command(NEAR, False, 50.0)))
     mover.cell.robot.move = flipped
     asyncio.run(mover.rest())
-    with pytest.raises(NotAtTargetError, match="told to turn over"):
+    with pytest.raises(NotAtTargetError, match="FLIP, LEFTY or BELOW"):
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
 
@@ -320,7 +320,7 @@ def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     mover = mover_in(world)
     asyncio.run(mover.hand(closed=True))
     assert [record["sent"] for record in world.said("hand")] == [True]
-    mover.beliefs.learn(Source.COMMANDED, load=(CARRIED,))
+    mover.beliefs.learn(BeliefSource.COMMANDED, load=(CARRIED,))
     asyncio.run(mover.hand(closed=True))
     assert CARRIED in mover.bounds.capsules
     asyncio.run(mover.hand(closed=False))
@@ -411,7 +411,7 @@ def test_what_is_held_back_as_it_is_typed_is_told_to_be_before_it_is_told_again(
 
 def test_an_arm_that_is_exactly_where_it_was_sent_is_there_however_little_it_may_be_off():
     world = World(np.random.default_rng(0))
-    mover = Mover(build(world), Limits(), Arrival(within_mm=0.0, within_deg=0.0), Allowed())
+    mover = permitted(Mover(build(world), Limits(), Arrival(within_mm=0.0, within_deg=0.0)))
 
     here = asyncio.run(mover.rest())
 
@@ -486,7 +486,7 @@ def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_spe
 def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
-    mover.beliefs.void(Change.STOPPED)
+    mover.beliefs.void(VoidingEvent.STOPPED)
     with pytest.raises(MoveRefusedError, match="arm_lost"):
         asyncio.run(mover.travel(NEAR, "a test", lambda _: 50.0))
     assert not world.wire

@@ -9,15 +9,16 @@ import pytest
 
 from daemon import frames
 from daemon.arm import route
-from daemon.arm.belief import Beliefs, Source
+from daemon.arm.belief import Beliefs, BeliefSource
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
+from daemon.arm.permit import MotionPermit
 from daemon.arm.route import planned_way
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
-from tests.fakes.fake_cell import Allowed
+from tests.fakes.fake_cell import permitted
 from tests.fakes.swept import ARM, ROBOT, Travel, truth_of
 
 POST = KeepOut("post", (540.0, -30.0, -300.0), (580.0, 30.0, -120.0))
@@ -149,6 +150,8 @@ class Jumping:
     def __init__(self, at):
         self.at, self.sent = at, []
         self.kinematics, self.beliefs = ROBOT, Beliefs(lambda: 0.0, Log().record)
+        self.permit = MotionPermit()
+        self.permit.stop_seen = 1
 
     async def rest(self):
         return self.at
@@ -163,8 +166,8 @@ class Jumping:
 def mover_at(pose, limits=LIMITS):
     robot = Jumping(reading(pose))
     cell = Workcell(robot, None, Log(), lambda: 0.0, None, np.eye(4), asyncio.to_thread)
-    mover = Mover(cell, limits, Arrival(), Allowed())
-    mover.beliefs.learn(Source.REPORTED, position=robot.at)
+    mover = permitted(Mover(cell, limits, Arrival()))
+    mover.beliefs.learn(BeliefSource.REPORTED, position=robot.at)
     return mover, robot
 
 
@@ -197,7 +200,7 @@ def test_the_whole_way_is_asked_about_again_after_the_gate_and_from_where_the_ar
     mover, robot = mover_at(hand(560, 100, -180))
 
     async def moved_meanwhile(*_):
-        mover.beliefs.learn(Source.REPORTED, position=reading(LEFT))
+        mover.beliefs.learn(BeliefSource.REPORTED, position=reading(LEFT))
 
     mover.gate = moved_meanwhile
     with pytest.raises(MoveRefusedError, match="kept_out"):

@@ -1,6 +1,6 @@
 """The speed that a move near a part is given."""
 
-from daemon.arm.speed import speed_pct
+from daemon.arm.paths import speed_pct
 
 
 def test_speed_falls_towards_the_part():

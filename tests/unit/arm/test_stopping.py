@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm.permit import MotionPermit
 from daemon.arm.stopping import Stopping
 from daemon.arm.workcell import StopRefusedError
 
@@ -18,6 +19,7 @@ class Arm:
 
     def __init__(self, *answers: Exception | None) -> None:
         self.answers, self.told = iter(answers), 0
+        self.permit = MotionPermit()
         self._last: Exception | None = None
 
     async def abort(self) -> None:
@@ -40,8 +42,10 @@ def stopped(arm: Any, said: list[str | None]) -> tuple[str | None, bool]:
         stopping = Stopping(lambda: arm, said.append)
         assert stopping.tell("jog")
         assert not stopping.tell("jog"), "who comes later joins in"
+        assert arm.permit.stopping
         outcome = await stopping.outcome()
         over = not stopping.under_way
+        assert arm.permit.stopping is not over, "nothing is permitted to move until it is over"
         assert stopping.alarm is (outcome is not None and not over)
         if not over and arm.told < 2:
             arm.answers = iter([None])

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ import pytest
 from daemon import frames
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
-from daemon.arm.operators import Interruption, Let, OperatorRefusedError, RefusedError, said
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
+from daemon.arm.permit import Grant
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import StopRefusedError
@@ -186,14 +188,14 @@ def test_one_job_at_a_time_and_nothing_is_switched_under_it():
 def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
     world, supervisor, heard = supervised()
     asyncio.run(supervisor.stop())
-    with pytest.raises(RefusedError, match="say `resume`"):
+    with pytest.raises(RefusedError, match="`resume`"):
         supervisor.may_move()
     supervisor.resume()
     supervisor.may_move()
     assert [what for what, _ in heard] == [Interruption.STOP, Interruption.RESUME]
 
     def early() -> None:
-        with pytest.raises(RefusedError, match="still being stopped"):
+        with pytest.raises(RefusedError, match="still stopping the arm"):
             supervisor.resume()
 
     async def stop_and_resume() -> None:
@@ -309,7 +311,7 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
         with said("pick", supervisor.stops):
             await supervisor.run("pick", leaving())
             await supervisor.abort()
-            with pytest.raises(RefusedError, match="meanwhile it was stopped again; say `pick` once more"):
+            with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile; say `pick` once more"):
                 await supervisor.run("pick", work())
             assert await supervisor.run("look", work("seen"), moves=False) == "seen"
         assert await supervisor.run("pick", work()) == "done"
@@ -392,7 +394,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         assert supervisor.status()["pending"] == "CAL"
-        supervisor.mover.cell.robot.stop_seen = 0  # the line was opened anew
+        supervisor.mover.cell.robot.permit.stop_seen = 0  # the line was opened anew
         supervisor.hold.confirm()
         with pytest.raises(RefusedError, match="not enabled"):
             await task
@@ -524,7 +526,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
         stopping = asyncio.create_task(supervisor.stop("by ann"))
         await asyncio.sleep(0.01)
         for word in (supervisor.resume, supervisor.enable):
-            with pytest.raises(RefusedError, match="still being stopped"):
+            with pytest.raises(RefusedError, match="still stopping the arm"):
                 word()
         assert supervisor.fault == "stopped by ann"
         assert not stopping.done()
@@ -569,7 +571,7 @@ def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands()
     asyncio.run(supervisor.stop("by ann"))
     seen = supervisor.stops
     asyncio.run(supervisor.stop("by ann"))
-    with pytest.raises(RefusedError, match="stopped again"):
+    with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile"):
         supervisor.resume(seen)
     assert supervisor.fault == "stopped by ann"
 
@@ -739,19 +741,19 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
 def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
     world, supervisor, _ = supervised(enabled=False)
     robot = supervisor.mover.cell.robot
-    robot.stop_seen = 0
+    robot.permit.stop_seen = 0
 
     async def story() -> None:
-        with pytest.raises(RefusedError, match="no stop of this arm was seen to work"):
+        with pytest.raises(RefusedError, match="has not seen the stop work"):
             supervisor.enable()
         await supervisor.prove_stop()
         supervisor.enable()
         await supervisor.mover.rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
-        robot.stop_seen = 0  # as after the line was opened anew
+        robot.permit.stop_seen = 0  # as after the line was opened anew
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.go(MoveCommand(HEAD_DOWN, False, 50.0, "a test"))
-        with pytest.raises(RefusedError, match="say `enable`"):
+        with pytest.raises(RefusedError, match="`enable`"):
             await supervisor.by_hand("CAL", lambda: endless(world))
 
     asyncio.run(story())
@@ -778,10 +780,10 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
 def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
     world, supervisor, _ = supervised()
     robot = supervisor.mover.cell.robot
-    robot.stop_seen = 0  # the controller was switched off and on
+    robot.permit.stop_seen = 0  # the controller was switched off and on
 
     def hook(_: str) -> None:
-        robot.stop_seen = 2
+        robot.permit.stop_seen = 2
 
     world.before = hook
     asyncio.run(supervisor.stop())
@@ -791,7 +793,7 @@ def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
 
 def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller_and_no_move_of_ours():
     world, supervisor, _ = supervised(enabled=False)
-    supervisor.enable(let=Let.BY_HAND)
+    supervisor.enable(grant=Grant.BY_HAND)
 
     async def story() -> None:
         await supervisor.mover.rest()
@@ -965,12 +967,12 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
         tried.append(True)
         raise StopRefusedError("the controller does not take the word HALT")
 
-    robot.stop_seen, robot.prove_stop = 0, prove_stop
+    robot.permit.stop_seen, robot.prove_stop = 0, prove_stop
 
     async def story() -> None:
         with pytest.raises(StopRefusedError, match="HALT"):
             await supervisor.prove_stop()
-        robot.stop_seen = 2
+        robot.permit.stop_seen = 2
         await supervisor.prove_stop()
 
     asyncio.run(story())
@@ -1017,12 +1019,12 @@ def test_the_end_waits_for_rest_beyond_the_alarm(soon):
     assert len(told) == 13
 
 
-@pytest.mark.parametrize("let", [Let.ALL, Let.BY_HAND, None])
+@pytest.mark.parametrize("let", [Grant.ALL, Grant.BY_HAND, None])
 def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_of_ours_has_it(let):
     """A program that an operator started at the controller goes on without any job of ours."""
     world, supervisor, _ = supervised(enabled=False)
     if let is not None:
-        supervisor.enable(let=let)
+        supervisor.enable(grant=let)
     asyncio.run(supervisor.disable())
     assert [name for name, _ in world.wire] == ([] if let is None else ["abort"])
     assert not supervisor.enabled
@@ -1084,12 +1086,12 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
 
     async def story() -> None:
         await supervisor.close()
-        with pytest.raises(RefusedError, match="the daemon ends"):
+        with pytest.raises(RefusedError, match="shutting down"):
             supervisor.enable()
         await supervisor.mover.rest()
         with pytest.raises(MoveRefusedError, match="not_enabled"):
             await supervisor.mover.travel(NEAR, "late", lambda _: 20.0)
-        with pytest.raises(RefusedError, match="say `enable`"):
+        with pytest.raises(RefusedError, match="`enable`"):
             supervisor.may_move()
 
     asyncio.run(story())
@@ -1116,7 +1118,7 @@ def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
 
 def test_other_limits_and_another_cell_hold_from_the_next_move_on():
     world, supervisor, _ = supervised()
-    other, arrival = build(world), Arrival(timeout_s=7.0)
+    other, arrival = replace(build(world), robot=supervisor.mover.cell.robot), Arrival(timeout_s=7.0)
     supervisor.refit(other, Limits(max_speed_pct=10.0), arrival)
     assert (supervisor.mover.cell, supervisor.mover.arrival) == (other, arrival)
 
@@ -1215,7 +1217,7 @@ def test_every_stop_ends_when_the_job_has_ended_and_until_then_it_is_under_way()
             stopping = asyncio.create_task(supervisor.abort())
             await asyncio.sleep(0.03)
             assert supervisor.stopping
-            assert supervisor.hindrance == "being stopped (aborted by the operator)"
+            assert supervisor.permit.hindrance == "being stopped (aborted by the operator)"
             await stopping
             assert not supervisor.busy
             assert not supervisor.stopping
@@ -1332,7 +1334,7 @@ def test_what_the_gate_has_let_go_is_held_back_by_what_is_said_until_its_last_by
     def hook(what: str) -> None:
         if what == "move":
             act(supervisor)
-            asked.append(supervisor.mover.cell.robot.held())
+            asked.append(supervisor.mover.cell.robot.permit.withheld)
 
     async def story() -> None:
         await supervisor.mover.rest()

@@ -24,6 +24,7 @@ from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.conversation import Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link
@@ -43,7 +44,10 @@ def line() -> Iterator[ArmLine]:
 
 
 def arm_of(link: Link, geometry: ArmGeometry) -> ArmOnLink:
-    return ArmOnLink(link, geometry, Beliefs(link.clock, Mock()))
+    """One that nobody withholds motion from."""
+    arm: Any = ArmOnLink(link, geometry, Beliefs(link.clock, Mock()))
+    arm.permit = link.permit = Unconditional()
+    return arm
 
 
 @asynccontextmanager
@@ -249,7 +253,7 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: Arm
             for word in (arm.prove_stop, arm.abort):
                 with pytest.raises(StopRefusedError, match=r"HALT \(it says `\*Illegal command\*`\)"):
                     await word()
-            assert not arm.stop_seen
+            assert not arm.permit.stop_seen
 
     asyncio.run(story())
 
@@ -351,7 +355,7 @@ def test_the_yes_to_a_programs_question_is_over_when_the_arm_rests_and_the_progr
         await arm.power_up(["Y"])
         assert controller.machine.at_rest()
         assert np.allclose(controller.arm.joints_at(line.now_s()), READY_RAD)
-        assert arm.stop_seen
+        assert arm.permit.stop_seen
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         runner.run(story())

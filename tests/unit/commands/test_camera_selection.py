@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from daemon.arm import EyeName, RefusedError, said
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.commands.camera_selection import cameras
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.moving import resume
@@ -219,7 +219,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         if hindrance == "disabled":
             await here.cycle.supervisor.disable()
         if hindrance == "hand":
-            here.cycle.beliefs.learn(Source.COMMANDED, holding=None)
+            here.cycle.beliefs.learn(BeliefSource.COMMANDED, holding=None)
         going = asyncio.create_task(CycleObserver(context, Service(CONFIG, simulated=True).beside).go_on_with_one_eye())
         if hindrance == "stopped":
             await asyncio.sleep(0)

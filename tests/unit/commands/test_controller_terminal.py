@@ -16,7 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm import capsule_around
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
 from daemon.cell.no_arm import CellError
 from daemon.commands.controller_terminal import SPOIL, Typist, shown
@@ -37,7 +37,7 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     cycle = PickCycle(build(World(np.random.default_rng(0))), Settings())
     if enabled:
         cycle.supervisor.enable()
-    cycle.supervisor.fault = fault
+    cycle.supervisor.permit.fault = fault
     robot = SimpleNamespace(asks_whether_to_move=False)
     hardware = SimpleNamespace(clock=count().__next__, robot=robot)
     return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
@@ -108,7 +108,7 @@ def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_s
     """A part that was known to be in it stood for whatever was put there instead, however long."""
     context = standing()
     known = capsule_around(np.eye(3), "a part")
-    context.cycle.supervisor.mover.beliefs.learn(Source.COMMANDED, load=(known,))
+    context.cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, load=(known,))
     typed(context, b"DO MOVE P1\r", b"y")
     assert context.cycle.supervisor.mover.belief.capsules == (known,)
     typed(context, b"DO CLOSEI\r", b"y")
@@ -154,7 +154,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     elif meanwhile == "fault":
         supervisor.latch("stopped by bob")
     elif meanwhile == "line opened anew":
-        supervisor.mover.cell.robot.stop_seen = 0
+        supervisor.mover.cell.robot.permit.stop_seen = 0
     typist.typed(b"y", sent.extend)
     assert (bytes(sent) == b"DO READY\r") is (meanwhile == "nothing")
     assert ("not sent" in frontend.said[-1]) is (meanwhile != "nothing")

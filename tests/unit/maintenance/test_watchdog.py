@@ -15,6 +15,7 @@ from unittest.mock import AsyncMock, Mock, patch
 
 import pytest
 
+from daemon.arm.permit import Grant, MotionPermit
 from daemon.cell import build as cell
 from daemon.console.context import CommandContext
 from daemon.events.codes import CauseCode, FaultCause
@@ -34,7 +35,9 @@ class WatchedCell:
         self.causes: list[CauseCode] = []
         self.line_opened_anew = Mock()
         self.camera_fails = False
-        self.let = True
+        self.permit = MotionPermit()
+        self.permit.stop_seen = 1
+        self.permit.grant(Grant.ALL)
         self.notes: list[str] = []
         health = SimpleNamespace(camera_silence_s=0.2, arm_check_s=0.1)
         log = SimpleNamespace(quota_mb=10, keep_free_mb=0, roll_mb=1)
@@ -116,7 +119,8 @@ def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it
 
 def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path: Path) -> None:
     async def play(watched: WatchedCell, _: Watchdog) -> None:
-        watched.let, watched.camera_fails = False, True
+        watched.permit.withdraw()
+        watched.camera_fails = True
         await asyncio.sleep(0.8)
         assert "cameras" in watched.context.troubles.standing
 
@@ -349,7 +353,7 @@ def test_a_computer_that_slept_does_not_go_on_where_it_was(
 ) -> None:
     """The clock that looks are timed by stands still meanwhile: an auto went on an hour later by what it saw before."""
     watched = WatchedCell(tmp_path)
-    watched.let = enabled
+    watched.permit.grant(Grant.ALL if enabled else Grant.NOTHING)
 
     async def story() -> None:
         one = Watchdog(watched.context)

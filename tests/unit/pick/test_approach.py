@@ -1,12 +1,10 @@
 """The approach, state by state: what is skipped, what is planned again, what closes all motion, who is blamed."""
 
-import asyncio
-
 import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MovedByOthersError, MoveRefusedError
 from daemon.pick import approach
 from daemon.pick.transitions import PickEvent, PickState
@@ -49,7 +47,7 @@ def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.STOP_N, context, world)
-    context.mover.beliefs.learn(Source.COMMANDED, closed=known)
+    context.mover.beliefs.learn(BeliefSource.COMMANDED, closed=known)
     sent = len(fake.wire)
     assert step(context, world, PickState.STOP_N) is PickEvent.THERE
     names = [name for name, _ in fake.wire[sent:]]
@@ -72,7 +70,7 @@ def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():
 def test_where_all_motion_is_closed_no_part_is_blamed(state):
     context, world = begun(one_part())
     brought_to(state, context, world)
-    asyncio.run(context.mover.leave.disable())
+    context.mover.permit.withdraw()
     with pytest.raises(MoveRefusedError, match="not_enabled"):
         step(context, world, state)
     assert not world.skipped

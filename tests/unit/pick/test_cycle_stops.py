@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.events.codes import CauseCode, FaultCause
@@ -503,7 +503,7 @@ def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_ho
         stopping.append(asyncio.create_task(cycle.supervisor.stop()))
         await asyncio.sleep(60.0)
 
-    cycle.beliefs.learn(Source.COMMANDED, holding=False if closed else None)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=False if closed else None)
     cycle.cell.robot.hand = hand
 
     async def story():
@@ -521,7 +521,7 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
     """In a dry run `hand open` had the part in it forgotten."""
     world = World(np.random.default_rng(0))
     cycle = cycle_of(world)
-    cycle.beliefs.learn(Source.COMMANDED, holding=full)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=full)
     if why == "dry":
         cycle.supervisor.dry(True)
         asyncio.run(cycle.hand(closed))

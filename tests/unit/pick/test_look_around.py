@@ -7,7 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import PickCycle
 from daemon.pick.world import WorldModel
@@ -79,12 +79,12 @@ def test_it_may_not_start_where_a_pick_may_not() -> None:
 
 
 @pytest.mark.parametrize(
-    ("held", "told"), [(True, "a part is in the gripper"), (None, "it is not known whether a part")]
+    ("held", "told"), [(True, "a part is in the gripper"), (None, "does not know whether the gripper holds a part")]
 )
 def test_with_a_part_in_the_hand_nothing_is_gone_round(held: bool | None, told: str) -> None:
     """The cameras see it; it was taken for a part that lies there, and the arm went round its own hand."""
     world, cycle = nameless()
-    cycle.beliefs.learn(Source.COMMANDED, holding=held)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=held)
     with pytest.raises(RefusedError, match=told):
         asyncio.run(cycle.look_around(1))
     with pytest.raises(RefusedError, match=told):

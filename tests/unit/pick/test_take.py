@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import capsule_around
-from daemon.arm.belief import Source
+from daemon.arm.belief import BeliefSource
 from daemon.pick import take
 from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
@@ -131,7 +131,7 @@ def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
 def test_a_part_that_may_be_in_the_hand_and_nobody_saw_how_is_guarded_any_way_round(held):
     """After a restart, or a hand closed by a word: what hung below the fingers was not guarded at all."""
     cycle = cycle_of(one_part())
-    cycle.beliefs.learn(Source.COMMANDED, holding=held)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=held)
     asyncio.run(cycle.go("home"))
     mover = cycle.supervisor.mover
     (carried,) = mover.belief.capsules
@@ -152,7 +152,7 @@ def test_what_was_taught_since_may_be_in_the_hand_as_well():
     cycle = cycle_of(one_part())
     by_length = sorted(parts.TAUGHT, key=lambda label: np.linalg.norm(np.ptp(shape_of(label).corners_mm, axis=0)))
     radii = []
-    cycle.beliefs.learn(Source.COMMANDED, holding=None)
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=None)
     for labels in (by_length[:1], by_length, by_length[:1]):
         cycle.use(TruthRecogniser(World(np.random.default_rng(0)), tuple(labels)))
         asyncio.run(cycle.go("home"))
@@ -163,7 +163,7 @@ def test_what_was_taught_since_may_be_in_the_hand_as_well():
 
 def test_what_an_operator_sees_to_be_empty_carries_nothing():
     cycle = cycle_of(one_part())
-    cycle.supervisor.mover.beliefs.learn(Source.COMMANDED, load=(capsule_around(np.eye(3), "a part"),))
+    cycle.supervisor.mover.beliefs.learn(BeliefSource.COMMANDED, load=(capsule_around(np.eye(3), "a part"),))
     cycle.holding(True)
     assert cycle.supervisor.mover.belief.capsules
     cycle.holding(False)

@@ -429,6 +429,6 @@ def test_a_daemon_told_to_end_while_it_opens_its_devices_lets_it_bring_an_arm_at
         done.append("closed")
 
     hardware = SimpleNamespace(open=opened, close=closed)
-    monkeypatch.setattr(build_room, "build", lambda *_: hardware)
+    monkeypatch.setattr(build_room, "build", lambda *_, **__: hardware)
     assert asyncio.run(service.run()) == 0
     assert done == ["at rest", "closed"]

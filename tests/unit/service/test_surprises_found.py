@@ -125,7 +125,7 @@ def test_a_resume_said_while_the_arm_is_being_stopped_asks_nothing_and_clears_no
     story.sockets[1].say("stop")
     story.sockets[0].say("resume")
     story.wait(0.02)
-    assert any("still being stopped" in text for text in story.texts)
+    assert any("still stopping the arm" in text for text in story.texts)
     assert story.sockets[0].question is None
     story.wait(2.0)
     assert story.violations() == ()
@@ -340,7 +340,7 @@ def test_a_yes_to_walk_round_a_part_is_void_where_the_arm_was_stopped_since_it_w
     assert "Move the arm?" in (story.sockets[0].question or (0, ""))[1]
     story.sockets[0].answer("y")
     story.wait(2.0)
-    assert any("meanwhile it was stopped" in text for text in story.texts)
+    assert any("somebody stopped the arm meanwhile" in text for text in story.texts)
     assert story.cell.controller.machine.at_rest()
     assert story.violations() == ()
 
@@ -553,7 +553,7 @@ def test_an_arm_whose_controller_was_switched_off_is_enabled_by_nothing_but_enab
     story.wait(2.0)
     context = story._service.context
     assert context is not None
-    assert context.hardware.robot.stop_seen
+    assert context.hardware.robot.permit.stop_seen
     assert not context.cycle.status()["enabled"]
     assert story.violations() == ()
 
@@ -588,7 +588,7 @@ def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabl
     if story.sockets[0].question is not None:
         story.sockets[0].answer("y")
     story.wait(3.0)
-    assert "the arm is not enabled: say `enable`" in story.texts
+    assert "the arm is not enabled: enable it first, `enable`" in story.texts
     assert not story.cell.controller.machine.calibrated
     assert story.violations() == ()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from drivers.val2.conversation import Answer, Conversation
+from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted
 from drivers.val2.wire import ControllerQuestion, Prompt, Reader
@@ -28,7 +28,7 @@ class Line:
         self.sent: list[tuple[float, bytes, bytes]] = []
         self._line, self._silence = b"", None
         self._reader = Reader()
-        self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time)
+        self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time, Unconditional())
 
     @property
     def typed(self) -> bytes:
@@ -66,11 +66,11 @@ class Line:
 def asked(line_of: Callable[[], Line], command: str, replies: tuple[str, ...] = (), timeout_s: float = 5.0) -> Any:
     """The line afterwards, what came of it, and how long it took, s."""
 
-    async def story() -> tuple[Line, Answer | Exception, float]:
+    async def story() -> tuple[Line, ControllerAnswer | Exception, float]:
         line = line_of()
         began_s = line.loop.time()
         try:
-            came: Answer | Exception = await line.talk.ask(command, replies, timeout_s)
+            came: ControllerAnswer | Exception = await line.talk.ask(command, replies, timeout_s)
         except Exception as error:
             came = error
         return line, came, line.loop.time() - began_s
@@ -148,7 +148,7 @@ def test_noise_within_an_answer_spoils_it() -> None:
 )
 def test_only_one_plain_line_no_longer_than_the_controller_takes_is_typed(text: str, sent: bool) -> None:
     line, came, _ = asked(lambda: Line({text.encode("latin-1"): b"."}, line_limit=20), text)
-    assert isinstance(came, Answer if sent else ValueError)
+    assert isinstance(came, ControllerAnswer if sent else ValueError)
     assert line.typed == (text.encode() + b"\r" if sent else b"")
 
 
@@ -220,7 +220,7 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
         line = Line({})
         line.echoes, line.says = lambda data: b"", {}
         line._take = lambda data, kept: None  # type: ignore[method-assign]
-        line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time)
+        line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional())
         with pytest.raises(NoAnswer, match="no prompt after 2 attempts; is the controller on") as told:
             await line.talk.resynchronise(2)
         return told.value

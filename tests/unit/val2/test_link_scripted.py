@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from drivers.val2.conversation import Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     ControllerError,
@@ -693,6 +694,12 @@ def test_a_word_that_is_refused_behind_what_the_controller_says_by_itself_is_ref
     assert lived(story()) == ("the controller does not take the word ABORT (it says `*What?*`)", 0)
 
 
+class Withheld(Unconditional):
+    """Nobody permits motion."""
+
+    withheld = True
+
+
 @pytest.mark.parametrize("told", [PROMPT, "\r\n*Emergency stop*" + PROMPT])
 def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and_what_was_told_meanwhile_is_not_lost(
     told: str,
@@ -700,8 +707,8 @@ def test_a_line_that_moves_and_is_held_back_is_taken_back_before_it_is_ended_and
     async def story() -> tuple[list[str], bytes, str]:
         port = Scripted(usual)
         link = linked(port)
+        link.permit = Withheld()
         await link.open()
-        link.held = lambda: True
         port.at_first = told
         await link.speed(30)
         with pytest.raises((HeldBack, ControllerError)) as raised:

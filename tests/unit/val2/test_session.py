@@ -10,7 +10,7 @@ import pytest
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
-from drivers.val2.session import Session
+from drivers.val2.session import LineSession
 from drivers.val2.wire import Prompt, Text
 from tests.fakes.in_time import lived
 
@@ -25,7 +25,7 @@ class Wire:
         self.answers: list[tuple[float, bytes]] = []
         """What is said to the next thing that is typed, and how long after it."""
         self.records: list[dict[str, Any]] = []
-        self.session = Session(
+        self.session = LineSession(
             "wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened, lambda: None, lambda: None
         )
 

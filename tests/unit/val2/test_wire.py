@@ -17,8 +17,8 @@ from drivers.val2.wire import (
     Prompt,
     Reader,
     ReaderState,
-    Table,
     Text,
+    WhereTable,
 )
 
 WHERE_ANSWER = (
@@ -135,7 +135,7 @@ def test_a_second_dot_behind_a_prompt_is_no_prompt() -> None:
 def test_where_gives_the_place_and_the_joints() -> None:
     table, prompt = after(WHERE_ANSWER, b".")
     assert isinstance(prompt, Prompt)
-    assert isinstance(table, Table)
+    assert isinstance(table, WhereTable)
     assert table.where.location == Location(520.0, -0.5, -100.0, 0.0, 90.0, -12.345)
     assert table.where.joints_deg == (16.772, 42.692, -195.32, 0.0, -27.373, 106.772)
 
@@ -150,7 +150,7 @@ def test_a_spoiled_table_is_text_and_never_a_place(spoiled: bytes, by: bytes) ->
 
 def test_a_table_begun_anew_counts_from_the_new_beginning() -> None:
     lines = WHERE_ANSWER.splitlines(keepends=True)
-    assert kinds(after(lines[0], lines[1], WHERE_ANSWER, b".")) == ["Text", "Text", "Table", "Prompt"]
+    assert kinds(after(lines[0], lines[1], WHERE_ANSWER, b".")) == ["Text", "Text", "WhereTable", "Prompt"]
 
 
 def test_a_table_cut_short_by_the_prompt_is_text() -> None:
@@ -258,7 +258,7 @@ def test_an_endless_line_is_text_and_does_not_grow() -> None:
 def test_silence_in_the_middle_of_a_table_does_not_break_it() -> None:
     table = b" X Y Z O A T\r\n 1 2 3 4 5 6\r\n JT1 JT2 JT3 JT4 JT5 JT6\r\n 1 2 3 4 5 6\r\n"
     reader = Reader()
-    assert kinds(reader.receive(table[:30]) + reader.silence() + reader.receive(table[30:])) == ["Table"]
+    assert kinds(reader.receive(table[:30]) + reader.silence() + reader.receive(table[30:])) == ["WhereTable"]
 
 
 def test_a_question_that_ended_its_line_is_asked_once() -> None:
@@ -274,7 +274,7 @@ def test_a_where_with_one_header_for_both_lines_is_a_table_with_or_without_the_h
     place = b" 520.00 -.50 -100. 0.000 90.000 0.000" + b" 90.0" * hand
     events = reader.receive(header + b"\r\n" + place + b"\r\n 1 -2.5 3 4 .5 -6\r\n")
     (table,) = events
-    assert isinstance(table, Table)
+    assert isinstance(table, WhereTable)
     assert table.where.location.values() == (520.0, -0.5, -100.0, 0.0, 90.0, 0.0)
     assert table.where.joints_deg == (1.0, -2.5, 3.0, 4.0, 0.5, -6.0)
 

@@ -8,7 +8,7 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, LineFault, Manners, Mishap
 from drivers.simcell.controller.manners import drawn
 from drivers.val2.location import apart, location_from_matrix
-from drivers.val2.wire import Location, Prompt, Reader, Table
+from drivers.val2.wire import Location, Prompt, Reader, WhereTable
 from tests.bench.fuzz_val2 import fuzz_controller, fuzz_reader, pieces
 
 TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"
@@ -64,7 +64,7 @@ def test_where_is_the_table_clients_count_from_its_end(terminal: Terminal) -> No
     np.testing.assert_allclose([float(v) for v in lines[3].split()], np.degrees(NEST_RAD), atol=1e-3)
     reader = Reader()
     events = reader.receive(answer.encode()) + reader.silence()
-    assert [type(event) for event in events] == [Table, Prompt]
+    assert [type(event) for event in events] == [WhereTable, Prompt]
 
 
 @pytest.mark.parametrize("end", ["\r", "\n\r", "\r\n"])
@@ -464,7 +464,7 @@ def test_every_manner_that_may_be_drawn_answers_where_so_that_our_reader_reads_i
             controller.receive(bytes([byte]), 1.0 + 0.1 * k)
         controller.tick(3.0)
         events = reader.receive(controller.output(3.0)) + reader.silence()
-        table, prompt = next(e for e in events if isinstance(e, Table)), events[-1]
+        table, prompt = next(e for e in events if isinstance(e, WhereTable)), events[-1]
         assert isinstance(prompt, Prompt)
         np.testing.assert_allclose(
             manners.joints_rad(np.array(table.where.joints_deg)), READY_RAD, atol=np.radians(0.51 * 10**-2)
