@@ -61,7 +61,7 @@ ELSEWHERE = (
 """What is not typed here: how it begins, what tries it instead, why."""
 REFUSED = {
     "robot cal": "*Arm power off*",
-    "robot power-up": "the controller asks nothing",
+    "robot power-up": "the controller asks no power-up question",
     "model use": "in use already",
     "notices": "that is for `facetctl console`",
     "calibrate": "kind of calibration",
@@ -106,6 +106,8 @@ def is_typed(text: str, guide: str) -> bool:
     first = text.split()[0]
     if first in ("facetctl", "facetd"):
         return len(text.split()) > 1
+    if first in ("no", "yes"):  # a message begins so; as an answer it is typed where something is asked
+        return False
     if guide == "RUNS.md":  # its tables name records and their fields by the same words
         return False
     return first in COMMANDS or any(re.match(begins, text) for begins, _, _ in ELSEWHERE) or text in ("sto", "STOP!")
