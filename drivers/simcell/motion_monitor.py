@@ -137,7 +137,7 @@ class MotionMonitor:
         self._by_hand: dict[str, float] = {}
         self._others: dict[str, float] = {}
         self._others_moved_s = float("-inf")
-        """When a motion of somebody else's ended last."""
+        """When a motion of somebody else's began last."""
         self._left_mm: dict[str, float] = {}
         """How deep, by rule, the arm still is where a person's own line has left it."""
         self._read = 0
@@ -216,7 +216,7 @@ class MotionMonitor:
         if self._of_others(event):
             if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
-                self._others_moved_s = event.motion.ends_s
+                self._others_moved_s = event.began_s
         elif isinstance(event, StopRecord):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)

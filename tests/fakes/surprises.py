@@ -85,7 +85,7 @@ def words() -> st.SearchStrategy[str]:
 BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,19,90",
           "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG")  # fmt: skip
 """What another terminal types."""
-JOGS_DEG = st.sampled_from([-40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0])
+JOGS_DEG = st.sampled_from([-90.0, -40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0, 90.0])
 FRONTEND, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
 """What the arm was sent to do, and how long ago."""
@@ -265,12 +265,12 @@ class Surprises(RuleBasedStateMachine):
         self.send_off(going)
         self.there.type_beside(text)
 
-    @rule(joint=st.integers(0, 5), degrees=JOGS_DEG, seconds=SECONDS, going=GOING)
+    @rule(joint=st.integers(0, 5), degrees=JOGS_DEG, seconds=SECONDS, at_rest=AT_WORK, going=GOING)
     @kept
-    def take_the_pendant(self, joint: int, degrees: float, seconds: float, going: Going) -> None:
-        """Somebody at the teach pendant turns a joint; an arm under way is braked by it."""
+    def take_the_pendant(self, joint: int, degrees: float, seconds: float, at_rest: bool, going: Going) -> None:
+        """Somebody at the teach pendant turns a joint: at once, which brakes an arm under way, or between two motions."""
         self.send_off(going)
-        self.there.by_pendant(joint, degrees)
+        self.there.by_pendant(joint, degrees, at_rest)
         self.there.wait(seconds)
 
     @rule(joint=st.integers(0, 2), degrees=JOGS_DEG, going=GOING)

@@ -713,10 +713,13 @@ class Story:
                 self.cell.motion_monitor.others(self.now_s, f"{begun}{text}".strip())
             self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s))
 
-    def by_pendant(self, joint: int, degrees: float) -> None:
-        """A person at the teach pendant turns a joint from 0 to 5."""
+    def by_pendant(self, joint: int, degrees: float, at_rest: bool = False) -> None:
+        """A person at the teach pendant turns a joint from 0 to 5, now or, at_rest, as the motion under way ends."""
         self.cell.motion_monitor.others(self.now_s, PENDANT)
         with self.cell.server.controller() as controller:
+            if at_rest and not controller.machine.at_rest():
+                self.loop.call_at(controller.arm.rests_s + MOMENT_S, self.by_pendant, joint, degrees)
+                return
             joints = controller.machine.joints()
             joints[joint] += np.radians(degrees)
             controller.machine.drive_by_pendant(joints)

@@ -21,7 +21,7 @@ from drivers.simcell.history import GripperRecord, History, MotionRecord, StopRe
 
 FULL_PERCENT = 100.0
 PENDANT = "the teach pendant"
-PENDANT_PERCENT = 10.0
+PENDANT_PERCENT = 40.0
 
 
 class Machine:
