@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon.store import places
 from daemon.vision.look import look
-from tests.bench.recognise import Tally, motion_monitor, test_folders, trained
+from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.thesis import table, written
 from tests.fakes import rendered
 
@@ -40,7 +40,7 @@ def sets_table() -> str:
         scene = look(*pair, rigs[told["rig"]], model)
         tally = tallies[told["tags"][0]]
         tally.looks_ms.append(1e3 * (time.process_time() - began))
-        motion_monitor(scene, told, model.labels, tally)
+        judge(scene, told, model.labels, tally)
     rows = [_row(name, tallies[name]) for name in SAID if name in tallies]
     heads = ["scenes", "looks", "parts", "named right", "left unnamed", "named wrong", "corners off, median mm", "95 %",
              "ms a look"]  # fmt: skip

@@ -24,7 +24,7 @@ from daemon.store.model import load, save
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
-from tests.bench.recognise import Tally, motion_monitor, test_folders, trained
+from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.fakes import rendered
 from tests.fakes.many_parts import drawn_parts, taught
 
@@ -58,7 +58,7 @@ def main(*counts: int) -> None:
         for folder in folders:
             for count, model in models.items():
                 scene = look(*rendered.pair(folder), rig, model, clock=time.process_time)
-                motion_monitor(scene, rendered.truth(folder), model.labels, tallies[count])
+                judge(scene, rendered.truth(folder), model.labels, tallies[count])
                 tallies[count].looks_ms.append(1000 * sum(scene.seconds.values()))
         _table(kind, tallies)
 

@@ -32,7 +32,7 @@ from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import inverse, rigid, turn
 from drivers.simcell.truth import Truth, load_truth
-from tests.bench.recognise import Tally, motion_monitor, test_folders, trained
+from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.drawn import obj, solid
@@ -177,7 +177,7 @@ def _rendered(parts: tuple[DrawnPart, ...]) -> None:
             for folder in folders:
                 if folder.name.startswith(f"{kind}-"):
                     scene = look(*rendered.pair(folder), rig, model, clock=time.process_time)
-                    motion_monitor(scene, rendered.truth(folder), few.labels, tally)
+                    judge(scene, rendered.truth(folder), few.labels, tally)
                     tally.looks_ms.append(1000 * sum(scene.seconds.values()))
             c, times = tally.counts, [np.percentile(tally.looks_ms, p) for p in (50, 95, 100)]
             counts = f"{c['right']:>7}{c['silent']:>7}{c['mistaken']:>7}{c['invented'] + c['ghost']:>9}"
@@ -202,7 +202,7 @@ def _strangers_drawn() -> None:
             if label not in models:
                 models[label] = learn_solid(few, solid(f"{label}.obj", _drawing(body)), label)
             tally = tallies.setdefault(kind, Tally())
-            motion_monitor(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
+            judge(look(*rendered.pair(folder), rig, models[label]), told, models[label].labels, tally)
     print(f"\n{'strangers, drawn':<18}{'right':>7}{'silent':>7}{'wrong':>7}{'corners mm 50 %':>17}{'95 %':>7}")
     for kind, tally in tallies.items():
         c, off = tally.counts, np.percentile(tally.fitted_mm or [np.nan], [50, 95])

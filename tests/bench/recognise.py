@@ -75,9 +75,7 @@ def test_folders(home: Path) -> list[Path]:
     return [folder for folder in folders if not folder.name.startswith(("train", "table57"))]
 
 
-def motion_monitor(
-    scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tally
-) -> list[tuple[float, bool]]:
+def judge(scene: Scene, told: dict[str, Any], known: tuple[str, ...], tally: Tally) -> list[tuple[float, bool]]:
     """Count one scene; (confidence, right) of every part that was named."""
     bodies, ghosts = matched(scene, told)
     named: list[tuple[float, bool]] = []
@@ -134,7 +132,7 @@ def _accuracy(home: Path, model: Model, stages: dict[str, list[float]]) -> list[
         told, pair = rendered.truth(folder), rendered.pair(folder)
         scene = look(*pair, rendered.rig(home, told["rig"]), model, clock=time.process_time)
         tally = tallies[f"{told['tags'][0]}-{told['rig']}"]
-        named += motion_monitor(scene, told, model.labels, tally)
+        named += judge(scene, told, model.labels, tally)
         tally.looks_ms.append(1000 * sum(scene.seconds.values()))
         if told["rig"] == "B":
             start = time.process_time()
@@ -199,7 +197,7 @@ def _detectors(rigs: dict[str, StereoRig], model: Model) -> None:
         for folder in folders:
             told = rendered.truth(folder)
             scene = look(*rendered.pair(folder), rigs[told["rig"]], model, settings)
-            motion_monitor(scene, told, model.labels, tally)
+            judge(scene, told, model.labels, tally)
         print(f"{settings.corner_detector:<22}{settings.stereo_formula:<22}{tally.counts['right']:>5}{len(folders):>4}"
               f"{_quantile(tally.fitted_mm, 50):>17}{_quantile(tally.fitted_mm, 95):>8}"
               f"{_quantile(tally.measured_mm, 50):>15}")  # fmt: skip

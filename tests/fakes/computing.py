@@ -22,4 +22,5 @@ class ComputesHere:
     def prepare(self, _: object) -> None:
         """Nothing is sent anywhere."""
 
-    close = prepare
+    def close(self) -> None:
+        """There is no process to end."""

@@ -82,7 +82,7 @@ def words() -> st.SearchStrategy[str]:
     return st.one_of(usual, usual, usual, usual, table, begun, monitor, shouted, spoiled)
 
 
-BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,19,90",
+BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,85,90",
           "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG")  # fmt: skip
 """What another terminal types."""
 JOGS_DEG = st.sampled_from([-90.0, -40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0, 90.0])
@@ -268,7 +268,7 @@ class Surprises(RuleBasedStateMachine):
     @rule(joint=st.integers(0, 5), degrees=JOGS_DEG, seconds=SECONDS, at_rest=AT_WORK, going=GOING)
     @kept
     def take_the_pendant(self, joint: int, degrees: float, seconds: float, at_rest: bool, going: Going) -> None:
-        """Somebody at the teach pendant turns a joint: at once, which brakes an arm under way, or between two motions."""
+        """Somebody at the teach pendant turns a joint: at once, which brakes an arm under way, or once it rests."""
         self.send_off(going)
         self.there.by_pendant(joint, degrees, at_rest)
         self.there.wait(seconds)

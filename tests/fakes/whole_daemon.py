@@ -61,6 +61,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
+from tests.fakes.computing import ComputesHere
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 PIXELS = 0.5
@@ -71,6 +72,8 @@ POST = {"low_mm": [300.0, 215.0, -300.0], "high_mm": [345.0, 260.0, -20.0]}
 """A post that nothing of the arm enters; the daemon is told of one a little larger, for what it does not know of the
 arm."""
 SPARE_MM = 3.0
+COMPUTED_S = 0.7
+"""What a calculation beside the event loop takes: a look, a plan."""
 MOMENT_S = 1e-7
 """What is typed at a moment counts from just after it, one after the other: what left at that very moment had left
 before."""
@@ -511,6 +514,16 @@ class SerialOperator:
         os.close(self._slave)
 
 
+class TakesTime(ComputesHere):
+    """A worker whose calculations take the cell's time, in which anything may happen, and none of this computer's."""
+
+    async def __call__(self, function: Callable[..., Any], /, *args: Any) -> Any:
+        """See Compute."""
+        result = await super().__call__(function, *args)
+        await asyncio.sleep(COMPUTED_S)
+        return result
+
+
 class AtOnce:
     """The run log's writer without a thread, for which nobody here waits either."""
 
@@ -587,6 +600,7 @@ class Story:
             patch.object(journal, "tell", lambda *_, **__: None),
             patch.object(moving, "POLL_S", SLICE_S),
             patch.object(runlog, "_Worker", AtOnce),
+            patch.object(service, "Worker", TakesTime),
             patch.object(runlog, "Syncer", NoSyncer),
             *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
         ]
