@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer
+from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer, ProcessorHalted
 from drivers.val2.location import Location
 from drivers.val2.wire import (
     ControllerQuestion,
@@ -26,6 +26,7 @@ from drivers.val2.wire import (
     Text,
     Where,
     WhereTable,
+    is_halted,
 )
 
 POISON = b"!!"
@@ -208,7 +209,7 @@ class Conversation:
 
         First the half-typed line is cancelled. Should that not bring a prompt, or the controller know no such key,
         characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
-        neither prompt nor question.
+        neither prompt nor question; ProcessorHalted.
         """
         said: list[LineEvent] = []
         cancel = self.dialect.cancel_line
@@ -217,6 +218,8 @@ class Conversation:
             try:
                 await self.next_prompt_or_question(self.dialect.resync_s, said)
             except NoAnswer:
+                if is_halted(b"".join(event.raw for event in said) + self._reader.pending):
+                    raise ProcessorHalted from None
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
             return said

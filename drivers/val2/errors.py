@@ -14,6 +14,10 @@ SAID_BY_VAL = (
     ("out of range", "out_of_reach"),
 )
 """Words of VAL II's messages, in small letters, and what they are signs of."""
+HALTED = (
+    "the controller's processor is halted: an LSI-11's console (ODT) answers with `@`, and VAL does not run. Set its "
+    "HALT/RUN switch to RUN; at the controller's own terminal type P to go on where it was, or switch it off and on"
+)
 
 
 class LinkError(Exception):
@@ -39,6 +43,13 @@ class NoAnswer(LinkError):  # noqa: N818 - it reads as what happened
 
 class Busy(NoAnswer):
     """The controller echoes what is typed and gives no prompt: it is still carrying something out."""
+
+
+class ProcessorHalted(NoAnswer):
+    """The controller's LSI-11 is halted: its console answers, and no VAL."""
+
+    def __init__(self) -> None:
+        super().__init__(HALTED)
 
 
 class Garbled(LinkError):  # noqa: N818

@@ -43,8 +43,9 @@ from drivers.val2.acquaintance import (
 )
 from drivers.val2.conversation import POISON
 from drivers.val2.dialect import Dialect
+from drivers.val2.errors import HALTED
 from drivers.val2.first_moves import FINE_DIGITS, STEP_DEG, first_moves
-from drivers.val2.wire import NUMBER
+from drivers.val2.wire import NUMBER, is_halted
 
 ENDS = (b"\r", b"\n", b"\r\n")
 BAUDS = (9600, 4800, 19200, 2400, 1200, 300, 38400)
@@ -91,6 +92,8 @@ def _wake(known: Acquaintance, bauds: Sequence[int]) -> Steps:
             answer = yield from ask(known, POISON.decode())
         if answer.prompt or answer.question:
             break
+        if is_halted(answer.raw):
+            raise UnclearError(HALTED)
         heard = heard or answer.raw
     else:
         raise UnclearError(_silent(heard))

@@ -27,6 +27,7 @@ from drivers.val2.errors import (
     NoAnswer,
     PortError,
     Preempted,
+    ProcessorHalted,
     StopRefused,
 )
 from drivers.val2.ledger import Ledger
@@ -328,7 +329,7 @@ class Link:
             await self.abort()
             return
         except NoAnswer as problem:
-            if self.dialect.echo and not isinstance(problem, Busy):
+            if isinstance(problem, ProcessorHalted) or (self.dialect.echo and not isinstance(problem, Busy)):
                 raise
             silent = problem
         try:

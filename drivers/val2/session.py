@@ -22,6 +22,7 @@ from drivers.val2.errors import (
     NoAnswer,
     PortError,
     Preempted,
+    ProcessorHalted,
 )
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
@@ -145,7 +146,7 @@ class LineSession:
         except TimeoutError:
             raise Busy(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
         except NoAnswer as problem:
-            if isinstance(problem, Busy) or not self.dialect.echo:
+            if isinstance(problem, Busy | ProcessorHalted) or not self.dialect.echo:
                 raise
             await self.find_prompt(self.talk)
 

@@ -34,7 +34,14 @@ PROMPT_DOTS = re.compile(rb" *\.( *\.){0,9} *")
 """Of a controller that prints no line end before its prompt, the prompts to all that a stop types stand in one line:
 five, of two dots each on some systems."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
+ODT_PROMPT = re.compile(rb"(^|[\r\n])@ *$")
+"""Of a halted LSI-11: its console (ODT) answers what it does not understand with `?`, and prompts with `@`."""
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
+
+
+def is_halted(raw: bytes) -> bool:
+    """Whether what came ends at the prompt of a halted LSI-11's console: no VAL runs behind it."""
+    return ODT_PROMPT.search(raw) is not None
 
 
 @dataclass(frozen=True)

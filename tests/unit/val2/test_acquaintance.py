@@ -7,7 +7,17 @@ from typing import Any
 
 import pytest
 
-from drivers.val2.acquaintance import Consult, agreed, errors_in, same_place
+from drivers.val2.acquaintance import (
+    Acquaintance,
+    Consult,
+    Exchange,
+    Heard,
+    UnclearError,
+    agreed,
+    errors_in,
+    same_place,
+)
+from drivers.val2.introduction import introduce
 from drivers.val2.location import Location
 from drivers.val2.wire import Where
 
@@ -48,3 +58,25 @@ def test_only_a_yes_is_a_yes(said: str, yes: bool) -> None:
 
 def test_what_stands_between_asterisks_is_an_error_and_the_rest_is_not() -> None:
     assert errors_in(b"SPEED 20\r\n *Illegal command*\r\n.") == ("*Illegal command*",)
+
+
+def test_a_halted_processor_is_recognised_at_the_first_line_and_its_remedy_told() -> None:
+    typed: list[bytes] = []
+
+    def answered(step: object) -> Heard | None:
+        if not isinstance(step, Exchange):
+            return None
+        typed.append(step.data)
+        echo = ((0.01, step.data.replace(b"\r", b"?\r\n@")),) if step.data else ()
+        return Heard(echo, step.most_s)
+
+    def story() -> None:
+        steps = introduce(Acquaintance())
+        step = next(steps)
+        while True:
+            step = steps.send(answered(step))
+
+    with pytest.raises(UnclearError, match="HALT/RUN switch"):
+        story()
+    assert b"".join(typed) == b"!!\r"
+    assert len(typed) < 5, "each takes three seconds at most"

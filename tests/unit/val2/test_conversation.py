@@ -10,8 +10,8 @@ import pytest
 
 from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditional
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted
-from drivers.val2.wire import ControllerQuestion, Prompt, Reader
+from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted, ProcessorHalted
+from drivers.val2.wire import ControllerQuestion, Prompt, Reader, is_halted
 from tests.fakes.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
@@ -226,6 +226,26 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
         return told.value
 
     assert not isinstance(lived(story()), Busy)
+
+
+@pytest.mark.parametrize("says", [b"?\r\n@", b"\r\n024366\r\n@", b"?\r\n@?\r\n@ "])
+def test_the_console_of_a_halted_processor_is_recognised_at_the_first_attempt_with_its_remedy(says: bytes) -> None:
+    async def story() -> tuple[Line, float]:
+        line = Line({b"!!": says, b"": says}, resync_s=1.0, cancel_line=b"")
+        began_s = line.loop.time()
+        with pytest.raises(ProcessorHalted, match="HALT/RUN switch"):
+            await line.talk.resynchronise()
+        return line, line.loop.time() - began_s
+
+    line, took_s = lived(story())
+    assert line.typed == b"!!\r"
+    assert took_s < 1.1
+
+
+def test_an_at_sign_within_what_is_printed_is_no_halted_processor() -> None:
+    assert not is_halted(b"\r\nNAME@PLACE\r\n.")
+    assert not is_halted(b"a@")
+    assert is_halted(b"@")
 
 
 def test_a_prompt_that_was_on_its_way_is_not_the_one_that_answers() -> None:
