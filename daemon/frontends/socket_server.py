@@ -43,6 +43,7 @@ from daemon.frontends.line_editor import COLUMNS
 from daemon.frontends.rights import FrontendError, May, Peer, Rights, peer_of
 
 LONGEST_MESSAGE = 64 * 1024
+LONE_SURROGATE = re.compile(r"\\u[dD][c-fC-F]")
 SAID = re.compile(r'"(?:do|answer)"\s*:\W*(.*)', re.DOTALL)
 MOST_UNREAD = 256 * 1024
 """Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
@@ -309,7 +310,7 @@ class SocketFrontend:
         if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
             self._queue.beside(self._stop)
         elif isinstance(message.do, str):
-            self._take(message.do if means_stop(message.do) else printable(message.do), message)
+            self._take(message.do if means_stop(message.do) else printable(message.do, names=True), message)
         elif isinstance(message.answer, str):
             if self._interpreter.withdraws(message.answer):
                 self._queue.take(message.answer, self._stopped)
@@ -416,8 +417,10 @@ def _message(line: bytes) -> SocketMessage:
     if means_stop(text):
         return SocketMessage(do="stop")
     try:
+        if LONE_SURROGATE.search(text):  # of a file's name that is no UTF-8, which msgspec takes for malformed
+            return msgspec.convert(json.loads(text), type=SocketMessage)
         return msgspec.json.decode(text, type=SocketMessage)
-    except (msgspec.MsgspecError, RecursionError) as error:
+    except (msgspec.MsgspecError, RecursionError, ValueError) as error:
         if said is not None and means_stop(said[1]):
             return SocketMessage(do="stop")
         raise ValueError(str(error)) from None

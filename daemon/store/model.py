@@ -18,6 +18,7 @@ from msgspec import Meta
 
 from daemon.arrays import Array
 from daemon.art import ArtError, RelationARTMAP
+from daemon.errors import spelt_throughout
 from daemon.store.files import write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
@@ -171,6 +172,7 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
             for label, m in model.metric.items()
         ],
     }
+    header = spelt_throughout(header)  # sources are files' names, which need not be UTF-8
     header["sha256"] = _checksum(header, arrays)
     arrays["header"] = np.frombuffer(_canonical(header), dtype=np.uint8)
     return pack(arrays)

@@ -26,6 +26,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.errors import spelt_throughout
 from daemon.quantities import WHOLE, whole
 from daemon.store import model as files
 from daemon.store import places
@@ -127,7 +128,7 @@ class ModelStore:
                 for name, content in files.items():
                     write_atomically(making / name, content)
                 note = {"v": 1, "label": label, "taught": datetime.now(UTC).isoformat(timespec="seconds"), **note}
-                write_atomically(making / "view.json", json.dumps(note, indent=1).encode())
+                write_atomically(making / "view.json", json.dumps(spelt_throughout(note), indent=1).encode())
                 os.chmod(making, 0o755)
                 with self._alone():
                     numbers = [view.number for view in self.views(label)]

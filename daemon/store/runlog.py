@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.errors import spelt
+from daemon.errors import spelt_throughout
 from daemon.events.upgrade import VERSION
 from daemon.store.files import NO_ROOM, LineFile, OpenFile, Syncer, write_atomically
 from daemon.store.outside import read_file
@@ -308,15 +308,7 @@ def encode(content: Mapping[str, Any]) -> bytes:
     try:
         return msgspec.json.encode(content, enc_hook=_plain)
     except UnicodeEncodeError:  # a file's name that is no UTF-8 is in it
-        return msgspec.json.encode(_spelt(content), enc_hook=lambda value: _spelt(_plain(value)))
-
-
-def _spelt(value: Any) -> Any:
-    if isinstance(value, str):
-        return spelt(value)
-    if isinstance(value, Mapping):
-        return {key: _spelt(one) for key, one in value.items()}
-    return [_spelt(one) for one in value] if isinstance(value, list | tuple) else value
+        return msgspec.json.encode(spelt_throughout(content), enc_hook=lambda value: spelt_throughout(_plain(value)))
 
 
 def _plain(value: Any) -> Any:

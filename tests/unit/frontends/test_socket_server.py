@@ -106,6 +106,25 @@ def test_a_question_travels_to_the_operator_and_the_answer_back(tmp_path: Path) 
     assert done["status"] == 1
 
 
+def test_a_drawing_whose_name_is_no_utf8_is_fetched_and_taught(tmp_path: Path) -> None:
+    drawing = os.fsencode(tmp_path) + b"/b\xff.obj"
+    Path(os.fsdecode(drawing)).write_bytes((HOUSE / "docs" / "bracket.obj").read_bytes())
+
+    async def show(context: Any, words: list[str], frontend: Any) -> CommandResult:
+        content = await frontend.fetch(words[0])
+        return CommandResult(f"{words[0]}: {len(content)} bytes")
+
+    command = ConsoleCommand("show", "show FILE", "", show, "change", most=1)
+
+    def use(path: Path) -> Any:
+        with DaemonLink(path) as link:
+            return link.do(f"show {os.fsdecode(drawing)}", "one-shot", print)
+
+    done, _ = with_socket(tmp_path / "s", use, [command])
+    assert done["status"] == 0, done
+    assert f"{(HOUSE / 'docs' / 'bracket.obj').stat().st_size} bytes" in done["text"]
+
+
 def speak(path: Path, *lines: bytes) -> list[dict[str, Any]]:
     with socket.socket(socket.AF_UNIX) as raw:
         raw.settimeout(10)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
+import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -360,3 +362,12 @@ def test_what_its_checksum_fits_must_hold_together_as_well(
     spoil(header, arrays)
     with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
         from_bytes(fitting(header, arrays))
+
+
+def test_a_source_whose_name_is_no_utf8_goes_into_a_model_and_comes_back_legible(tmp_path: Path) -> None:
+    known = trained()
+    odd = dataclasses.replace(known, views=tuple(dataclasses.replace(v, source="/x/b\udcff.obj") for v in known.views))
+    folder = tmp_path / os.fsdecode(b"p\xff")
+    folder.mkdir()
+    save(odd, folder / "m.npz")
+    assert {view.source for view in load(folder / "m.npz").views} == {"/x/b?.obj"}
