@@ -18,7 +18,7 @@ from daemon.vision.health import AXES, Clue
 
 
 @dataclass(frozen=True)
-class Watching:
+class DriftSettings:
     """learn: looks that set what is usual; settled: after so many of them a look that does not fit ends the learning,
     so that an eye knocked in its first hour does not teach its new place; weight: of a new look in the mean; sigmas:
     how far from usual is too far; wild: how many sigmas a look may be off before it needs a second one to be believed;
@@ -34,7 +34,7 @@ class Watching:
 
 
 @dataclass(frozen=True, eq=False)
-class Watch:
+class DriftState:
     """What is known so far, by axis (3,). usual rad, from `learnt` looks of total information `known` and summed
     squared standardised residuals `squares`; mean rad of what came after, from information `fresh_known`, with
     `fresh_squares` the same information weighted twice; doubted: the side on which the last look was too wild to be
@@ -62,13 +62,15 @@ class Drift:
     text: str
 
 
-def fresh() -> Watch:
+def fresh() -> DriftState:
     """A watch that has seen nothing: to be used after each calibration."""
     zero = np.zeros(3)
-    return Watch(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
+    return DriftState(zero, np.zeros(3, np.int64), zero, zero, zero, zero, zero, zero)
 
 
-def observe(watch: Watch, seen: Clue, settings: Watching, alone: EyeName | None = None) -> tuple[Watch, Drift | None]:
+def observe(
+    watch: DriftState, seen: Clue, settings: DriftSettings, alone: EyeName | None = None
+) -> tuple[DriftState, Drift | None]:
     """Take one look into account. The Drift is the largest that stands, or None; alone: the one eye, whose second place
     counts as the right eye."""
     strange = (watch.learnt >= settings.settled) & (np.abs(_standardised(watch, seen)) > settings.wild)
@@ -82,7 +84,7 @@ def observe(watch: Watch, seen: Clue, settings: Watching, alone: EyeName | None 
     return watch, _drift(watch, far, settings, alone)
 
 
-def _learnt(watch: Watch, seen: Clue, learning: NDArray[np.bool_]) -> Watch:
+def _learnt(watch: DriftState, seen: Clue, learning: NDArray[np.bool_]) -> DriftState:
     """Weighted mean and spread of the first looks (West 1979)."""
     information = np.where(learning, seen.sigma**-2.0, 0.0)
     known = watch.known + information
@@ -92,20 +94,20 @@ def _learnt(watch: Watch, seen: Clue, learning: NDArray[np.bool_]) -> Watch:
     return replace(watch, usual=usual, learnt=watch.learnt + learning, known=known, squares=squares)
 
 
-def _scale(watch: Watch) -> Array:
+def _scale(watch: DriftState) -> Array:
     """(3,) how many times larger the looks' spread is than their sigmas said; at least half, so that luck in the first
     looks makes no later one look wild."""
     scale: Array = np.sqrt(np.maximum(watch.squares / np.maximum(watch.learnt - 1, 1), 0.25))
     return scale
 
 
-def _standardised(watch: Watch, seen: Clue) -> Array:
+def _standardised(watch: DriftState, seen: Clue) -> Array:
     """(3,) how many sigmas a look is off from what was usual and what has become of it; 0 where it says nothing."""
     off: Array = seen.turn - watch.usual - watch.mean
     return off / np.where(np.isfinite(seen.sigma), seen.sigma * _scale(watch), np.inf)
 
 
-def _judged(watch: Watch, seen: Clue, judging: NDArray[np.bool_], settings: Watching) -> Watch:
+def _judged(watch: DriftState, seen: Clue, judging: NDArray[np.bool_], settings: DriftSettings) -> DriftState:
     """The exponentially weighted mean of the looks since, each with its information. One wild look (a misread corner)
     is kept out; when the next is off on the same side, the eye has moved, and it counts."""
     news = seen.turn - watch.usual
@@ -125,7 +127,7 @@ def _judged(watch: Watch, seen: Clue, judging: NDArray[np.bool_], settings: Watc
     )
 
 
-def _too_far(watch: Watch, settings: Watching) -> NDArray[np.bool_]:
+def _too_far(watch: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
     """Which axes have left their usual place: beyond `sigmas` of the two means' own doubt, and worth saying."""
     known = np.maximum(watch.fresh_known, 1e-30)
     doubt = _scale(watch) * np.sqrt(watch.fresh_squares / known**2 + 1 / np.maximum(watch.known, 1e-30))
@@ -133,7 +135,7 @@ def _too_far(watch: Watch, settings: Watching) -> NDArray[np.bool_]:
     return far & (watch.fresh_known > 0)
 
 
-def _drift(watch: Watch, far: NDArray[np.bool_], settings: Watching, alone: EyeName | None) -> Drift | None:
+def _drift(watch: DriftState, far: NDArray[np.bool_], settings: DriftSettings, alone: EyeName | None) -> Drift | None:
     if not far.any():
         return None
     worst = int(np.argmax(np.where(far, np.abs(watch.mean), 0.0)))
@@ -146,3 +148,17 @@ def _drift(watch: Watch, far: NDArray[np.bool_], settings: Watching, alone: EyeN
     text = f"{what} since {since}: "
     text += "calibrate before picking goes on" if stops else "see that its mount is tight, and calibrate soon"
     return Drift(AXES[worst], degrees, since, stops, text)
+
+
+class DriftWatch:
+    """One calibration, watched. A new calibration gets a new one, and so do other eyes; alone: the one that looks."""
+
+    def __init__(self, alone: EyeName | None = None) -> None:
+        self.alone = alone
+        self.drift: Drift | None = None
+        self._watch: DriftState = fresh()
+
+    def seen(self, clue: Clue, at: str) -> Drift | None:
+        """Take one look into account (at: when, for people); the drift that stands, or None."""
+        self._watch, self.drift = observe(self._watch, replace(clue, at=at), DriftSettings(), self.alone)
+        return self.drift

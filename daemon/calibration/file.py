@@ -84,7 +84,7 @@ def same_geometry(a: Calibration, b: Calibration) -> bool:
     return all(map(np.array_equal, numbers(a), numbers(b)))
 
 
-class _Eye(msgspec.Struct, forbid_unknown_fields=True):
+class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
     camera_matrix: list[list[float]]
     distortion: list[float]
     cyclopean_from_camera: list[list[float]]
@@ -94,11 +94,11 @@ class _HandEye(msgspec.Struct, forbid_unknown_fields=True):
     tool_from_cyclopean: list[list[float]]
 
 
-class _File(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class _CalibrationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     version: int
     image_size: list[int]
-    left: _Eye
-    right: _Eye | None = None
+    left: _CameraEntry
+    right: _CameraEntry | None = None
     hand_eye: _HandEye | None = None
     quality: Quality = Quality()
 
@@ -109,7 +109,7 @@ def load_calibration(path: Path) -> Calibration:
 
 
 def _checked(document: Document) -> Calibration:
-    file = document.convert(_File)
+    file = document.convert(_CalibrationFile)
     if file.version != 1:
         raise document.error(("version",), f"expected 1, found {file.version}")
     if len(file.image_size) != 2 or min(file.image_size) < 16:
@@ -117,9 +117,9 @@ def _checked(document: Document) -> Calibration:
     left, size = _camera(document, "left", file.left), (file.image_size[0], file.image_size[1])
     rig = of_one(left, size) if file.right is None else StereoRig(left, _camera(document, "right", file.right), size)
     if rig.baseline_mm < 1.0:
-        raise document.error(("right", "cyclopean_from_camera"), "the two eyes are less than 1 mm apart")
+        raise document.error(("right", "cyclopean_from_camera"), "the two cameras are less than 1 mm apart")
     if rig.left.cyclopean_from_camera[0, 3] > rig.right.cyclopean_from_camera[0, 3]:
-        raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: eyes swapped?")
+        raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: exchange the two")
     keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
     tool = None if file.hand_eye is None else rigid(document, keys, file.hand_eye.tool_from_cyclopean)
     return Calibration(rig, tool, file.quality, "left" if file.right is None else None)
@@ -147,7 +147,7 @@ def calibration_text(calibration: Calibration) -> bytes:
     """The content of its file."""
     rig = calibration.rig
     tool = calibration.tool_from_cyclopean
-    file = _File(
+    file = _CalibrationFile(
         version=1,
         image_size=list(rig.image_size),
         left=_eye(rig.left),
@@ -160,7 +160,7 @@ def calibration_text(calibration: Calibration) -> bytes:
     return f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
 
 
-def _camera(document: Document, name: str, eye: _Eye) -> Camera:
+def _camera(document: Document, name: str, eye: _CameraEntry) -> Camera:
     matrix = _matrix(document, (name, "camera_matrix"), eye.camera_matrix, 3, 3)
     if min(matrix[0, 0], matrix[1, 1]) <= 0 or not np.allclose(matrix[2], [0, 0, 1]):
         raise document.error((name, "camera_matrix"), "expected focal lengths above 0 and a last row [0, 0, 1]")
@@ -192,5 +192,5 @@ def rigid(document: Document, keys: tuple[Key, ...], rows: Rows) -> Array:
     return matrix
 
 
-def _eye(camera: Camera) -> _Eye:
-    return _Eye(camera.matrix.tolist(), camera.distortion.tolist(), camera.cyclopean_from_camera.tolist())
+def _eye(camera: Camera) -> _CameraEntry:
+    return _CameraEntry(camera.matrix.tolist(), camera.distortion.tolist(), camera.cyclopean_from_camera.tolist())

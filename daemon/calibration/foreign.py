@@ -201,7 +201,7 @@ def _camera_infos(
         )
     if not abs(shift) > 0:
         raise InterchangeError(
-            f"{paths[1]}: projection_matrix: no baseline (P[0,3] = {infos[1].projection[0, 3]:g}): one eye's file?"
+            f"{paths[1]}: projection_matrix: no baseline (P[0,3] = {infos[1].projection[0, 3]:g}): one camera twice?"
         )
     turns = [_rotation(path, "rectification_matrix", one.rectification) for path, one in zip(paths, infos, strict=True)]
     along = np.array([shift * (UNITS_MM["m"] if unit_mm is None else unit_mm), 0, 0])

@@ -93,7 +93,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     come.set_defaults(run=_import)
     go = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
     kind = go.add_mutually_exclusive_group(required=True)
-    kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one an eye")
+    kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one a camera")
     kind.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
     go.add_argument("--calibration", required=True, type=Path, help="calibration.yaml to read")
     go.set_defaults(run=_export)

@@ -121,7 +121,7 @@ def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class MatchedCorners:
     """Board corners that both eyes saw at one moment: points_mm (N, 3), left_px and right_px (N, 2)."""
 
     points_mm: Array
@@ -129,7 +129,7 @@ class Match:
     right_px: Array
 
 
-def stereo_problem(matches: Sequence[Match]) -> Problem:
+def stereo_problem(matches: Sequence[MatchedCorners]) -> Problem:
     """Parameters: left intrinsics (9), right intrinsics (9), right_from_left (6), then left_from_board (6) a match."""
     rows = sum(4 * len(m.points_mm) for m in matches)
     width = 2 * INTRINSICS + 6 + 6 * len(matches)

@@ -23,7 +23,7 @@ from daemon.store.yamlfile import LARGEST_BYTES
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `stereo` to the calibrate command."""
-    parser = subparsers.add_parser("stereo", help="both eyes, from recorded pictures of a board")
+    parser = subparsers.add_parser("stereo", help="both cameras, from recorded pictures of a board")
     parser.add_argument(
         "--board", required=True, metavar="CxR", help="inner corners along a row and a column, e.g. 9x6"
     )
@@ -31,8 +31,10 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--charuco", action="store_true", help="a ChArUco board, which may be seen in part")
     parser.add_argument("--dictionary", metavar="NAME", help=f"of its markers (default {USUAL_DICTIONARY})")
     parser.add_argument("--legacy", action="store_true", help="laid out as OpenCV did before 4.6")
-    parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left eye")
-    parser.add_argument("--right", required=True, nargs="+", metavar="GLOB", help="the right eye's, in the same order")
+    parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left camera")
+    parser.add_argument(
+        "--right", required=True, nargs="+", metavar="GLOB", help="the right camera's, in the same order"
+    )
     parser.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
     parser.add_argument("--json", action="store_true", help="one line for machines")
     parser.set_defaults(run=run)

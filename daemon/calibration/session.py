@@ -31,7 +31,7 @@ from daemon.calibration.camera import CameraResult, calibrate_camera
 from daemon.calibration.file import Calibration, Quality, now, of_one, of_stereo
 from daemon.calibration.guide import Shown, is_new, missing
 from daemon.calibration.hand_eye import ArmDoubt, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
-from daemon.calibration.least_squares import Match
+from daemon.calibration.least_squares import MatchedCorners
 from daemon.calibration.stereo import (
     FEWEST_PAIRS,
     Pair,
@@ -54,7 +54,7 @@ class SessionError(FacetdError):
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class BoardView:
     """The board seen from one pose by the eyes there are: world_from_tool (4, 4) as WHERE gave it."""
 
     world_from_tool: Array
@@ -62,7 +62,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class CalibrationSession:
     """Where calibrating is done: who has the arm, how it sets out, how still images must be, the board, and the
     calibration so far."""
 
@@ -73,7 +73,7 @@ class Session:
     calibration: Calibration
 
 
-async def view_tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
+async def view_tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
     """Go to `count` poses round the board and see it from each. One job of the arm: stop and step work as ever.
 
     The view from where the arm stands comes first, and there the arm ends; with a count of 0 it is the only one. Raises
@@ -82,7 +82,7 @@ async def view_tour(session: Session, count: int, say: Say, speed_pct: float) ->
     return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct))
 
 
-async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> list[View]:
+async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
     mover = session.supervisor.mover
     session.supervisor.may_move()
     if mover.dry:
@@ -118,7 +118,7 @@ async def _tour(session: Session, count: int, say: Say, speed_pct: float) -> lis
     return views
 
 
-def _plan(session: Session, first: View, count: int) -> list[Array]:
+def _plan(session: CalibrationSession, first: BoardView, count: int) -> list[Array]:
     """world_from_tool of the poses to go to."""
     tool_from_cyclopean = session.calibration.tool_from_cyclopean
     assert tool_from_cyclopean is not None
@@ -137,7 +137,7 @@ def _plan(session: Session, first: View, count: int) -> list[Array]:
     return [look @ cyclopean_from_tool for look in in_order(chosen, world_from_cyclopean)]
 
 
-async def _see(session: Session, reading: Reading, name: str) -> View:
+async def _see(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
     """A settled pair from where the arm stands, and the board in both. Raises BoardError."""
     cell = session.supervisor.mover.cell
     pictures = (await settled_pair(cell, cell.clock(), session.settling)).pictures
@@ -153,10 +153,10 @@ async def _see(session: Session, reading: Reading, name: str) -> View:
     right = None
     if cell.alone is None:
         right = await asyncio.to_thread(find_board, pictures.right.pixels, session.board)
-    return View(reading.world_from_tool, Pair(name, left, right))
+    return BoardView(reading.world_from_tool, Pair(name, left, right))
 
 
-async def show_by_hand(session: Session, say: Say) -> list[View]:
+async def show_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
     """Nothing moves: a person shows the board, and hears which view is missing, until every kind was seen. One job of
     the arm: `stop` or `abort` ends it.
 
@@ -168,8 +168,8 @@ async def show_by_hand(session: Session, say: Say) -> list[View]:
 PATIENCE_S, MOST_VIEWS = 60.0, 40
 
 
-async def _shown(session: Session, say: Say) -> list[View]:
-    views, shown = list[View](), list[Shown]()
+async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
+    views, shown = list[BoardView](), list[Shown]()
     board, calibration, clock = session.board, session.calibration, session.supervisor.mover.cell.clock
     last_s, told = clock(), ""
     nowhere = Reading(np.eye(4), np.zeros(6))
@@ -199,7 +199,7 @@ async def _shown(session: Session, say: Say) -> list[View]:
     return views
 
 
-async def _so_far(views: list[View], board: Board, calibration: Calibration) -> str:
+async def _so_far(views: list[BoardView], board: Board, calibration: Calibration) -> str:
     """The reprojection error with the views until now, every third view once there are enough."""
     if len(views) < FEWEST_PAIRS or len(views) % 3:
         return ""
@@ -210,13 +210,13 @@ async def _so_far(views: list[View], board: Board, calibration: Calibration) -> 
     return f", residual {result.stereo_rms_px:.2f} px so far"
 
 
-def solve_stereo(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
+def solve_stereo(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
     """Both eyes from the views; the hand-eye is kept as it was, and needs solving anew. Raises StereoError."""
     result = calibrate_stereo([v.pair for v in views], board, before.rig.image_size)
     return of_stereo(result, before.tool_from_cyclopean), result
 
 
-def solve_camera(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:
+def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:
     """The one eye from the views; the hand-eye needs solving anew. Raises StereoError."""
     result = calibrate_camera([(v.pair.name, v.pair.left) for v in views], board, before.rig.image_size)
     quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=now())
@@ -224,7 +224,7 @@ def solve_camera(views: Sequence[View], board: Board, before: Calibration) -> tu
     return Calibration(rig, before.tool_from_cyclopean, quality, "left"), result
 
 
-def solve_hand_eye(views: Sequence[View], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
+def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
     """The hand-eye from the views. Raises HandEyeError."""
     result = calibrate_hand_eye([sample_of(v, board) for v in views], before.rig)
     quality = Quality(
@@ -261,7 +261,7 @@ class Verified:
 LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
 
 
-def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Verified:
+def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -> Verified:
     """Hold the calibration against looks at a board of known size. Of one eye, each two poses next to each other are a
     pair, and the arm's error at both may show in it. Raises SessionError with fewer than 4 views, or no pair."""
     if len(views) < 4:
@@ -289,7 +289,7 @@ def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Ver
     }
     limits = (
         ("length", LENGTH_LIMIT_MM, "mm", "calibrate stereo, and check the board's square size"),
-        ("epipolar", epipolar_px, "px", "an eye has moved: calibrate stereo, or camera where there is one"),
+        ("epipolar", epipolar_px, "px", "a camera has moved: calibrate stereo, or camera where there is one"),
         ("spread", SPREAD_LIMIT_MM, "mm", "calibrate hand-eye; is the bracket tight?"),
     )
     failures = tuple(
@@ -301,7 +301,9 @@ def verify(views: Sequence[View], board: Board, calibration: Calibration) -> Ver
     return Verified(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
 
 
-def _met(views: Sequence[View], board: Board, calibration: Calibration) -> Iterator[tuple[StereoRig, Match]]:
+def _met(
+    views: Sequence[BoardView], board: Board, calibration: Calibration
+) -> Iterator[tuple[StereoRig, MatchedCorners]]:
     """Each pair there is of a board's corners, and where its eyes were."""
     if calibration.alone is None:
         for view in views:
@@ -335,14 +337,14 @@ def _distances(points: Array) -> Array:
     return lengths
 
 
-def board_in_world(view: View, board: Board, calibration: Calibration) -> Array:
+def board_in_world(view: BoardView, board: Board, calibration: Calibration) -> Array:
     """world_from_board (4, 4) as one view shows it. The calibration must have a hand-eye."""
     assert calibration.tool_from_cyclopean is not None
     seen = cyclopean_from_board(sample_of(view, board), calibration.rig)
     return view.world_from_tool @ calibration.tool_from_cyclopean @ seen
 
 
-def sample_of(view: View, board: Board) -> Sample:
+def sample_of(view: BoardView, board: Board) -> Sample:
     """The view as the hand-eye solver takes it. Raises StereoError where the eyes share too few corners."""
     if view.pair.right is None:
         seen = view.pair.left

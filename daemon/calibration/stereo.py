@@ -16,7 +16,7 @@ from daemon.arrays import Array
 from daemon.calibration.board import Board, SeenBoard
 from daemon.calibration.least_squares import (
     INTRINSICS,
-    Match,
+    MatchedCorners,
     Problem,
     Solution,
     UndeterminedError,
@@ -69,14 +69,14 @@ class StereoResult:
     coverage: float
 
 
-def matched(pair: Pair, board: Board) -> Match:
+def matched(pair: Pair, board: Board) -> MatchedCorners:
     """The corners both eyes saw. Raises StereoError where they are fewer than 8, or there is one eye."""
     if pair.right is None:
-        raise StereoError(f"{pair.name}: one eye saw the board, both are needed")
+        raise StereoError(f"{pair.name}: one camera saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
     if len(ids) < 8:
-        raise StereoError(f"{pair.name}: the eyes share {len(ids)} corners, 8 are needed")
-    return Match(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
+        raise StereoError(f"{pair.name}: the cameras share {len(ids)} corners, 8 are needed")
+    return MatchedCorners(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
 
 
 def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int, int]) -> StereoResult:
@@ -102,7 +102,7 @@ def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int,
         del kept[worst]
 
 
-def _solve(matches: Sequence[Match], image_size: tuple[int, int]) -> Solution:
+def _solve(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> Solution:
     start = _start(matches, image_size)
     problem = stereo_problem(matches)
     try:
@@ -136,7 +136,7 @@ def _solve_without(problem: Problem, start: Array, left_out: Sequence[int]) -> S
     return Solution(parameters, covariance, part.residuals)
 
 
-def _start(matches: Sequence[Match], image_size: tuple[int, int]) -> Array:
+def _start(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> Array:
     points = [m.points_mm.astype(np.float32) for m in matches]
     eyes, boards = [], []
     for side in ("left", "right"):
@@ -166,25 +166,25 @@ def _refuse_impossible(stereo: Array, boards: list[list[Array]]) -> None:
     ]
     if np.degrees(np.median(spread)) > 10.0:
         raise StereoError(
-            "the two eyes see the board turned differently from pair to pair: one image is mirrored, "
+            "the two cameras see the board turned differently from pair to pair: one image is mirrored, "
             "or left and right files are not of the same moment"
         )
     x, y, z = frames.inverse(right_from_left)[:3, 3]
     if x < 0 and abs(x) > max(abs(y), abs(z)):
-        raise StereoError("the right eye comes out to the left of the left one: swap the cameras, or the file lists")
+        raise StereoError("the right camera comes out to the left of the left one: swap the cameras, or the file lists")
 
 
-def _rms_by_match(matches: Sequence[Match], residuals: Array) -> Array:
+def _rms_by_match(matches: Sequence[MatchedCorners], residuals: Array) -> Array:
     return np.array([np.sqrt(2 * (part**2).mean()) for part in _by_match(matches, residuals)])
 
 
-def _by_match(matches: Sequence[Match], residuals: Array) -> list[Array]:
+def _by_match(matches: Sequence[MatchedCorners], residuals: Array) -> list[Array]:
     return np.split(residuals, np.cumsum([4 * len(m.points_mm) for m in matches])[:-1])
 
 
 def _result(
     kept: Sequence[Pair],
-    matches: Sequence[Match],
+    matches: Sequence[MatchedCorners],
     solution: Solution,
     dropped: dict[str, str],
     image_size: tuple[int, int],
@@ -273,7 +273,7 @@ def _sigmas(solution: Solution) -> dict[str, float]:
     return named
 
 
-def coverage(matches: Sequence[Match], image_size: tuple[int, int]) -> float:
+def coverage(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> float:
     """Share of the CELLS x CELLS fields of both images in which at least one corner was seen (0 to 1)."""
     shares = []
     for side in ("left_px", "right_px"):

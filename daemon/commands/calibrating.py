@@ -17,9 +17,9 @@ from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.file import Calibration, calibration_text, load_calibration, same_geometry
 from daemon.calibration.hand_eye import ArmDoubt, HandEyeError, HandEyeResult
 from daemon.calibration.session import (
-    Session,
+    BoardView,
+    CalibrationSession,
     SessionError,
-    View,
     board_in_world,
     show_by_hand,
     solve_camera,
@@ -112,9 +112,9 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
         raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first", NOT_DONE)
 
 
-def _session(context: CommandContext, board: Board) -> Session:
+def _session(context: CommandContext, board: Board) -> CalibrationSession:
     cycle = context.cycle
-    return Session(cycle.supervisor, cycle.set_out, cycle.settings.settling, board, context.calibration)
+    return CalibrationSession(cycle.supervisor, cycle.set_out, cycle.settings.settling, board, context.calibration)
 
 
 def _board(words: list[str]) -> Board:
@@ -126,7 +126,7 @@ def _board(words: list[str]) -> Board:
 
 
 async def _solved(
-    context: CommandContext, kind: str, views: list[View], board: Board, frontend: Frontend
+    context: CommandContext, kind: str, views: list[BoardView], board: Board, frontend: Frontend
 ) -> CommandResult:
     before = after = context.calibration
     lines: list[str] = []
@@ -139,7 +139,7 @@ async def _solved(
         after, camera = await context.study(solve_camera, views, board, after)
         lines += [f"not used: {name}: {reason}" for name, reason in camera.dropped.items()]
         focal = f"focal length {camera.camera.matrix[0, 0]:.2f} +- {camera.focal_sigma_px:.2f} px"
-        lines.append(f"eye: residual {camera.rms_px:.3f} px rms, {focal}")
+        lines.append(f"camera: residual {camera.rms_px:.3f} px rms, {focal}")
         data["camera"] = {"rms_px": camera.rms_px, "focal_sigma_px": camera.focal_sigma_px}
     # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
     after, hand_eye = await context.study(solve_hand_eye, views, board, after)
@@ -229,7 +229,9 @@ async def _use(context: CommandContext, words: list[str], frontend: Frontend) ->
 def _stereo_lines(result: StereoResult) -> list[str]:
     rig, sigma = result.rig, result.sigmas
     lines = [f"not used: {name}: {reason}" for name, reason in result.dropped.items()]
-    lines.append(f"eyes: residual {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px to the epipolar line")
+    lines.append(
+        f"cameras: residual {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px to the epipolar line"
+    )
     for name, eye in (("left", rig.left), ("right", rig.right)):
         lines.append(f"  {name:5} focal length {eye.matrix[0, 0]:.2f} +- {sigma[f'{name}.fx']:.2f} px")
     lines.append(f"  baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
@@ -264,7 +266,7 @@ def _moved(before: Calibration, after: Calibration) -> str:
     return f"The hand-eye has changed since the calibration before by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
-def _verified(views: list[View], board: Board, calibration: Calibration) -> CommandResult:
+def _verified(views: list[BoardView], board: Board, calibration: Calibration) -> CommandResult:
     found = verify(views, board, calibration)
     lines = [
         f"From {found.poses} new poses: lengths {found.length_mm:.2f} mm off (scale {100 * found.scale_error:+.2f} %), "
@@ -276,7 +278,7 @@ def _verified(views: list[View], board: Board, calibration: Calibration) -> Comm
     return CommandResult("\n".join(lines), {**asdict(found), "passed": found.passed}, 0 if found.passed else NOT_DONE)
 
 
-async def _touch(context: CommandContext, view: View, board: Board, frontend: Frontend) -> CommandResult:
+async def _touch(context: CommandContext, view: BoardView, board: Board, frontend: Frontend) -> CommandResult:
     """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
     world_from_board = board_in_world(view, board, context.calibration)
     heights_mm = frames.apply(world_from_board, board.points_mm())[:, 2]

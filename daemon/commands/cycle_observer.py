@@ -11,7 +11,7 @@ from collections.abc import Callable, Coroutine
 from datetime import datetime
 from typing import Any
 
-from daemon.calibration.drift_watch import DriftWatch
+from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
 from daemon.commands.moving import tell_end
 from daemon.console.context import CommandContext

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import Watching
+from daemon.calibration.drift import DriftSettings
 from daemon.events.codes import BY_TITLE, CATALOGUE, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
 from daemon.events.upgrade import read_prose
@@ -74,7 +74,7 @@ def fleet_data(store: Store, days: int) -> Json:
         "definition": DEFINITION,
         "limits": {
             "light": MEASURES["darkness"].limit,
-            "drift": Watching().stop_deg,
+            "drift": DriftSettings().stop_deg,
             "epipolar": MEASURES["epipolar"].limit,
             "near": NEAR,
         },
@@ -281,7 +281,7 @@ def _turned(cell: Json) -> list[tuple[str, str]]:
     for axis in AXES:
         known = [turn for turn in cell["turn"][axis] if turn is not None]
         usual = cell["usual"][axis]
-        if known and usual is not None and abs(known[-1] - usual) > NEAR * Watching().stop_deg:
+        if known and usual is not None and abs(known[-1] - usual) > NEAR * DriftSettings().stop_deg:
             told.append(("drifts", f"{axis} of the right camera {known[-1] - usual:+.2f} degrees since calibration"))
     return told
 

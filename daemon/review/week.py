@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import Watching
+from daemon.calibration.drift import DriftSettings
 from daemon.events.outcomes import DEFINITION
 from daemon.review.brief import that_picked
 from daemon.review.digest import Digest
@@ -63,7 +63,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
         "production": done,
         "definition": DEFINITION,
         "remedies": remedies(done),
-        "stop_deg": Watching().stop_deg,
+        "stop_deg": DriftSettings().stop_deg,
         "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],
     }
 

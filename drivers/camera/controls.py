@@ -15,7 +15,7 @@ from drivers.camera.settings import Wish
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownControl:
     """A wish with a unit of its own: the control's id, its unit in that of the wish, and the automatism to turn off.
 
     off, on: values of the automatism's control.
@@ -29,12 +29,12 @@ class Known:
 
 
 KNOWN = {
-    "exposure_us": Known(
+    "exposure_us": KnownControl(
         0x009A0902, 100.0, 0x009A0901, 1, 3
     ),  # EXPOSURE_ABSOLUTE; EXPOSURE_AUTO manual, aperture first
-    "gain": Known(0x00980913, 1.0, 0x00980912, 0, 1),
-    "white_balance_k": Known(0x0098091A, 1.0, 0x0098090C, 0, 1),
-    "focus": Known(0x009A090A, 1.0, 0x009A090C, 0, 1),
+    "gain": KnownControl(0x00980913, 1.0, 0x00980912, 0, 1),
+    "white_balance_k": KnownControl(0x0098091A, 1.0, 0x0098090C, 0, 1),
+    "focus": KnownControl(0x009A090A, 1.0, 0x009A090C, 0, 1),
 }
 
 
@@ -136,7 +136,7 @@ def _wished(name: str, wish: Wish, offered: Mapping[str, Control], eye: str) -> 
     return control, value
 
 
-def _on(node: v4l2.Node, known: Known) -> int:
+def _on(node: v4l2.Node, known: KnownControl) -> int:
     """The value that starts the automatism: exposure has two kinds, and a camera may offer only the full one (0)."""
     if known.on > 1:
         try:

@@ -10,26 +10,26 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Exposure:
+class FrameExposure:
     """When a frame was exposed: the earliest moment any of its light can be from, and the middle."""
 
     start_s: float
     middle_s: float
 
 
-def exposure_of(stamp_s: float, stamped_at_start: bool, period_s: float, exposure_s: float) -> Exposure:
+def exposure_of(stamp_s: float, stamped_at_start: bool, period_s: float, exposure_s: float) -> FrameExposure:
     """Exposure of a frame from its driver's stamp.
 
     Drivers stamp either the start of exposure or the end of read-out (V4L2_BUF_FLAG_TSTAMP_SRC_*). Read-out of a
     rolling shutter takes up to a period, so in the second case the first row's light may be period + exposure old.
     """
     if stamped_at_start:
-        return Exposure(stamp_s, stamp_s + exposure_s / 2)
-    return Exposure(stamp_s - period_s - exposure_s, stamp_s - (period_s + exposure_s) / 2)
+        return FrameExposure(stamp_s, stamp_s + exposure_s / 2)
+    return FrameExposure(stamp_s - period_s - exposure_s, stamp_s - (period_s + exposure_s) / 2)
 
 
 def newest_pair(
-    left: Sequence[Exposure], right: Sequence[Exposure], not_before_s: float, max_skew_s: float
+    left: Sequence[FrameExposure], right: Sequence[FrameExposure], not_before_s: float, max_skew_s: float
 ) -> tuple[int, int] | None:
     """Indices of the newest two frames that are each other's nearest in time, both fresh, at most max_skew_s apart.
 
@@ -38,7 +38,7 @@ def newest_pair(
     if not left or not right:
         return None
 
-    def nearest(moment: Exposure, others: Sequence[Exposure]) -> int:
+    def nearest(moment: FrameExposure, others: Sequence[FrameExposure]) -> int:
         return min(range(len(others)), key=lambda k: abs(others[k].middle_s - moment.middle_s))
 
     pairs = ((i, nearest(moment, right)) for i, moment in enumerate(left))
@@ -53,8 +53,8 @@ def newest_pair(
 
 
 def why_no_pair(
-    left: Sequence[Exposure],
-    right: Sequence[Exposure],
+    left: Sequence[FrameExposure],
+    right: Sequence[FrameExposure],
     not_before_s: float,
     max_skew_s: float,
     silent_since_s: float,

@@ -31,7 +31,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Format:
+class PixelEncoding:
     """A pixel format: V4L2's code; bytes per pixel of its first plane (0: compressed); which of these is the luma."""
 
     code: str
@@ -40,11 +40,11 @@ class Format:
 
 
 FORMATS = {
-    "GREY": Format("GREY", 1),
-    "Y16": Format("Y16", 2, luma=1),  # little-endian 16 bit, the upper eight kept
-    "YUYV": Format("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) stays the camera's
-    "NV12": Format("NV12", 1),
-    "MJPEG": Format("MJPG", 0),
+    "GREY": PixelEncoding("GREY", 1),
+    "Y16": PixelEncoding("Y16", 2, luma=1),  # little-endian 16 bit, the upper eight kept
+    "YUYV": PixelEncoding("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) stays the camera's
+    "NV12": PixelEncoding("NV12", 1),
+    "MJPEG": PixelEncoding("MJPG", 0),
 }
 """By our names, best first: plain grey, then what carries colour nobody looks at, then compressed."""
 

@@ -80,7 +80,7 @@ class RecordedCamera:
     def use(self, alone: EyeName | None) -> None:
         """What is recorded are pairs of both. Raises CameraError for one eye."""
         if alone is not None:
-            raise CameraError("recorded pairs are of both eyes")
+            raise CameraError("recorded pairs are of both cameras")
 
     def expose(self, left: float, right: float) -> None:
         """What is recorded stays as it is."""

@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.camera import eye as eyes
-from drivers.camera.eye import Eye, RawFrame, Tally
+from drivers.camera import stream
 from drivers.camera.node import LINUX, System
 from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
 from drivers.camera.settings import CameraSettings
+from drivers.camera.stream import CameraStream, RawFrame, StreamTally
 
 KEEP = 4
 """Frames remembered of each eye while looking for a pair."""
@@ -26,14 +26,14 @@ SILENT_PERIODS = 10
 
 
 @dataclass(frozen=True)
-class EyeReport:
+class CameraReport:
     """One eye for people and metrics: its line, what it took of the wished controls, names of controls that are others
     here, what it delivered."""
 
     line: str
     controls: dict[str, int]
     renamed: dict[str, str]
-    tally: Tally
+    tally: StreamTally
 
 
 class V4L2StereoCamera:
@@ -43,7 +43,7 @@ class V4L2StereoCamera:
         self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: System = LINUX
     ) -> None:
         self._settings, self._clock, self._system = settings, clock, system
-        self._eyes: tuple[Eye, ...] = ()
+        self._eyes: tuple[CameraStream, ...] = ()
         self._used = settings.devices
 
     def use(self, alone: EyeName | None) -> None:
@@ -60,10 +60,10 @@ class V4L2StereoCamera:
         """Claim the devices that are looked with. Raises CameraError; then none is held."""
         if self._eyes:
             return
-        started: list[Eye] = []
+        started: list[CameraStream] = []
         try:
             for name, device in self._used.items():
-                started.append(eyes.start(name, device, self._settings, self._system, self._clock))
+                started.append(stream.start(name, device, self._settings, self._system, self._clock))
         except CameraError:
             for eye in started:
                 eye.stop()
@@ -103,7 +103,7 @@ class V4L2StereoCamera:
         return None if None in took else (took[0] or 1.0, took[-1] or 1.0)
 
     def _await_pair(
-        self, both: tuple[Eye, ...], not_before_s: float, deadline_s: float, timeout_s: float
+        self, both: tuple[CameraStream, ...], not_before_s: float, deadline_s: float, timeout_s: float
     ) -> StereoPair:
         seen = [eye.waiting() for eye in both]
         woken = False
@@ -122,7 +122,9 @@ class V4L2StereoCamera:
             if not woken:
                 raise CameraError(self._why(both, seen, not_before_s, timeout_s))
 
-    def _choose(self, both: tuple[Eye, ...], seen: list[list[RawFrame]], not_before_s: float) -> StereoPair | None:
+    def _choose(
+        self, both: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float
+    ) -> StereoPair | None:
         """The best pair among the frames seen, of one eye its frame twice; one that cannot be decoded is counted,
         forgotten, and looked past."""
         while True:
@@ -143,7 +145,9 @@ class V4L2StereoCamera:
             if len(frames) == len(both):
                 return StereoPair(frames[0], frames[-1])
 
-    def _why(self, both: tuple[Eye, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float) -> str:
+    def _why(
+        self, both: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float
+    ) -> str:
         left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
         silent_since_s = self._clock() - SILENT_PERIODS * max(eye.period_s for eye in both)
         names = both[0].name, both[-1].name
@@ -157,9 +161,9 @@ class V4L2StereoCamera:
         what = "stereo pair" if len(both) > 1 else "picture"
         return f"no {what} within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
 
-    def reports(self) -> tuple[EyeReport, ...]:
+    def reports(self) -> tuple[CameraReport, ...]:
         """What each open eye is doing."""
-        return tuple(EyeReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._eyes)
+        return tuple(CameraReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._eyes)
 
     def describe(self) -> str:
         """One line for people."""

@@ -58,7 +58,7 @@ class _FormatUnion(ctypes.Union):
     _fields_ = (("pix", PixelFormat), ("raw", c_uint8 * 200), ("align", c_ulong))
 
 
-class Format(ctypes.Structure):
+class StreamFormat(ctypes.Structure):
     """struct v4l2_format."""
 
     _fields_ = (("type", c_uint32), ("fmt", _FormatUnion))
@@ -158,7 +158,7 @@ def _request(direction: int, number: int, argument: type[ctypes.Structure] | typ
 
 QUERYCAP = _request(2, 0, Capability)
 ENUM_FMT = _request(3, 2, FormatDescription)
-G_FMT, S_FMT = _request(3, 4, Format), _request(3, 5, Format)
+G_FMT, S_FMT = _request(3, 4, StreamFormat), _request(3, 5, StreamFormat)
 REQBUFS, QUERYBUF = _request(3, 8, RequestBuffers), _request(3, 9, Buffer)
 QBUF, DQBUF = _request(3, 15, Buffer), _request(3, 17, Buffer)
 STREAMON, STREAMOFF = _request(1, 18, c_int32), _request(1, 19, c_int32)
@@ -230,7 +230,7 @@ def enumerate_intervals(node: Node, pixelformat: int, width: int, height: int) -
 
 def set_format(node: Node, pixelformat: int, width: int, height: int, stream: int = CAPTURE) -> PixelFormat:
     """Ask for a format; what comes back is what the driver will do, which may be another."""
-    wish = Format(type=stream)
+    wish = StreamFormat(type=stream)
     wish.fmt.pix = PixelFormat(width=width, height=height, pixelformat=pixelformat, field=NO_FIELD)
     node.ioctl(S_FMT, wish)
     granted: PixelFormat = wish.fmt.pix

@@ -16,7 +16,15 @@ from daemon import frames
 from daemon.calibration.board import Board
 from daemon.calibration.file import Calibration
 from daemon.calibration.hand_eye import HandEyeResult
-from daemon.calibration.session import Session, Verified, meet, solve_hand_eye, solve_stereo, verify, view_tour
+from daemon.calibration.session import (
+    CalibrationSession,
+    Verified,
+    meet,
+    solve_hand_eye,
+    solve_stereo,
+    verify,
+    view_tour,
+)
 from daemon.calibration.stereo import StereoResult
 from daemon.cell import build as cells
 from daemon.cell.pick_cell import pick_cell
@@ -84,7 +92,7 @@ async def calibrated(seed: int) -> Calibrated:
         await cycle.go("survey")
         assert hardware.hand is not None
         hardware.hand.show_board(9, 6, 16.0, False)
-        session = Session(cycle.supervisor, cycle.set_out, config.values.pick.settling, BOARD, start)
+        session = CalibrationSession(cycle.supervisor, cycle.set_out, config.values.pick.settling, BOARD, start)
         views = await view_tour(session, 28, silence, 100.0)
         found, stereo = await asyncio.to_thread(solve_stereo, views, BOARD, start)
         found, hand_eye = await asyncio.to_thread(solve_hand_eye, views, BOARD, found)

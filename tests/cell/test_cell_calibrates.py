@@ -7,9 +7,9 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import Board
-from daemon.calibration.drift_watch import DriftWatch
+from daemon.calibration.drift import DriftWatch
 from daemon.calibration.file import load_calibration
-from daemon.calibration.session import Session, SessionError, solve_camera, solve_hand_eye, verify, view_tour
+from daemon.calibration.session import CalibrationSession, SessionError, solve_camera, solve_hand_eye, verify, view_tour
 from daemon.cli.demo import PARTS
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes import simulated_cell
@@ -27,7 +27,7 @@ async def silence(_: str) -> None:
 
 
 def session(here, believed):
-    return Session(here.cycle.supervisor, here.cycle.set_out, here.cycle.settings.settling, BOARD, believed)
+    return CalibrationSession(here.cycle.supervisor, here.cycle.set_out, here.cycle.settings.settling, BOARD, believed)
 
 
 def test_a_board_passes_the_true_calibration_and_fails_it_once_an_eye_was_knocked():
@@ -45,7 +45,7 @@ def test_a_board_passes_the_true_calibration_and_fails_it_once_an_eye_was_knocke
     good, bad = asyncio.run(story())
     assert good.passed, good.failures
     assert not bad.passed
-    assert any("an eye has moved" in failure for failure in bad.failures)
+    assert any("a camera has moved" in failure for failure in bad.failures)
 
 
 def test_without_a_board_in_view_the_arm_does_not_move():

@@ -122,7 +122,7 @@ class PretendDevice:
         a.type = v4l2.SIZE_DISCRETE
         a.values[0], a.values[1] = sizes[a.index]
 
-    def _set_format(self, a: v4l2.Format) -> None:
+    def _set_format(self, a: v4l2.StreamFormat) -> None:
         pix = a.fmt.pix
         self.code = v4l2.code_of(pix.pixelformat)
         sizes = self.formats[self.code]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.drift import Drift, Watching, fresh, observe
+from daemon.calibration.drift import Drift, DriftSettings, fresh, observe
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.clues import Clue, clue
 from tests.fakes.rigs import turned, unlike_rig
@@ -49,7 +49,7 @@ def run(rig_at: Callable[[int], StereoRig], count: int, seed: int = 0) -> tuple[
     """The first look with an alarm, and the alarm."""
     rng, watch = np.random.default_rng(seed), fresh()
     for k in range(count):
-        watch, drift = observe(watch, look(rig_at(k), rng, f"look {k}"), Watching())
+        watch, drift = observe(watch, look(rig_at(k), rng, f"look {k}"), DriftSettings())
         if drift is not None:
             return k, drift
     return None
@@ -78,7 +78,7 @@ def test_the_size_of_a_knock_is_told_once_it_is_known() -> None:
     rng, watch, drift = np.random.default_rng(3), fresh(), None
     for k in range(120):
         rig = unlike_rig() if k < 50 else turned(unlike_rig(), 0, 0.2)
-        watch, drift = observe(watch, look(rig, rng, f"look {k}"), Watching())
+        watch, drift = observe(watch, look(rig, rng, f"look {k}"), DriftSettings())
     assert drift is not None
     assert abs(drift.degrees) == pytest.approx(0.2, abs=0.03)
     assert drift.stops
@@ -106,6 +106,6 @@ def test_a_calibration_that_was_a_little_off_from_the_start_is_not_taken_for_a_d
 
 def test_a_look_that_says_nothing_changes_nothing() -> None:
     watch = fresh()
-    after, drift = observe(watch, clue(unlike_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), Watching())
+    after, drift = observe(watch, clue(unlike_rig(), np.zeros((0, 2)), np.zeros((0, 2)), [], "09:12"), DriftSettings())
     assert drift is None
     assert not after.learnt.any()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.calibration.drift_watch import DriftWatch
+from daemon.calibration.drift import DriftWatch
 from daemon.vision.health.clues import Clue, health_fields
 
 

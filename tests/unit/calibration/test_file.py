@@ -84,7 +84,7 @@ def test_a_file_that_is_not_yaml_names_the_line(tmp_path: Path) -> None:
         ("- [0.0, 1.0, 0.0, 0.0]", "- [0.0, 1.1, 0.0, 0.0]", "expected a rotation in the 3x3 block"),
         ("- [0.0, 0.0, 0.0, 1.0]", "- [0.0, 0.0, 0.5, 1.0]", "expected a last row [0, 0, 0, 1]"),
         ("-30.0]", "-.inf]", "left.cyclopean_from_camera: expected finite numbers"),
-        ("-30.0]", "130.0]", "eyes swapped?"),
+        ("-30.0]", "130.0]", "exchange the two"),
         ("-30.0]", "30.0]", "less than 1 mm apart"),
         ("version: 1", "version: 1\nversion: 1", ":3: version: said twice"),
     ],

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.camera.pairing import Exposure, exposure_of, newest_pair, why_no_pair
+from drivers.camera.pairing import FrameExposure, exposure_of, newest_pair, why_no_pair
 
 
-def frames(*times_s: float, long_s: float = 0.0) -> list[Exposure]:
-    return [Exposure(t - long_s, t) for t in times_s]
+def frames(*times_s: float, long_s: float = 0.0) -> list[FrameExposure]:
+    return [FrameExposure(t - long_s, t) for t in times_s]
 
 
 def test_the_newest_two_of_one_moment_are_chosen() -> None:

@@ -20,7 +20,7 @@ REQUESTS = {
 
 OFFSETS = {
     (v4l2.Buffer, "seconds"): 24, (v4l2.Buffer, "timecode"): 40, (v4l2.Buffer, "sequence"): 56, (v4l2.Buffer, "m"): 64,
-    (v4l2.Buffer, "length"): 72, (v4l2.Format, "fmt"): 8, (v4l2.QueryMenu, "reserved"): 40,
+    (v4l2.Buffer, "length"): 72, (v4l2.StreamFormat, "fmt"): 8, (v4l2.QueryMenu, "reserved"): 40,
     (v4l2.QueryControl, "flags"): 56, (v4l2.FrameSize, "values"): 12, (v4l2.FrameInterval, "values"): 20,
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ import yaml
 from daemon import frames
 from daemon.calibration.file import load_calibration
 from daemon.calibration.hand_eye import ArmDoubt
-from daemon.calibration.session import Session
+from daemon.calibration.session import CalibrationSession
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
 from daemon.console.interpreter import CommandError, CommandResult, Interpreter
@@ -128,7 +128,7 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     async def set_out() -> None:
         context.cycle.told.append("set out")
 
-    async def tour(session: Session, *_: Any) -> Any:
+    async def tour(session: CalibrationSession, *_: Any) -> Any:
         await session.set_out()
         raise CommandError("far enough")
 

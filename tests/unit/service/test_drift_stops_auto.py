@@ -10,8 +10,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from daemon.calibration.drift import Drift
-from daemon.calibration.drift_watch import DriftWatch
+from daemon.calibration.drift import Drift, DriftWatch
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.console.context import Troubles
 from daemon.pick.settings import Settings

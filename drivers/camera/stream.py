@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from drivers.camera import controls, find, v4l2
 from drivers.camera.node import OpenNode, System
 from drivers.camera.pair import CameraError
-from drivers.camera.pairing import Exposure, exposure_of
+from drivers.camera.pairing import FrameExposure, exposure_of
 from drivers.camera.pixels import FORMATS, Image, Layout, read_grey, stride, whole_frame_bytes
 from drivers.camera.settings import CameraSettings
 
@@ -28,7 +28,7 @@ class RawFrame:
 
     data: bytes
     layout: Layout
-    exposure: Exposure
+    exposure: FrameExposure
     sequence: int
 
     def image(self) -> Image:
@@ -37,7 +37,7 @@ class RawFrame:
 
 
 @dataclass
-class Tally:
+class StreamTally:
     """What one camera delivered since it was opened: whole frames, numbers the driver skipped, frames not whole."""
 
     frames: int = 0
@@ -46,13 +46,13 @@ class Tally:
     last_damage: str = ""
 
 
-class Eye:
+class CameraStream:
     """One open, streaming camera, made by `start`. Any method may raise CameraError; then only stop() is left."""
 
     def __init__(self, name: str, path: str, node: OpenNode, system: System, clock: Callable[[], float]) -> None:
         self.name, self.path, self.node = name, path, node
         self.card = ""
-        self.tally = Tally()
+        self.tally = StreamTally()
         self.settings_taken: dict[str, int] = {}
         self.renamed: dict[str, str] = {}
         """Controls that the settings name otherwise than this device: name there -> name here."""
@@ -134,7 +134,7 @@ class Eye:
             return False
         return True
 
-    def _exposure(self, buffer: v4l2.Buffer) -> Exposure:
+    def _exposure(self, buffer: v4l2.Buffer) -> FrameExposure:
         """When the frame was exposed. Stamps of another clock say nothing, nor do those ahead of ours, which a driver
         reckoned wrongly: then the moment of taking stands in."""
         at_start = buffer.flags & v4l2.BUFFER_STAMP_MASK == v4l2.BUFFER_STAMP_START_OF_EXPOSURE
@@ -196,12 +196,12 @@ class Eye:
         return find.words_for_trouble(self.name, self.path, self._system)
 
 
-def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> Eye:
+def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> CameraStream:
     """Find, open and start one camera. Raises CameraError; nothing stays open then."""
     path = find.find(device, name, system)
     with find.words_for_trouble(name, path, system):
         node = system.open(path)
-    eye = Eye(name, path, node, system, clock)
+    eye = CameraStream(name, path, node, system, clock)
     try:
         eye.begin(settings)
     except CameraError:
