@@ -295,7 +295,7 @@ BY_MEASURE: Mapping[str, CauseCode] = {
     "knocked": CauseCode.CAMERA_KNOCKED, "epipolar": CauseCode.CAMERA_KNOCKED, "focus": CauseCode.OUT_OF_FOCUS,
     "motion": CauseCode.MOTION_BLUR, "darkness": CauseCode.TOO_DARK, "saturation": CauseCode.OVEREXPOSED,
 }  # fmt: skip
-"""Measures of the images (vision/health/examine.py) by the cause that they are signs of."""
+"""Measures of the images (vision/health/examination.py) by the cause that they are signs of."""
 BY_UNNAMED: Mapping[str, CauseCode] = {
     "border": CauseCode.AT_BORDER, "dark": CauseCode.TOO_DARK, "burnt": CauseCode.OVEREXPOSED,
     "hidden": CauseCode.HIDDEN, "alike": CauseCode.ALIKE, "patterned": CauseCode.PATTERNED_TABLE,

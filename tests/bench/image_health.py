@@ -15,7 +15,7 @@ import numpy as np
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment
 from daemon.vision.health.cause import unevenness
-from daemon.vision.health.examine import examine
+from daemon.vision.health.examination import examine
 from drivers.camera.pixels import Layout, read_grey
 from tests.fakes import rendered
 

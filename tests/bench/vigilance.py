@@ -50,7 +50,9 @@ ALPHAS, BETAS = (0.001, 0.01, 0.1), (1.0, 0.5)
 PAIRS = 8
 """Look-alikes a family."""
 TAUGHT, PICTURES = 64, 48
-RECOGNISE = importlib.import_module("daemon.vision.recognition.recognise")  # the package has a function of that name
+RECOGNISE = importlib.import_module(
+    "daemon.vision.recognition.group_recognition"
+)  # the package has a function of that name
 
 
 @dataclass(frozen=True, eq=False)

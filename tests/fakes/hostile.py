@@ -59,7 +59,7 @@ from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runs import check_wire, read_run
 from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.vision.model import empty_model, learn_view
-from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_group
 from tests.fakes.fake_context import FakeFrontend, fake_context
 from tests.fakes.made_run import MadeRun
 from tests.fakes.solids import CUBE, PYRAMID, pose, view_of

@@ -1,7 +1,4 @@
-"""Names, messages and manuals in the field's own words: old words do not come back, and one name is one thing.
-
-The sets called NOT_YET only shrink: whoever mends an entry may leave it there; nobody may add one.
-"""
+"""Names, messages and manuals in the field's own words: old words do not come back, and one name is one thing."""
 
 from __future__ import annotations
 
@@ -23,12 +20,6 @@ OLD_NAMES = {"hall", "doors", "upkeep", "live", "jobs", "worlds", "turns", "sent
 """Names of packages and modules that were, and are none any more."""
 GONE_FROM_MESSAGES = {"upkeep", r"borne(?: out)?", "twins?|rivals?", "sentry", "night of misses", "the judge"}
 """Of the words that lead astray, those that no message has."""
-TWICE_NOT_YET = {
-    "Answer", "Change", "Finding", "Format", "Session", "Source", "Table", "Tally", "_Header", "_Line", "_State",
-}  # fmt: skip
-"""Names that more than one class has."""
-SHADOWED_NOT_YET = {"aspects", "regularise", "converging", "examine", "recognise"}
-"""Modules that their package hides behind a function of the same name."""
 OPERATORS = [*sorted((HOUSE / "docs" / "operate").glob("*.md")), HOUSE / "README.md", HOUSE / "deploy" / "README.md"]
 
 
@@ -61,7 +52,7 @@ def test_a_class_name_occurs_once() -> None:
         for node in ast.walk(tree(file)):
             if isinstance(node, ast.ClassDef):
                 where[node.name].append(str(file.relative_to(HOUSE)))
-    assert {n: files for n, files in where.items() if len(files) > 1 and n not in TWICE_NOT_YET} == {}
+    assert {n: files for n, files in where.items() if len(files) > 1} == {}
 
 
 def test_no_package_hides_a_module_behind_a_function_of_its_name() -> None:
@@ -71,7 +62,7 @@ def test_no_package_hides_a_module_behind_a_function_of_its_name() -> None:
         for node in ast.walk(tree(door)):
             if isinstance(node, ast.ImportFrom) and node.module != package:
                 hidden |= {a.asname or a.name for a in node.names if (door.parent / f"{a.name}.py").exists()}
-    assert hidden - SHADOWED_NOT_YET == set()
+    assert hidden == set()
 
 
 @pytest.mark.parametrize("word", sorted(GONE_FROM_MESSAGES))

@@ -1,7 +1,6 @@
 """Cameras, rays, planes, polygons, rigid fits, as arrays. No pixel is read, nothing has a name."""
 
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
-from daemon.vision.geometry.converging import Converging, by_formula, converging
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
 from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import (
@@ -20,6 +19,7 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
+from daemon.vision.geometry.vergence import Converging, by_formula, converging
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.geometry import PlanarShape
-from daemon.vision.health.examine import MEASURES
+from daemon.vision.health.examination import MEASURES
 from daemon.vision.health.exposure import Image, Pictures, ground, hull, outlines
 from daemon.vision.image import SATURATED, block_means
 from daemon.vision.values import Cause, NearestGuess, Part

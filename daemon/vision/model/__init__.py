@@ -1,6 +1,6 @@
 """What was taught: facet types, relation matrix, views, the part merged from them. Values; no image."""
 
-from daemon.vision.model.aspects import Aspect, aspects, spread
+from daemon.vision.model.aspect_sets import Aspect, aspects, spread
 from daemon.vision.model.correspond import Correspondence, correspondences, spread_from
 from daemon.vision.model.facet_types import (
     LARGEST_NUMBER,
@@ -22,7 +22,7 @@ from daemon.vision.model.model import (
     learn_view,
     relearnt,
 )
-from daemon.vision.model.regularise import regularise
+from daemon.vision.model.regularisation import regularise
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 from daemon.vision.model.symmetry import EXACT_MM, symmetries, turns_onto_themselves
 

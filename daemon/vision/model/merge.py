@@ -14,7 +14,7 @@ from daemon.arrays import Array, Index
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_limit, fit_poses
 from daemon.vision.model.correspond import Correspondence, correspondences
 from daemon.vision.model.facet_types import FALSE_ALARM, SIGMA_SCALE, FacetLibrary
-from daemon.vision.model.regularise import regularise
+from daemon.vision.model.regularisation import regularise
 from daemon.vision.settings import TOLERANCE_MM
 
 ALWAYS_MM, NEVER_MM, SIGMAS = 3.0, 8.0, 4.0

@@ -17,7 +17,7 @@ from daemon.art import RelationalView, RelationARTMAP
 from daemon.errors import FacetdError
 from daemon.vision.facets import connected
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model.aspects import aspects
+from daemon.vision.model.aspect_sets import aspects
 from daemon.vision.model.facet_types import FacetLibrary
 from daemon.vision.model.merge import MetricModel, best_laid, merge_views
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of

@@ -2,8 +2,7 @@
 
 from daemon.vision.recognition.confidence import kinds_of
 from daemon.vision.recognition.fits import fitted, places_of
-from daemon.vision.recognition.recall import recalled
-from daemon.vision.recognition.recognise import (
+from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
     joined,
@@ -15,6 +14,7 @@ from daemon.vision.recognition.recognise import (
     typed_as,
     without_name,
 )
+from daemon.vision.recognition.recall import recalled
 
 __all__ = [
     "CandidatePose",

@@ -1,7 +1,7 @@
 """Ways in which a seen solid may be a taught part, each fitted and weighed by its chi-square.
 
 In: what is seen, ways that recall proposes, the taught metric models. Out: hypotheses, best first. Which one is
-believed is said in recognise.py.
+believed is in group_recognition.py.
 
 Where a recognised part's corners most likely are: what was measured and what was taught, weighed by their errors.
 

@@ -31,7 +31,7 @@ from daemon.store.npz import unpack
 from daemon.store.outside import FileError
 from daemon.store.places import HOUSE
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
-from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_group
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
 from tests.fakes.hostile import fitting

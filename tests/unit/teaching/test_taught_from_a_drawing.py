@@ -16,7 +16,7 @@ from daemon.teaching.mesh import MeshError, read_mesh
 from daemon.teaching.sufficiency import imagined_group
 from daemon.teaching.trainer import Trainer
 from daemon.vision.model import aspects
-from daemon.vision.recognition.recognise import recognise_group
+from daemon.vision.recognition.group_recognition import recognise_group
 from tests.fakes import drawn, rendered
 from tests.fakes.drawn import block, solid
 

@@ -25,7 +25,7 @@ from daemon.vision.hypotheses.support_plane import resting_planes
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.recognise import Recognised, recognise_group, suspected
+from daemon.vision.recognition.group_recognition import Recognised, recognise_group, suspected
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples
 from daemon.vision.values import Group
 from tests.fakes.printed import print_pair, straight_rig

@@ -14,7 +14,7 @@ from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view
-from daemon.vision.recognition.recognise import Recognised, recognise_group
+from daemon.vision.recognition.group_recognition import Recognised, recognise_group
 from daemon.vision.values import Facet, FacetView, Group, Rejected
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import CUBE, measured, pose, seen_facets, view_of

@@ -16,9 +16,9 @@ from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
 from daemon.vision.facets.grouping import lying_under
 from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
 from daemon.vision.facets.reconstruct import find_facets
-from daemon.vision.geometry.converging import by_formula, converging
 from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.geometry.vergence import by_formula, converging
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, FacetView

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from daemon.vision.model.aspects import OBLIQUE
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
 from daemon.teaching.sufficiency import imagined_view, motion_monitor
 from daemon.vision.model import aspects, learn_solid
-from daemon.vision.model.aspects import OBLIQUE
 from daemon.vision.model.model import empty_model, learn_view
 from tests.fakes import drawn, rendered
 from tests.fakes.drawn import block, solid

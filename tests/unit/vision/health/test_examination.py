@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
 
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment, matched_points
-from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
 from tests.fakes import rigs
 
 Image = np.ndarray
