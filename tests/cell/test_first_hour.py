@@ -35,5 +35,5 @@ def test_every_line_of_the_first_hour_does_what_it_is_there_for(
         said[line] = done["text"]
         assert done["status"] == 0, f"{line}: {done['text']}"
     assert said["pick bracket"].startswith("picked: bracket")
-    assert said["auto wait"].endswith("2 parts picked.")
+    assert said["auto wait"].endswith("2 parts picked; that is as many as requested.")
     assert len(said) >= 15

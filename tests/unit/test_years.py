@@ -97,5 +97,5 @@ def test_a_daemon_in_simulated_time_picks_and_ends(folder: Path) -> None:
 
     with light_daemon(folder) as daemon:
         daemon.run(daemon.start())
-        assert daemon.run(morning(daemon)) == "1 part picked."
+        assert daemon.run(morning(daemon)) == "1 part picked; that is as many as requested."
         assert daemon.run(daemon.stop()) == 0

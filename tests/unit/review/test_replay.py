@@ -14,7 +14,7 @@ from daemon.review import replay
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import (
-    Change,
+    ReplayChange,
     Using,
     apart_mm,
     compare,
@@ -160,7 +160,7 @@ def test_a_part_that_was_there_and_is_not_is_told_by_look_and_cycle(tmp_path: Pa
     empty, full = looked(tmp_path, {"scene": scene()}, {"scene": scene(part("cube"))})
     assert (empty.changes, empty.record["seq"], empty.now["parts"]) == ((), 1, [])
     (change,) = full.changes
-    assert change == Change(2, 1, "cube", "no longer found", True)
+    assert change == ReplayChange(2, 1, "cube", "no longer found", True)
     assert (full.identical, full.then) == (False, scene(part("cube")))
 
 

@@ -23,7 +23,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
     """The troubles that stand after one look, and what the supervisor was told to fail with."""
     failed: list[tuple[str, str]] = []
 
-    async def fail(code: str, text: str) -> None:
+    async def fail(code: str, text: str, cause: object) -> None:
         failed.append((code, text))
 
     async def story() -> dict[str, str]:

@@ -81,7 +81,9 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
         config=None, calibration=None, hardware=None, log=None, worker=None,
         notices=SimpleNamespace(tell=lambda text, by=None: told.append(text)),
         cycle=SimpleNamespace(
-            status=lambda: {"doing": None}, supervisor=SimpleNamespace(let=True, disable=disable), refit=refit
+            status=lambda: {"doing": None},
+            supervisor=SimpleNamespace(permit=SimpleNamespace(granted=True), disable=disable),
+            refit=refit,
         ),
     )  # fmt: skip
     with pytest.raises(FacetdError, match="busy: pick"):

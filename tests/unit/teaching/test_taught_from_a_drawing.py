@@ -107,12 +107,12 @@ class Reader:
         ("cube --mesh", "FILE is missing: teach LABEL --mesh"),
         ("cube --mesh none.stl", "none.stl: No such file or directory"),
         ("--mesh cube.stl", "which part?"),
-        ("cube --mesh cube.stl mile", "mile: no such unit; known: cm, inch, m, mm"),
+        ("cube --mesh cube.stl mile", "mile: no such unit; choose from: cm, inch, m, mm"),
         ("cube --mesh cube.stl mm mm", "mm: one word too many"),
         ("cube --mesh bad.obj", "bad.obj: not closed"),
         ("brick --mesh bad.obj", "bad.obj: not closed"),
         ("brick --mesh cube.txt", "cube.txt: expected a name that ends in .stl or .obj"),
-        ("brick --mesh cube.stl", "A new one: at a console"),
+        ("brick --mesh cube.stl", "To add a new part, teach it at a console"),
     ],
 )
 def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm.permit import MotionPermit
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
@@ -26,7 +27,14 @@ class Wire:
         """What is said to the next thing that is typed, and how long after it."""
         self.records: list[dict[str, Any]] = []
         self.session = LineSession(
-            "wire", Dialect(), self.loop.time, Ledger(self.records.append), self._opened, lambda: None, lambda: None
+            "wire",
+            Dialect(),
+            self.loop.time,
+            Ledger(self.records.append),
+            self._opened,
+            lambda: None,
+            lambda: None,
+            MotionPermit(),
         )
 
     def _opened(self, path: str, dialect: Dialect, on_bytes: Any, on_lost: Any) -> Any:

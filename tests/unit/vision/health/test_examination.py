@@ -7,11 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from daemon.vision.health.examine import MEASURES, examine, findings_json, misleading, troubles
 
 from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.health.blur import measure_blur
 from daemon.vision.health.camera_order import Assignment, assignment, matched_points
+from daemon.vision.health.examination import MEASURES, examine, findings_json, misleading, troubles
 from tests.fakes import rigs
 
 Image = np.ndarray
@@ -97,7 +97,7 @@ def test_an_empty_bright_table_is_not_a_covered_lens_but_one_blind_eye_is() -> N
 def test_only_what_shows_something_that_is_not_there_is_misleading() -> None:
     assert misleading(examine((noisy(LEFT // 8), RIGHT))) == ()
     assert len(misleading(examine((LEFT, RIGHT), before=(LEFT, RIGHT)))) == 1
-    assert "covered" in misleading(examine((noisy(np.full((480, 640), 3)), RIGHT)))[0]
+    assert "covered" in str(misleading(examine((noisy(np.full((480, 640), 3)), RIGHT)))[0])
 
 
 def test_a_trouble_says_where_what_to_do_and_by_how_much() -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from daemon.vision.model.aspects import OBLIQUE
 
 from daemon.store.library import load_facets
 from daemon.store.model import from_bytes, to_bytes
-from daemon.teaching.sufficiency import imagined_view, motion_monitor
+from daemon.teaching.sufficiency import imagined_view, judge
 from daemon.vision.model import aspects, learn_solid
+from daemon.vision.model.aspect_sets import OBLIQUE
 from daemon.vision.model.model import empty_model, learn_view
 from tests.fakes import drawn, rendered
 from tests.fakes.drawn import block, solid
@@ -47,7 +47,7 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
         metric = model.metric[label].solid
         lengths = {round(float(np.linalg.norm(metric.corners_mm[a] - metric.corners_mm[b]))) for a, b in metric.edges}
         assert lengths == sides
-        told = motion_monitor(model, label, RIG)
+        told = judge(model, label, RIG)
         assert told.complete
         assert told.unseen == 0
         assert all(len(mistake.facets) == 1 for mistake in told.mistakes), "only a single facet is no proof"
