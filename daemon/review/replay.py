@@ -38,7 +38,8 @@ Json = dict[str, Any]
 NEAR_MM = 25.0
 """A part now and a part then are the same one when their facets' centroids are this close."""
 SIGMAS = 3.0
-TIMINGS = ("ms", "stages_ms")
+OF_ONE_TIME = ("ms", "stages_ms", "unmatched", "nothing")
+"""Of a recorded scene: how long it took, and what the pick added where no part was seen."""
 NO_LONGER, NOT_BEFORE = "no longer found", "was not found before"
 """Neither says anything of a look in which only the expected part was looked for, by its edges."""
 
@@ -186,8 +187,8 @@ def _corners(part: Json) -> Array:
 
 
 def untimed(scene: Json) -> Json:
-    """A scene but for the time it took."""
-    return {name: value for name, value in scene.items() if name not in TIMINGS}
+    """A scene as the recogniser gives it, but for the time it took."""
+    return {name: value for name, value in scene.items() if name not in OF_ONE_TIME}
 
 
 def _gap_mm(a: Json, b: Json) -> float:
