@@ -7,13 +7,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from daemon.vision.recognition.recognise import recognise, recognise_group, standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.model.model import Model, learn_view
+from daemon.vision.recognition.group_recognition import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part
 from tests.fakes.remembered import SIX_VIEWS, shown
 from tests.fakes.solids import CUBE, KNOWN, PENTAGONAL, PYRAMID, STRANGERS, TRIANGULAR, Body, measured, pose, view_of
