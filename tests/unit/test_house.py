@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from daemon.store.places import HOUSE
+from tests.bench.long import mutations
 
 NAMED = re.compile(
     r"(?<![\w./*<{-])(?:[\w-]+/)*[\w-]+\.(?:py|sh)\b|(?<![\w./])(?:daemon|drivers|tests|etc)/[\w/]*\w(?!\w|\.\w)"
@@ -136,3 +137,8 @@ def test_each_wrong_known_by_name_can_still_be_put_where_it_was_found() -> None:
     for wrong in yaml.safe_load((HOUSE / "tests/bench/data/mutations.yaml").read_text(encoding="utf-8")):
         assert wrong["before"] in (HOUSE / wrong["file"]).read_text(encoding="utf-8"), wrong["what"]
         assert (HOUSE / wrong["tests"]).exists(), wrong["what"]
+
+
+def test_the_mutation_bench_names_files_and_tests_that_exist() -> None:
+    named = [*mutations.FILES, *(tests for of_package in mutations.WHOLE.values() for tests in of_package)]
+    assert [name for name in named if not (HOUSE / name).exists()] == []

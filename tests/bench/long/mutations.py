@@ -50,10 +50,15 @@ FORK = multiprocessing.get_context("fork")
 ROOT = Path(__file__).resolve().parents[3]
 FILES = (
     *(f"daemon/arm/{name}.py" for name in (
-        "guard", "mover", "supervisor", "stopping", "hold", "sweep", "route", "body")),
+        "belief", "guard", "motion", "permit", "supervisor", "stopping", "hold", "sweep", "route", "body")),
     *(f"drivers/val2/{name}.py" for name in ("link", "wire", "session", "conversation")),
     *(f"daemon/store/{name}.py" for name in (
-        "outside", "standing", "records", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
+        "outside", "recovery_state", "runs", "runlog", "files", "npz", "pictures", "model_store", "yamlfile")),
+    *(f"daemon/events/{name}.py" for name in ("records", "outcomes", "upgrade")),
+    *(f"daemon/pick/{name}.py" for name in (
+        "approach", "take", "looking", "world", "pose_fusion", "plan", "find", "outcome", "transitions")),
+    *(f"daemon/calibration/{name}.py" for name in (
+        "hand_eye", "least_squares", "stereo", "tour", "session", "drift", "plausible")),
     *(f"daemon/frontends/{name}.py" for name in ("socket_server", "rights", "command_queue", "client", "line_editor")),
     *(f"daemon/review/{name}.py" for name in ("digest", "page", "pagedata", "replay", "export", "why", "tables")),
 )  # fmt: skip
@@ -71,6 +76,9 @@ WHOLE = {
     "val2": ("tests/unit/val2", "tests/unit/cell", *DAEMON),
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
     "frontends": ("tests/unit/frontends", "tests/unit/console"),
+    "events": ("tests/unit/events", "tests/unit/review", "tests/unit/store"),
+    "pick": ("tests/unit/pick", *DAEMON),
+    "calibration": ("tests/unit/calibration", "tests/unit/commands", "tests/unit/service/test_drift_stops_auto.py"),
     "review": ("tests/unit/review", "tests/unit/store/test_records.py", "tests/unit/store/test_bombs.py"),
 }
 """What runs, by room, where the file's own tests notice nothing."""
