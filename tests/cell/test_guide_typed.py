@@ -346,7 +346,7 @@ def test_every_key_of_the_guide_does_what_it_is_there_for(operator: Operator) ->
     for sign in ("stops the arm.", "."):
         person.sees(sign, PATIENCE_S)
     person.types("\x1d")
-    person.sees("Back from the controller's terminal", PATIENCE_S)
+    person.sees("Back at the console", PATIENCE_S)
     person.types("\x03")
     person.sees("Nothing moves.", PATIENCE_S)
     person.types("\x04")
