@@ -63,7 +63,7 @@ REFUSED = {
     "robot cal": "*Arm power off*",
     "robot power-up": "the controller asks no power-up question",
     "model use": "in use already",
-    "notices": "that is for `facetctl console`",
+    "notices": "notices appear only at `facetctl console`",
     "calibrate": "kind of calibration",
     "recognise": "the following arguments are required",
     "teach": "LABEL",

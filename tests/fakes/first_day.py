@@ -290,7 +290,7 @@ def typed_from_the_page(folder: Path, seed: int) -> str:
     arm = ArmGeometry()
     lay_down(folder, truth(arm, Manners(), np.array(READY_DEG)), configuration(arm, seed, "trial/arm.yaml"))
     for words, wanted in (
-        (("daemon.ctl", "arm", "replay", str(trial / "transcript.jsonl")), "word for word"),
+        (("daemon.ctl", "arm", "replay", str(trial / "transcript.jsonl")), "byte for byte"),
         (("daemon.main", "--check", "--config", str(folder / "facetd.yaml")), "is good"),
     ):
         done = subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, check=False)
