@@ -16,7 +16,7 @@ def test_sigterm_in_mid_motion_stops_the_arm_first_and_ends_in_time(person: Pers
     cursor = journal()[-1]["__CURSOR"]
     configure(4.0, ("left",), str(ADAPTER))  # so slow that the move outlasts everything here
     assert run("systemctl", "reload", "facetd").returncode == 0
-    until(lambda: [r for r in journal(cursor) if "configuration is taken over" in str(r.get("MESSAGE"))])
+    until(lambda: [r for r in journal(cursor) if "The configuration is reloaded" in str(r.get("MESSAGE"))])
     assert command("enable")["status"] == 0
     tool = str(Path(sys.executable).with_name("facetctl"))
     went = subprocess.Popen([tool, "go", "bin"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

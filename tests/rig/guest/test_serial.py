@@ -64,7 +64,7 @@ def travel(percent: float) -> None:
     cursor = journal()[-1]["__CURSOR"]
     configure(percent, ("left",), str(ADAPTER), SLACK_S)
     assert run("systemctl", "reload", "facetd").returncode == 0
-    until(lambda: [r for r in journal(cursor) if "configuration is taken over" in str(r.get("MESSAGE"))])
+    until(lambda: [r for r in journal(cursor) if "The configuration is reloaded" in str(r.get("MESSAGE"))])
 
 
 def may_move(person: Person) -> None:
