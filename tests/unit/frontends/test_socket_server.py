@@ -24,6 +24,7 @@ from daemon.config import ConsoleSettings, SerialTerminalSettings
 from daemon.console.interpreter import CommandError, CommandResult, ConsoleCommand, Interpreter
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.frontends.command_queue import MOST_AHEAD
+from daemon.frontends.line_editor import CLEAR_TO_END
 from daemon.frontends.rights import FrontendError, Rights
 from daemon.frontends.serial_terminal import SerialFrontend
 from daemon.frontends.socket_server import (
@@ -279,7 +280,8 @@ class Terminals:
         while text not in self.shown:
             assert time.monotonic() < deadline, f"{text!r} did not appear; the screen shows {self.shown!r}"
             try:
-                self.shown += os.read(self.person, 4096).decode()
+                heard = os.read(self.person, 4096).decode()
+                self.shown = (self.shown + heard).replace(CLEAR_TO_END.decode(), "")  # a screen shows none of it
             except BlockingIOError:
                 await asyncio.sleep(0.005)
         before, _, self.shown = self.shown.partition(text)
