@@ -1,17 +1,14 @@
-"""Parts named by straight edges, where no outline closes: printed faces, patterned tables, worn and shining edges.
+"""Parts named and measured by straight edges, where no outline closes: printed faces, patterned tables, worn edges.
 
-The likeliest guesses of which part could be where are laid onto the grey levels, stretch by stretch: first, where
-little but parts shows edges, those from facets without a name, which cost little; then those from corners that both
-eyes see; then, where these name nothing, those from the table and the corners of either eye alone.
-How likely such a part is there says what its edges show beyond the chance of this very picture, whether it rests on the
-table, whether another size would fit better, whether the picture repeats itself, whether its print lies on its faces,
-and how much of what is seen there is its own: held against all guesses that were made, so that more taught parts raise
-the bar. And what only it has must tell it from every other taught part that could lie there.
+The likeliest hypotheses are registered on the grey levels: first, where little but parts shows edges, those from facets
+without a name, which cost little; then those from junctions that both cameras see; then, where these name nothing,
+those from the support plane and the junctions of one camera alone.
 
-A part that its edges name, measured where it was laid: pose, facets, and by how much its place is in doubt.
-
-In: a part laid onto both images, and the same part as it could lie otherwise. Out: what is named. Whether it is there
-is by_edges.py's.
+How likely such a part is there depends on what its edges show beyond the chance of this very image, on its rest on the
+support plane, on the fit of other sizes, on repetition in the image, on whether its print lies on its faces, and on its
+share of what is seen there. All hypotheses that were made count against it, so that more taught parts raise the bar,
+and what only it has must tell it from every other taught part that could lie there. A named part is measured where it
+was registered: pose, facets, and the covariance of its place.
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.geometry import Polyhedron, hidden
-from daemon.vision.image import CameraImage, StereoImages, levels_across, slopes_across
+from daemon.vision.image import CameraImage, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, without_name
 from daemon.vision.refine import ROOM_PX, THIN_PX, ShapeBatch, across
@@ -40,7 +39,9 @@ must fall short of."""
 FEWEST = 8
 """Places by which a facet's level is known; with fewer, all of its borders say it."""
 _OFFSETS_PX = np.arange(-REACH_PX, REACH_PX + 1.0)
-_BETWEEN_PX = (_OFFSETS_PX[1:] + _OFFSETS_PX[:-1]) / 2
+_BETWEEN_PX = (_OFFSETS_PX[2:-1] + _OFFSETS_PX[1:-2]) / 2
+"""Of the slopes between those, where there may be a peak."""
+_ON_PLACE, _CLOSE = (np.abs(_BETWEEN_PX) <= near for near in (ON_PLACE_PX, CLOSE_PX))
 _BESIDE = np.stack(
     [np.flatnonzero((side * _OFFSETS_PX >= BESIDE_PX[0]) & (side * _OFFSETS_PX <= BESIDE_PX[1])) for side in (-1, 1)]
 )
@@ -157,7 +158,7 @@ def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -
     ends = solid.lines[0]
     corners = view.eye.camera.project(frames.apply(pose, solid.corners_mm))
     thick = ShapeBatch.of([solid]).thickness(corners)
-    hands = np.where((thick >= THIN_PX[1])[_hands(solid)], _hands(solid), -1)
+    hands = np.where((thick >= THIN_PX[1])[solid.hands], solid.hands, -1)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     places = solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares
     px = view.eye.camera.project(frames.apply(pose, places.reshape(-1, 3)))
@@ -173,41 +174,21 @@ def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -
     levels[seen] = levels_across(view.smooth, px[seen], across(start, end).repeat(PLACES, 0)[seen], _OFFSETS_PX)
     slopes = np.abs(slopes_across(levels)).reshape(len(ends), PLACES, -1)
     beside = levels.reshape(len(ends), PLACES, -1)[..., _BESIDE].mean(3)
-    there = _peak_within(slopes, LEAST_SIGMAS, ON_PLACE_PX)
+    there = np.asarray((peaks(slopes, LEAST_SIGMAS) & _ON_PLACE).any(2))
     usual, spread = _usual(hands, beside, visible, there, len(solid.facets))
     facet = (hands >= 0)[:, None]
     before, after = np.moveaxis(np.where(facet, usual[hands][:, None], beside), 2, 0)
     expected = np.abs(after - before)
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
-    close = _peak_within(slopes, least, CLOSE_PX)
+    close = np.asarray((peaks(slopes, least) & _CLOSE).any(2))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
     sharp = ~((thick > THIN_PX[0]) & (thick < THIN_PX[1]))
-    outline = ((hands >= 0).sum(1) == 1) & np.where(_hands(solid) < 0, True, sharp[_hands(solid)]).all(1)
+    outline = ((hands >= 0).sum(1) == 1) & np.where(solid.hands < 0, True, sharp[solid.hands]).all(1)
     spreads = np.where(hands >= 0, spread[hands], 0.0)
     return EdgePlaces(
         long / PLACES, np.where(outline, 1.0, INNER), visible, there, close,
         expected, step, np.hypot(spreads[:, 0], spreads[:, 1])[:, None],
     )  # fmt: skip
-
-
-@lru_cache(maxsize=1024)
-def _hands(solid: Polyhedron) -> Index:
-    """(E, 2) the facet before each of the lines, as across() goes, if it is seen from outside, and the one after it; -1
-    where there is none."""
-    return np.array(
-        [
-            [solid.edges.get((b, a), (-1, 0))[0], solid.edges.get((a, b), (-1, 0))[0]]
-            for a, b in solid.lines[0].tolist()
-        ],
-        np.intp,
-    ).reshape(-1, 2)
-
-
-def _peak_within(slopes: Array, least: Array | float, near_px: float) -> Flags:
-    """(E, S) whether slopes (E, S, C) have a peak of so much at least near the middle."""
-    middle = slopes[..., 1:-1]
-    peak = (middle >= least) & (middle >= slopes[..., :-2]) & (middle > slopes[..., 2:])
-    return np.asarray((peak & (np.abs(_BETWEEN_PX[1:-1]) <= near_px)).any(2))
 
 
 def _usual(hands: Index, beside: Array, visible: Flags, there: Flags, count: int) -> tuple[Array, Array]:

@@ -1,12 +1,9 @@
-"""Which of two parts laid at one place the images speak for: the edges that both have say nothing of it.
+"""Which of two parts at one place the images support, and whether the length of a part that leaves the image is proven.
 
-In: what both show, stretch by stretch. Out: nats. A part of which one face shows has few edges, all of them another
-part's; a part with an edge more, which is there, is the likelier one, however much the others weigh in either.
-
-Parts that leave a picture: whether what is in view proves how long they are.
-
-In: a part laid onto both images, what its edges show. Out: nats. Where all edges along a part leave the picture, longer
-or shorter ones fit as well: no name is proven. One that ends in view, or an end of it that does, says how long it is.
+In: what both parts show, edge sample by edge sample. Out: nats. Edges that both parts have decide nothing. A part of
+which one face shows has few edges, all of them another part's; a part with one edge more, which is there, is the
+likelier one, however much the others weigh in either. Where all edges along a part leave the image, longer and shorter
+parts fit as well, and no name is proven; an edge that ends in view, or an end of the part that does, gives the length.
 """
 
 from __future__ import annotations

@@ -84,12 +84,20 @@ class Polyhedron:
         return np.where(np.arange(2) < bounds.sum(0)[:, None], facets, -1)
 
     @cached_property
+    def hands(self) -> Index:
+        """(E, 2) the facets on either hand of each of the lines, seen from outside: first the one that runs against the
+        line, then the one that runs along it; -1 where there is none."""
+        pairs = self.lines[0].tolist()
+        found = [[self.edges.get(side, (-1, 0))[0] for side in ((b, a), (a, b))] for a, b in pairs]
+        return np.array(found, np.intp).reshape(-1, 2)
+
+    @cached_property
     def bisectors(self) -> Array:
         """(E, 3) unit vectors out of the part, halfway between the normals on either hand of each of the lines; where
         one facet is not known it is taken for square to the other; zero along hollows."""
         known, ends = self.beside, self.lines[0]
         normals = np.vstack([self.normals, np.zeros(3)])[known]
-        onward = np.array([self.edges.get((a, b), (-1, 0))[0] for a, b in ends.tolist()], np.intp) == known[:, 0]
+        onward = self.hands[:, 1] == known[:, 0]
         away = np.cross(self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]], normals[:, 0])
         away = (
             np.where(onward, 1.0, -1.0)[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)

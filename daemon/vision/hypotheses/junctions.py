@@ -1,14 +1,10 @@
-"""Where two straight edges meet in space, and which such corners taught solids have.
+"""3-D junctions: where two straight edges meet in space, and where taught solids with such corners would be.
 
-In: segment corners of both eyes; solids. Out: corners in space. A corner's place is met by two rays, the firmer of its
-edges by two planes; of the other the left eye's plane is known, and where it points in either eye.
-
-Where taught parts would be that have such corners as both eyes see in space, the likeliest guesses of all parts.
-
-In: corners in space, maps of segments, taught solids. Out: poses, to be laid onto both images. A guess is no
-recognition. The second edge of a corner lies in the left eye's plane at the angle that the taught corner has, and is
-borne out by the right eye. How much of both edges shows, and that neither goes on beyond its taught length, is reckoned
-once for all parts that have such an edge: few guesses are worth a pose, whatever was taught.
+In: segment corners of both cameras, maps of segments, taught solids. Out: junctions in space; the likeliest poses of
+all parts, to be registered on both images: a hypothesis is no recognition. Two rays meet in a junction's place, and two
+planes in the firmer of its edges. The second edge lies in the left camera's plane, at the angle that the taught corner
+has; the right camera verifies it. How much of both edges shows, and that neither goes on beyond its taught length, is
+counted once for all parts that have such an edge, so that few hypotheses are worth a pose, whatever was taught.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
-"""Which taught parts could be where by straight edges: few guesses of many, to be laid onto the images.
+"""Search for taught parts by straight edges: a few hypotheses of many, to be registered on both images.
 
-In: both eyes, what is named and what is not, the table. Out: likely parts and places, and of how many guesses they are
-the best. Guesses come from corners that both eyes see together and from facets without a name; or from corners that one
-eye sees, of parts that rest on the table. Segments say how much speaks for each, turned to where most does, or laid
-onto the table where that is known.
+In: both cameras' images, what is named and what is not, the support plane. Out: parts and poses that would look
+different from each other, the likeliest first, and of how many hypotheses they are the best. Hypotheses come from
+junctions that both cameras see and from facets without a name, or from junctions that one camera sees, of parts that
+rest on the support plane.
 
-Of many poses of taught parts the likeliest that would look different from each other.
-
-Poses that the two edges of a corner, or two eyes at all, can hardly tell from a guess: all edges of the part do.
-
-In: guesses and the lines they turn about; a laid part. Out: better guesses; other poses to be laid. Where an edge is
-short, or runs along the baseline, where it points in depth is anyone's: twenty degrees are usual. The left eye sees the
-corner the same when the part turns about one line; how far, the part's other edges say in both eyes.
+Segments say how much speaks for each. Where an edge is short, or runs along the baseline, its direction in depth is
+uncertain by some twenty degrees. The left camera sees the junction the same when the part turns about one line, so each
+hypothesis is turned about that line to where the part's other edges fit best in both images.
 """
 
 from __future__ import annotations

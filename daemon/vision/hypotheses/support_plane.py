@@ -1,12 +1,9 @@
-"""How taught parts lie on a table: on which of their corners they can rest, and whether a pose is such a rest.
+"""Support plane: on which corners taught parts can rest on it, whether a pose does, and named parts snapped to it.
 
-In: taught solids at poses, a table. Out: guesses laid onto the table; whether a part rests on it. What rests stands on
-three corners or more with none below: a plane of its convex hull, whether that side was taught or not. Geometry only.
-
-Named parts that lie on the table which both eyes see, laid flat on it.
-
-How far away a part is, and how it is tilted in depth, two faces of it leave open to half a millimetre and a degree; a
-patterned table says both better, from all of the picture. Whether a part lies on it is asked of what its own edges say.
+In: taught solids at poses, a plane. Out: poses snapped to the plane; whether a part rests on it. A part rests on three
+corners or more with none below: on a plane of its convex hull, whether that side was taught or not. Two faces leave
+distance and tilt in depth open to half a millimetre and a degree; the plane, measured on all of a patterned table, says
+both better. Whether a part rests on it is decided by what its own edges show.
 """
 
 from __future__ import annotations

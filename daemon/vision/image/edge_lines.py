@@ -197,6 +197,13 @@ def slopes_across(levels: Image32) -> Image32:
     return np.diff(levels, axis=1) * np.float32(_SLOPE_OF_ROWS)
 
 
+def peaks(slopes: Array, least: Array | float) -> Flags:
+    """(..., C - 2) where sizes of slopes (..., C), but for the first and the last, are no less than so much, nor than
+    the one before, and more than the one after."""
+    middle = slopes[..., 1:-1]
+    return np.asarray((middle >= least) & (middle >= slopes[..., :-2]) & (middle > slopes[..., 2:]))
+
+
 def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
     """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 

@@ -1,15 +1,11 @@
-"""How far a fit is believed: what it says against all that could have fitted as well by chance.
+"""Confidence of a fit: what it says against all that could have fitted as well by chance, and the sizes that say it.
 
 Something that was never taught has facets, joined as a taught part's are, of any size. A fit is evidence by how much
-narrower its free sizes were measured than sizes of parts range, each to a likelihood ratio; and every way in which a
-taught part's facets could have lain there was one more chance. Corners of which one is unsure fit anything: they say
-nothing. Numbers in, a probability out; its reliability is measured in tests/bench/many_parts.py.
+narrower its free sizes were measured than sizes of parts range, each to a likelihood ratio; every way in which a taught
+part's facets could have lain there was one more chance. Uncertain corners fit anything: they say nothing. A view's free
+sizes are what plane facets, joined as these are, leave open; corners, what binds them and how surely they were measured
+give these sizes with covariance. Numbers in, a probability out; tests/bench/many_parts.py measures its reliability.
 Source: Bayes factors after Laplace (Kass and Raftery 1995); number of tests as Desolneux, Moisan and Morel (2000).
-
-What is free about a view of a part once its facets are known to be plane and so joined: its sizes.
-
-In: corners as they should be, what binds them, how sure they were measured. Out: free sizes with covariance. What that
-proves is confidence.py's.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
-"""Ways in which a seen solid may be a taught part, each fitted and weighed by its chi-square.
+"""Ways in which a seen solid may be a taught part: each fitted, weighed by its chi-square, its corners estimated.
 
-In: what is seen, ways that recall proposes, the taught metric models. Out: hypotheses, best first. Which one is
-believed is in group_recognition.py.
-
-Where a recognised part's corners most likely are: what was measured and what was taught, weighed by their errors.
-
-In: seen corners, a taught solid and a fitted pose. Out: corners in the cyclopean frame. Fitting is rigid_fit.py's.
+In: what is seen, ways that recall proposes, the taught metric models. Out: hypotheses, best first, and for a fitted
+pose the likeliest corners in the cyclopean frame: measured and taught ones, weighed by their errors. Which hypothesis
+is believed is decided in group_recognition.py; rigid_fit.py fits.
 """
 
 from __future__ import annotations

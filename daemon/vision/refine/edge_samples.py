@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import hidden
-from daemon.vision.image import StereoImages, ranks, stretch_slopes
+from daemon.vision.image import StereoImages, peaks, ranks, stretch_slopes
 from daemon.vision.refine.expected_edges import ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.poses import moved
 
@@ -113,12 +113,10 @@ def edge_samples_of(laid: ShapeBatch, eyes: StereoImages, poses: Array, toleranc
     found = []
     for (edges, sigmas), eye_mm in zip(_slopes(laid, eyes, poses, tolerance_mm), eyes.geometry.eyes_mm, strict=True):
         size = np.abs(sigmas)
-        inner = size[..., 1:-1]
-        peak = (inner >= LEAST_SIGMAS) & (inner >= size[..., :-2]) & (inner > size[..., 2:])
-        peaks = np.where(peak, inner, np.float32(0))
-        own = peaks[..., _OFF <= ON_PLACE_PX].max(2)
-        near = peaks[..., _OFF <= NEAR_PX].max(2)
-        beside = peaks[..., _OFF > BESIDE_PX]
+        edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
+        own = edge[..., _OFF <= ON_PLACE_PX].max(2)
+        near = edge[..., _OFF <= NEAR_PX].max(2)
+        beside = edge[..., _OFF > BESIDE_PX]
         many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
         places = beside.shape[1] * beside.shape[2]
         chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)

@@ -1,13 +1,11 @@
-"""Named parts laid onto both images a last time: every edge that shows says where the part and its corners are.
+"""Named parts registered on both images a last time, at the pose that the images support best.
 
-Recognition has a part's pose from the corners of the facets it saw whole, each for itself, and what was taught moves
-them afterwards; here the edges are measured where the whole part has them.
+In: named parts with the pose of the corners of facets seen whole, both images. Out: pose and corners from every edge
+that shows, measured where the whole part has them.
 
-Of the poses that fit a part as well, the one that the pictures bear out best.
-
-A part taught from one side is known by half: turned by one of its symmetries, a face that is in view, or the edge it
-hides another with, may be one that was taught, or one of which nothing is known. Known, its edges hold the pose;
-unknown, a thin face beyond an edge is taken for that edge's other side.
+A part taught from one side is known by half. Turned by one of its symmetries, a face in view, or the edge that it
+covers another with, may be taught or unknown: a taught edge holds the pose, while a thin face beyond an unknown edge
+would be taken for that edge's other side. Of poses that fit as well, the one with most support is kept.
 """
 
 from __future__ import annotations
