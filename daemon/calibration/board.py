@@ -27,6 +27,11 @@ DICTIONARIES = tuple(
 """OpenCV's own, by the names that it gives them."""
 
 
+def dictionary_named(name: str) -> cv2.aruco.Dictionary:
+    """One of DICTIONARIES."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
 class BoardError(FacetdError):
     """The board is not usable in this image; the message says why, and what to do."""
 
@@ -79,9 +84,8 @@ class Board:
 
     def charuco(self) -> cv2.aruco.CharucoBoard:
         """The board as OpenCV knows it."""
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        size = (self.columns + 1, self.rows + 1)
-        board = cv2.aruco.CharucoBoard(size, self.square_mm, self.square_mm * self.marker_share, dictionary)
+        size, marker_mm = (self.columns + 1, self.rows + 1), self.square_mm * self.marker_share
+        board = cv2.aruco.CharucoBoard(size, self.square_mm, marker_mm, dictionary_named(self.dictionary))
         board.setLegacyPattern(self.legacy)
         return board
 
@@ -136,7 +140,7 @@ def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board
             f"dictionary's name where it is not {USUAL_DICTIONARY}"
         )
     board = Board(*counts, square_mm, "charuco", dictionary=(names or [USUAL_DICTIONARY])[0], legacy=bool(legacy))
-    room = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary)).bytesList)
+    room = len(dictionary_named(board.dictionary).bytesList)
     if room < (need := (board.columns + 1) * (board.rows + 1) // 2):
         raise BoardError(f"{text} charuco: {need} markers, {board.dictionary} has {room} only; name the one it has")
     return board

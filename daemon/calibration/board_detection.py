@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.calibration.board import Board, BoardError, SeenBoard
+from daemon.calibration.board import Board, BoardError, SeenBoard, dictionary_named
 from daemon.calibration.corners import WORST_MISFIT, FittedCorners, fit_corners, nearest_px
 
 Grey = NDArray[np.uint8]
@@ -193,7 +193,7 @@ def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[
 
 def _markers_in(image: Grey, dictionary: str) -> tuple[NDArray[np.int64], Array]:
     """Numbers (N,) and middles (N, 2) px of the markers in view."""
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)))
+    detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary))
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return np.zeros(0, np.int64), np.zeros((0, 2))
@@ -205,7 +205,7 @@ def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
     if named in family:
         return [named]
     for name in family:
-        if len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList) >= count:
+        if len(dictionary_named(name).bytesList) >= count:
             return [name]
     return []
 
