@@ -3,7 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
-from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, VoidingEvent
+from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
 from daemon.arm.guard import Limits, Point
 from daemon.arm.hold import Waiting
@@ -22,7 +22,6 @@ from daemon.arm.workcell import (
     Kinematics,
     Picture,
     Pictures,
-    Reading,
     Recorder,
     StopRefusedError,
     Workcell,

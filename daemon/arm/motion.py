@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
-from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, VoidingEvent
+from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
-from daemon.arm.workcell import HeldBackError, Kinematics, Reading, Workcell
+from daemon.arm.workcell import HeldBackError, Kinematics, Workcell
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.events.codes import BY_RULE, CauseCode

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from daemon.arm import paths
+from daemon.arm.belief import Reading
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm, refuse
 from daemon.arm.sweep import way_clear
-from daemon.arm.workcell import Kinematics, Reading
+from daemon.arm.workcell import Kinematics
 from daemon.arrays import Array
 
 PATH_MM = 40.0

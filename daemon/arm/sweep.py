@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, above_mm, away_mm, body_of, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
-from daemon.arm.workcell import Kinematics, Reading
+from daemon.arm.workcell import Kinematics
 from daemon.arrays import Array
 
 SLACK_MM = 0.5

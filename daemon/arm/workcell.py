@@ -13,8 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.arm.belief import Beliefs
-from daemon.arm.belief import Reading as Reading
+from daemon.arm.belief import Beliefs, Reading
 from daemon.arm.permit import MotionPermit
 from daemon.arrays import Array
 from daemon.compute.calls import Compute

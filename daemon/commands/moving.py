@@ -22,7 +22,8 @@ from daemon.console.interpreter import (
 from daemon.console.notices import NoticeLevel
 from daemon.console.phrases import NO, YES, cut_off, plural
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
-from daemon.pick.outcome import CycleEnd, Outcome
+from daemon.events.outcomes import Outcome
+from daemon.pick.outcome import CycleEnd
 
 MOST_PICKS = 1_000_000
 HELD = "Motion is paused: `resume` continues."

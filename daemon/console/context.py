@@ -24,10 +24,11 @@ from daemon.config import Config
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
+from daemon.events.outcomes import Outcome
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
-from daemon.pick.outcome import CycleEnd, Outcome
+from daemon.pick.outcome import CycleEnd
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder
 from daemon.teaching.sufficiency import Sufficiency

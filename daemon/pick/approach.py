@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Literal
 
 from daemon.events.codes import CauseCode, DecisionCode, suspected
+from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
 from daemon.pick.looking import whole_look
-from daemon.pick.outcome import Outcome
 from daemon.pick.plan import regrasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts

@@ -30,12 +30,12 @@ from daemon.arm import (
 )
 from daemon.arrays import Array
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
-from daemon.events.outcomes import tally
+from daemon.events.outcomes import Outcome, tally
 from daemon.pick import approach, find, take
 from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
-from daemon.pick.outcome import CycleEnd, Observer, Outcome, Skipped, tell
+from daemon.pick.outcome import CycleEnd, Observer, Skipped, tell
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows

@@ -11,6 +11,7 @@ import numpy as np
 from daemon.arm import Reach
 from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
+from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion, viewpoints
 from daemon.pick.following import Target, beside
 from daemon.pick.fused_objects import outlines_of
@@ -26,7 +27,6 @@ from daemon.pick.next_view import (
     places_round,
     strange,
 )
-from daemon.pick.outcome import Outcome
 from daemon.pick.plan import NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser

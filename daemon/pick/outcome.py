@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from daemon.arrays import Array
-from daemon.events.outcomes import Outcome as Outcome
+from daemon.events.outcomes import Outcome
 from daemon.pick.looking import Look
 
 

@@ -9,11 +9,12 @@ from typing import Literal
 from daemon import frames
 from daemon.arm import BeliefSource, NotSettledError, capsule_around
 from daemon.events.codes import CauseCode, DecisionCode
+from daemon.events.outcomes import Outcome
 from daemon.pick import viewpoints
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, mount_of, still_there
 from daemon.pick.grasp import GripperGeometry
 from daemon.pick.looking import Look, Taken, taken_here
-from daemon.pick.outcome import InGripper, Outcome, released
+from daemon.pick.outcome import InGripper, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.settings import Settings

@@ -16,6 +16,7 @@ from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, Refuse
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, DecisionCode
+from daemon.events.outcomes import Outcome
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
 from daemon.pick.fused_objects import ONE_MM, known
@@ -30,7 +31,7 @@ from daemon.pick.looking import (
     taken_here,
     whole_look,
 )
-from daemon.pick.outcome import Observer, Outcome, Skipped, tell
+from daemon.pick.outcome import Observer, Skipped, tell
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings

@@ -118,7 +118,7 @@ def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 def causes_of_record(record: Record) -> Iterator[LikelyCause]:
     """What a fault, or the end of a cycle, is caused by, by its code and by the measures of the images it names."""
-    evidence, at = in_plain_words(str(record.get("text") or record.get("why") or "")), int(record.get("seq") or 0)
+    evidence, at = in_plain_words(str(record.get("text") or record.get("why") or "")), _number(record)
     cameras: dict[str, set[str]] = {}
     for finding in record.get("findings") or []:
         measure, _, camera = finding.partition(" ")
@@ -146,7 +146,7 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         rule = str(record.get("rule"))
         if rule != "fault_stands":
             code = BY_RULE.get(rule, CauseCode.MOVE_REFUSED)
-            yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", int(record.get("seq") or 0))
+            yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", _number(record))
     if cycle.outcome == Outcome.UNREACHABLE:
         planned = cycle.code in (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH)
         code = cause_code(cycle.code) if planned else CauseCode.OUT_OF_REACH
@@ -156,7 +156,7 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """Looks that disagree, and which of hand, eye and part is to blame for it."""
     for record in cycle.of("decision"):
-        evidence, at = str(record.get("why")), int(record.get("seq") or 0)
+        evidence, at = str(record.get("why")), _number(record)
         if blamed := SUSPECTED.get(str(record.get("code"))):
             yield LikelyCause(*blamed, evidence, at)
         elif record.get("code") == DecisionCode.SUSPECT_UNCLEAR:
@@ -167,7 +167,7 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
     again = [r for r in cycle.of("decision") if r.get("code") in SUSPICIONS and r.get("chi2") is not None]
     if len(again) > 1:
         evidence = f"{again[0]['why']}; and so {len(again)} times, whatever was approached"
-        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, int(again[1].get("seq") or 0))
+        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, _number(again[1]))
     for stop in cycle.stops:
         chi2 = float((stop.estimate or {}).get("chi2") or 0)
         if chi2 > CHI_SQUARE_6:
@@ -186,7 +186,7 @@ def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
         evidence = (
             f"{', '.join(sorted(parts))} lay otherwise each time the arm looked from elsewhere ({len(shifted)} times)"
         )
-        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, int(again[-1].get("seq") or 0))
+        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, _number(again[-1]))
 
 
 def _eyes_apart(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
@@ -324,11 +324,12 @@ def _moved_mm(cycle: Cycle, after: LookStep) -> float | None:
 
 def _released(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """The gripper opened above the bin, and what it showed there does not prove that the part fell in."""
+    if cycle.outcome != Outcome.RELEASED:
+        return
     for record in cycle.of("release"):
-        if cycle.outcome == Outcome.RELEASED:
-            slipped, stuck = record.get("above") == "empty", record.get("opened") == "part"
-            code = CauseCode.PART_SLIPPED if slipped else CauseCode.RELEASE_UNCONFIRMED
-            yield LikelyCause(CauseCode.GRIPPER if stuck else code, 0.8, str(cycle.why), int(record.get("seq") or 0))
+        slipped, stuck = record.get("above") == "empty", record.get("opened") == "part"
+        code = CauseCode.PART_SLIPPED if slipped else CauseCode.RELEASE_UNCONFIRMED
+        yield LikelyCause(CauseCode.GRIPPER if stuck else code, 0.8, str(cycle.why), _number(record))
 
 
 def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
@@ -367,12 +368,17 @@ def _rejected(stop: LookStep) -> Sequence[Any]:
     return rejected
 
 
+def _number(record: Record) -> int:
+    """Of a record in its run."""
+    return int(record.get("seq") or 0)
+
+
 def _seq(stop: LookStep) -> int:
-    return int(stop.look.get("seq") or 0)
+    return _number(stop.look)
 
 
 def _last(cycle: Cycle) -> int:
-    return int(cycle.records[-1].get("seq") or 0)
+    return _number(cycle.records[-1])
 
 
 Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[LikelyCause]]

@@ -217,7 +217,8 @@ class MotionMonitor:
             if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
                 self._others_moved_s = event.began_s
-        elif isinstance(event, StopRecord):
+            return
+        if isinstance(event, StopRecord):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
         elif isinstance(event, DropRecord):
@@ -225,7 +226,7 @@ class MotionMonitor:
         else:
             yield from self._unallowed(event)
             yield from self._not_held(event)
-        if isinstance(event, MotionRecord) and not self._of_others(event):
+        if isinstance(event, MotionRecord):
             yield from self._too_late(event)
             yield from self._said_to_rest_in(event)
             yield from self._ways(event, over=True)
