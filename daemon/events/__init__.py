@@ -1,4 +1,4 @@
-"""What happened in a cell, as values: outcomes of picks and how they are counted. No file, no clock, no other package.
+"""Events of a cell as values: records, cause codes, outcomes of picks and how they count. No file, no clock.
 
-Everything that counts, shows or exports what happened (status, runs, review, fleet, metrics) counts by this package.
+Status, runs, review, fleet and metrics count by this package.
 """

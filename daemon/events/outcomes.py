@@ -1,4 +1,4 @@
-"""How a pick ends, and the one definition of "tried" and of success by which every table, page and metric counts."""
+"""Outcomes of picks, and the definition of "tried" and of success by which every table, page and metric counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """How a pick ended, or why a part was left where it lies, in a word."""
+    """How a pick ended, or why a part was not picked."""
 
     PICKED = "picked"
     RELEASED = "released"
@@ -27,22 +27,22 @@ class Outcome(StrEnum):
 
 
 UNFINISHED = "unfinished"
-"""The outcome of a pick that the end of its run cut off: its record of an end is missing."""
+"""The outcome of a pick without a record of its end: the end of its run interrupted it."""
 GOING_ON = "going on"
-"""The same while its run is still being written."""
+"""The outcome of such a pick while facetd still writes its run."""
 NOTHING_TO_PICK = frozenset({Outcome.EMPTY, Outcome.DRY, Outcome.PLACED})
 INTERRUPTED = frozenset({Outcome.ABORTED, UNFINISHED, GOING_ON})
 GRASPED = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.MISSED})
-"""The gripper closed on the part: an error at the grasp applies to these picks alone."""
+"""The gripper closed on the part: only these picks have an error at the grasp."""
 DEFINITION = (
-    "A pick counts as tried when something to pick lay there and neither a person nor the end of the run ended it. It "
-    "is a success when the part was seen to be picked. A person's stop or abort, an interrupted pick, an empty table "
-    "and a part that was only put down are not tried."
+    "A pick counts as tried when there was a part to pick and neither a person nor the end of the run ended it. It "
+    "is a success when the cameras confirmed the part in the gripper. A person's stop or abort, an interrupted pick, "
+    "an empty table and a part that was only placed do not count as tried."
 )
 
 
 def is_tried(outcome: str) -> bool:
-    """Whether a pick with this outcome counts as tried; an outcome that a newer release added does."""
+    """Whether a pick with this outcome counts as tried; an outcome of a newer release does."""
     return outcome not in NOTHING_TO_PICK and outcome not in INTERRUPTED
 
 
@@ -53,8 +53,8 @@ def is_success(outcome: str) -> bool:
 
 @dataclass(frozen=True)
 class PickCounts:
-    """Picks counted. released: the gripper let go over the bin and nothing confirmed the part; aborted: ended by a
-    person; interrupted: cut off by the end of a run, or not ended yet."""
+    """Numbers of picks. released: the gripper opened over the bin, the part unconfirmed; aborted: ended by a person;
+    interrupted: by the end of a run, or not ended yet."""
 
     tried: int
     picked: int
@@ -64,12 +64,12 @@ class PickCounts:
 
     @property
     def failed(self) -> int:
-        """Tried without success, the unconfirmed left out."""
+        """Tried without success; unconfirmed releases do not count."""
         return self.tried - self.picked - self.released
 
 
 def tally(outcomes: Iterable[str]) -> PickCounts:
-    """Count the outcomes of picks; a Counter counts by its numbers."""
+    """Count the outcomes of picks; a Counter counts each outcome by its number."""
     counts = Counter(outcomes)
     return PickCounts(
         tried=sum(n for outcome, n in counts.items() if is_tried(outcome)),

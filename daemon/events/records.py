@@ -1,8 +1,8 @@
-"""The schema of a run's records: one structure a kind, each field with its type, unit and meaning.
+"""Schema of a run's records: one structure a kind, each field with its type, unit and meaning.
 
-Records are written, checked, read and shown by it, and `document` makes the table of deploy/RUNS.md of it. A field that
-is absent, or null, is allowed everywhere: older releases did not have it. A kind or a field that is not listed is a
-newer release's, and passed on as it is. Bytes in, records out; no file.
+Writers, readers, checks and pages use it, and `document` makes the table of deploy/RUNS.md from it. Every field may be
+absent or null: older releases did not have it. A kind or a field that is not listed belongs to a newer release and
+passes unchanged. Bytes in, records out; no file.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Record = dict[str, Any]
 LONGEST_LINE = 1_000_000
 
 Finite = Annotated[float, Meta(ge=-1e15, le=1e15)]
-"""So that sums and means of them are numbers, too."""
+"""Bounded so that sums and means stay finite."""
 Number = Finite | None
 Count = Annotated[int, Meta(ge=-(2**53), le=2**53)] | None
 Text = str | None
@@ -121,297 +121,275 @@ class SkippedRecord(TypedDict, total=False):
     why: Text
 
 
+def meaning(description: str, unit: str | None = None) -> Meta:
+    """What a field means, and its unit, for the table that `document` makes."""
+    return Meta(description=description, extra={"unit": unit})
+
+
 class EventRecord(msgspec.Struct, kw_only=True):
     """What every record has."""
 
     kind: str
     seq: Annotated[int, Meta(ge=0, le=2**53, description="counts from 0")]
-    t: Annotated[datetime, Meta(description="when, UTC")]
-    mono_s: Annotated[Finite, Meta(description="monotonic clock; starts anew with the daemon", extra={"unit": "s"})]
-    v: Annotated[Count, Meta(description="version of the record format")] = None
+    t: Annotated[datetime, meaning("when, UTC")]
+    mono_s: Annotated[Finite, meaning("monotonic clock; starts anew with the daemon", "s")]
+    v: Annotated[Count, meaning("version of the record format")] = None
+
+
+class CycleRecord(EventRecord, kw_only=True):
+    """What every record of a pick has."""
+
+    cycle: Annotated[Count, meaning("number of the pick in its run; null or 0: none")] = None
 
 
 class RunStart(EventRecord, kw_only=True):
     """A run begins, or what it works with has changed."""
 
-    version: Annotated[Text, Meta(description="of facetd")] = None
-    cell: Annotated[Text, Meta(description="real, recorded or simulated")] = None
-    name: Annotated[Text, Meta(description="of its computer")] = None
-    utc_offset_s: Annotated[
-        Annotated[int, Meta(ge=-86_400, le=86_400)] | None, Meta(description="of its clock", extra={"unit": "s"})
-    ] = None
-    config: Annotated[Text, Meta(description="file in kept/")] = None
-    calibration: Annotated[Text, Meta(description="file in kept/")] = None
-    model: Annotated[Text, Meta(description="file in kept/")] = None
-    limits: Annotated[
-        dict[str, Number] | None, Meta(description="grasp_mm and arrival_mm that it works to", extra={"unit": "mm"})
-    ] = None
-    seed: Annotated[Count, Meta(description="of a simulated cell")] = None
-    continues: Annotated[Text, Meta(description="the run before, of which this one is the rest")] = None
-    reloaded: Annotated[Flag, Meta(description="the same run goes on, with other settings or another calibration")] = (
-        None
-    )
-    times_life: Annotated[Number, Meta(description="how many times as fast as life a simulated cell runs")] = None
+    version: Annotated[Text, meaning("of facetd")] = None
+    cell: Annotated[Text, meaning("real, recorded or simulated")] = None
+    name: Annotated[Text, meaning("of its computer")] = None
+    utc_offset_s: Annotated[Annotated[int, Meta(ge=-86_400, le=86_400)] | None, meaning("of its clock", "s")] = None
+    config: Annotated[Text, meaning("file in kept/")] = None
+    calibration: Annotated[Text, meaning("file in kept/")] = None
+    model: Annotated[Text, meaning("file in kept/")] = None
+    limits: Annotated[dict[str, Number] | None, meaning("grasp_mm and arrival_mm that it works to", "mm")] = None
+    seed: Annotated[Count, meaning("of a simulated cell")] = None
+    continues: Annotated[Text, meaning("the previous run, which this one continues")] = None
+    reloaded: Annotated[Flag, meaning("the run continues with other settings or another calibration")] = None
+    times_life: Annotated[Number, meaning("speed of a simulated cell, as a multiple of real time")] = None
 
 
 class ModelInUse(EventRecord, kw_only=True):
     """A model was taken into use."""
 
-    action: Annotated[Text, Meta(description="start, accepted, rolled back")] = None
-    version: Annotated[Count, Meta(description="its number in the cell")] = None
-    labels: Annotated[list[str] | None, Meta(description="parts that it knows")] = None
-    file: Annotated[Text, Meta(description="in kept/")] = None
+    action: Annotated[Text, meaning("start, accepted, rolled back")] = None
+    version: Annotated[Count, meaning("its number in the cell")] = None
+    labels: Annotated[list[str] | None, meaning("parts that it knows")] = None
+    file: Annotated[Text, meaning("in kept/")] = None
 
 
 class CommandGiven(EventRecord, kw_only=True):
-    """What a person asked for."""
+    """A command that a person gave."""
 
-    who: Annotated[Text, Meta(description="the person")] = None
-    door: Annotated[Text, Meta(description="the frontend: console, terminal, socket, control-C")] = None
-    text: Annotated[Text, Meta(description="the line")] = None
+    who: Annotated[Text, meaning("the person")] = None
+    door: Annotated[Text, meaning("the frontend: console, terminal, socket, control-C")] = None
+    text: Annotated[Text, meaning("the line")] = None
 
 
 class AutoSet(EventRecord, kw_only=True):
-    """What is to be picked from now on."""
+    """`auto` was switched on or off."""
 
-    on: Annotated[Flag, Meta(description="false: done, or given up")] = None
-    count: Annotated[Count, Meta(description="parts still to pick; null: until the table is empty")] = None
-    every_s: Annotated[
-        Number, Meta(description="an empty table is looked at again after so long", extra={"unit": "s"})
-    ] = None
+    on: Annotated[Flag, meaning("false: done, or given up")] = None
+    count: Annotated[Count, meaning("parts still to pick; null: until the table is empty")] = None
+    every_s: Annotated[Number, meaning("pause before the next look at an empty table", "s")] = None
 
 
 class LeftBehind(EventRecord, kw_only=True):
-    """How the daemon before was cut off; stands until `resume`."""
+    """Where the previous daemon was interrupted; valid until `resume`."""
 
-    run: Annotated[Text, Meta(description="its run")] = None
-    cycle: Annotated[Count, Meta(description="the pick that was cut off")] = None
-    state: Annotated[Text, Meta(description="of that pick")] = None
-    hand_closed: Annotated[Flag, Meta(description="whether a part may be in the gripper")] = None
-    label: Annotated[Text, Meta(description="the part")] = None
-    auto: Annotated[dict[str, Any] | None, Meta(description="count and every_s still to be picked")] = None
-    fault: Annotated[Text, Meta(description="that stood")] = None
+    run: Annotated[Text, meaning("its run")] = None
+    cycle: Annotated[Count, meaning("the interrupted pick")] = None
+    state: Annotated[Text, meaning("of that pick")] = None
+    hand_closed: Annotated[Flag, meaning("whether a part may be in the gripper")] = None
+    label: Annotated[Text, meaning("the part")] = None
+    auto: Annotated[dict[str, Any] | None, meaning("count and every_s still to be picked")] = None
+    fault: Annotated[Text, meaning("the active fault")] = None
 
 
 class HoldingSeen(EventRecord, kw_only=True):
     """Whether a part is in the gripper."""
 
-    held: Annotated[Flag, Meta(description="what an operator saw; null: not known")] = None
+    held: Annotated[Flag, meaning("what an operator saw; null: unknown")] = None
 
 
-class CycleStart(EventRecord, kw_only=True):
+class CycleStart(CycleRecord, kw_only=True):
     """A pick begins."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    target: Annotated[Text, Meta(description="the part asked for; null: any")] = None
+    target: Annotated[Text, meaning("the requested part; null: any")] = None
 
 
-class StateChanged(EventRecord, kw_only=True):
-    """The pick went on to another state."""
+class StateChanged(CycleRecord, kw_only=True):
+    """The pick changed its state."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    from_: Annotated[Text, Meta(description="the state before")] = msgspec.field(default=None, name="from")
-    event: Annotated[Text, Meta(description="what left it")] = None
-    to: Annotated[Text, Meta(description="the state now")] = None
+    from_: Annotated[Text, meaning("the state before")] = msgspec.field(default=None, name="from")
+    event: Annotated[Text, meaning("the event that caused the change")] = None
+    to: Annotated[Text, meaning("the state now")] = None
 
 
-class LookTaken(EventRecord, kw_only=True):
-    """A pair of images, and what was seen in it."""
+class LookTaken(CycleRecord, kw_only=True):
+    """A pair of images, and what the recogniser found in it."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    stop: Annotated[Count, Meta(description="number of the look at the part it went for")] = None
-    purpose: Annotated[Text, Meta(description="survey, approach, verify, teach, ...")] = None
-    images: Annotated[dict[str, str] | None, Meta(description="files, by camera")] = None
+    stop: Annotated[Count, meaning("number of the look at the chosen part")] = None
+    purpose: Annotated[Text, meaning("survey, approach, verify, teach, ...")] = None
+    images: Annotated[dict[str, str] | None, meaning("files, by camera")] = None
     scene: Annotated[
         SceneRecord | None,
-        Meta(description="parts, facets, refusals, as `facetctl recognise` prints them; unmatched, nothing: no part"),
+        meaning("parts, facets, refusals, as `facetctl recognise` prints them; unmatched, nothing: no part"),
     ] = None
-    seconds: Annotated[dict[str, Number] | None, Meta(description="by stage", extra={"unit": "s"})] = None
-    health: Annotated[HealthRecord | None, Meta(description="measures of the images, and findings beyond a limit")] = (
-        None
-    )
-    where: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
-    world_from_cyclopean: Annotated[Pose, Meta(description="of the cameras", extra={"unit": "mm"})] = None
-    table: Annotated[TableRecord | None, Meta(description="the support plane")] = None
-    whole: Annotated[bool | None, Meta(description="false: only the expected part was looked for, by its edges")] = None
-    moved: Annotated[MovedPairRecord | None, Meta(description="places of a pair that one camera took")] = None
+    seconds: Annotated[dict[str, Number] | None, meaning("by stage", "s")] = None
+    health: Annotated[HealthRecord | None, meaning("measures of the images, and findings beyond a limit")] = None
+    where: Annotated[Pose, meaning("world_from_tool", "mm")] = None
+    world_from_cyclopean: Annotated[Pose, meaning("of the cameras", "mm")] = None
+    table: Annotated[TableRecord | None, meaning("the support plane")] = None
+    whole: Annotated[bool | None, meaning("false: only the expected part was looked for, by its edges")] = None
+    moved: Annotated[MovedPairRecord | None, meaning("places of a pair that one camera took")] = None
 
 
 class CamerasInUse(EventRecord, kw_only=True):
-    """Which cameras are looked with from now on."""
+    """Which cameras facetd uses from now on."""
 
-    alone: Annotated[Text, Meta(description="the one camera; null: both")] = None
-    why: Annotated[Text, Meta(description="in words")] = None
+    alone: Annotated[Text, meaning("the one camera; null: both")] = None
+    why: Annotated[Text, meaning("in words")] = None
 
 
-class PoseEstimate(EventRecord, kw_only=True):
+class PoseEstimate(CycleRecord, kw_only=True):
     """Where the part is, from the looks so far."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    stop: Annotated[Count, Meta(description="number of the look")] = None
-    label: Annotated[Text, Meta(description="the part")] = None
-    world_from_part: Annotated[Pose, Meta(description="its pose", extra={"unit": "mm"})] = None
-    covariance: Annotated[
-        Covariance, Meta(description="6 x 6, translation and rotation", extra={"unit": "mm, rad"})
-    ] = None
-    predicted_mm: Annotated[Number, Meta(description="error expected at the grasp", extra={"unit": "mm"})] = None
-    predicted_deg: Annotated[Number, Meta(description="the same in angle", extra={"unit": "degrees"})] = None
-    chi2: Annotated[Number, Meta(description="disagreement with the looks before, 6 degrees of freedom")] = None
+    stop: Annotated[Count, meaning("number of the look")] = None
+    label: Annotated[Text, meaning("the part")] = None
+    world_from_part: Annotated[Pose, meaning("its pose", "mm")] = None
+    covariance: Annotated[Covariance, meaning("6 x 6, translation and rotation", "mm, rad")] = None
+    predicted_mm: Annotated[Number, meaning("error expected at the grasp", "mm")] = None
+    predicted_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    chi2: Annotated[Number, meaning("disagreement with the looks before, 6 degrees of freedom")] = None
 
 
-class DecisionMade(EventRecord, kw_only=True):
+class DecisionMade(CycleRecord, kw_only=True):
     """What the pick decided, and why."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    code: Annotated[
-        Text, Meta(description="of daemon/events/codes.py: DecisionCode, or the CauseCode of a skipped part")
-    ] = None
-    text: Annotated[Text, Meta(description="in words")] = None
-    why: Annotated[Text, Meta(description="in words")] = None
-    label: Annotated[Text, Meta(description="the part it is about")] = None
-    slip_deg: Annotated[
-        Number, Meta(description="of the chosen grasp: how far off square its contacts are", extra={"unit": "degrees"})
-    ] = None
-    chi2: Annotated[Number, Meta(description="of two looks that disagree")] = None
+    code: Annotated[Text, meaning("of daemon/events/codes.py: DecisionCode, or the CauseCode of a skipped part")] = None
+    text: Annotated[Text, meaning("in words")] = None
+    why: Annotated[Text, meaning("in words")] = None
+    label: Annotated[Text, meaning("the part it is about")] = None
+    slip_deg: Annotated[Number, meaning("of the chosen grasp: how far off square its contacts are", "degrees")] = None
+    chi2: Annotated[Number, meaning("of two looks that disagree")] = None
 
 
-class LookGained(EventRecord, kw_only=True):
-    """What one more look has brought."""
+class LookGained(CycleRecord, kw_only=True):
+    """How much one more look reduced the uncertainty."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    look: Annotated[Count, Meta(description="number of the look at the table")] = None
-    about: Annotated[Text, Meta(description="what was looked at")] = None
-    before: Annotated[Text, Meta(description="what it was thought to be")] = None
-    after: Annotated[Text, Meta(description="the same after the look")] = None
-    bits_before: Annotated[Number, Meta(description="uncertainty before", extra={"unit": "bits"})] = None
-    bits_after: Annotated[Number, Meta(description="uncertainty after", extra={"unit": "bits"})] = None
-    expected: Annotated[Number, Meta(description="what the look was to settle", extra={"unit": "bits"})] = None
-    seconds: Annotated[Number, Meta(description="what way and look were to take", extra={"unit": "s"})] = None
+    look: Annotated[Count, meaning("number of the look at the table")] = None
+    about: Annotated[Text, meaning("the object")] = None
+    before: Annotated[Text, meaning("what it could be, before the look")] = None
+    after: Annotated[Text, meaning("what it could be, after the look")] = None
+    bits_before: Annotated[Number, meaning("uncertainty before", "bits")] = None
+    bits_after: Annotated[Number, meaning("uncertainty after", "bits")] = None
+    expected: Annotated[Number, meaning("reduction expected of the look", "bits")] = None
+    seconds: Annotated[Number, meaning("expected time of the way and the look", "s")] = None
 
 
-class MoveSent(EventRecord, kw_only=True):
+class MoveSent(CycleRecord, kw_only=True):
     """A move of the arm is sent."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    how: Annotated[Text, Meta(description="joint or straight")] = None
-    target: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
-    speed_pct: Annotated[Number, Meta(description="of full speed", extra={"unit": "%"})] = None
-    purpose: Annotated[Text, Meta(description="where to")] = None
-    sent: Annotated[Flag, Meta(description="false: dry")] = None
+    how: Annotated[Text, meaning("joint or straight")] = None
+    target: Annotated[Pose, meaning("world_from_tool", "mm")] = None
+    speed_pct: Annotated[Number, meaning("of full speed", "%")] = None
+    purpose: Annotated[Text, meaning("where to")] = None
+    sent: Annotated[Flag, meaning("false: dry")] = None
 
 
-class MoveEnded(EventRecord, kw_only=True):
+class MoveEnded(CycleRecord, kw_only=True):
     """The arm is at rest after a move."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    where: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
-    joints: Annotated[list[Finite] | None, Meta(description="the six joints", extra={"unit": "rad"})] = None
-    error_mm: Annotated[Number, Meta(description="WHERE against the target", extra={"unit": "mm"})] = None
-    error_deg: Annotated[Number, Meta(description="the same in angle", extra={"unit": "degrees"})] = None
-    seconds: Annotated[Number, Meta(description="since it was sent", extra={"unit": "s"})] = None
+    where: Annotated[Pose, meaning("world_from_tool", "mm")] = None
+    joints: Annotated[list[Finite] | None, meaning("the six joints", "rad")] = None
+    error_mm: Annotated[Number, meaning("WHERE against the target", "mm")] = None
+    error_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    seconds: Annotated[Number, meaning("since it was sent", "s")] = None
 
 
-class MoveTakenBack(EventRecord, kw_only=True):
-    """The last move or gripper command was taken back as its line was typed: nothing has left."""
+class MoveTakenBack(CycleRecord, kw_only=True):
+    """The last move or gripper command was withdrawn while its line was typed: the controller did not get it."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    what: Annotated[Text, Meta(description="move or hand")] = None
+    what: Annotated[Text, meaning("move or hand")] = None
 
 
-class GripperSet(EventRecord, kw_only=True):
+class GripperSet(CycleRecord, kw_only=True):
     """The gripper closes, or has opened."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    closed: Annotated[Flag, Meta(description="closes")] = None
-    sent: Annotated[Flag, Meta(description="false: dry")] = None
+    closed: Annotated[Flag, meaning("closes")] = None
+    sent: Annotated[Flag, meaning("false: dry")] = None
 
 
-class MoveRefused(EventRecord, kw_only=True):
-    """The guard kept a move from the arm."""
+class MoveRefused(CycleRecord, kw_only=True):
+    """The guard refused a move."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    rule: Annotated[Text, Meta(description="the guard's")] = None
-    text: Annotated[Text, Meta(description="in words")] = None
+    rule: Annotated[Text, meaning("the rule that refused it")] = None
+    text: Annotated[Text, meaning("in words")] = None
 
 
-class FaultRaised(EventRecord, kw_only=True):
+class FaultRaised(CycleRecord, kw_only=True):
     """The arm was stopped; nothing moves until `resume`."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    code: Annotated[Text, Meta(description="of daemon/events/codes.py: CauseCode")] = None
-    findings: Annotated[
-        list[str] | None, Meta(description="measures of the images beyond their limit, each `name camera`")
-    ] = None
-    text: Annotated[Text, Meta(description="in words")] = None
-    while_: Annotated[Text, Meta(description="what was being done")] = msgspec.field(default=None, name="while")
+    code: Annotated[Text, meaning("of daemon/events/codes.py: CauseCode")] = None
+    findings: Annotated[list[str] | None, meaning("measures of the images beyond their limit, each `name camera`")] = (
+        None
+    )
+    text: Annotated[Text, meaning("in words")] = None
+    while_: Annotated[Text, meaning("what facetd was doing")] = msgspec.field(default=None, name="while")
 
 
 class ArmAtRest(EventRecord, kw_only=True):
-    """After an alarm that a stop was not confirmed, the arm was seen at rest."""
+    """The arm is at rest, after a stop that the controller had not confirmed."""
 
-    text: Annotated[Text, Meta(description="in words")] = None
+    text: Annotated[Text, meaning("in words")] = None
 
 
-class CycleEnded(EventRecord, kw_only=True):
+class CycleEnded(CycleRecord, kw_only=True):
     """A pick has ended."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    outcome: Annotated[Text, Meta(description="of daemon/events/outcomes.py")] = None
-    code: Annotated[Text, Meta(description="of its cause: CauseCode or DecisionCode of daemon/events/codes.py")] = None
-    label: Annotated[Text, Meta(description="the part it went for")] = None
-    stops: Annotated[Count, Meta(description="looks at it")] = None
-    why: Annotated[Text, Meta(description="in words")] = None
-    grasp: Annotated[Pose, Meta(description="world_from_tool", extra={"unit": "mm"})] = None
-    predicted: Annotated[PredictedRecord | None, Meta(description="error expected at the grasp: mm and deg")] = None
-    skipped: Annotated[
-        list[SkippedRecord] | None, Meta(description="parts left where they lie, each with its outcome")
-    ] = None
+    outcome: Annotated[Text, meaning("of daemon/events/outcomes.py")] = None
+    code: Annotated[Text, meaning("of its cause: CauseCode or DecisionCode of daemon/events/codes.py")] = None
+    label: Annotated[Text, meaning("the chosen part")] = None
+    stops: Annotated[Count, meaning("looks at it")] = None
+    why: Annotated[Text, meaning("in words")] = None
+    grasp: Annotated[Pose, meaning("world_from_tool", "mm")] = None
+    predicted: Annotated[PredictedRecord | None, meaning("error expected at the grasp: mm and deg")] = None
+    skipped: Annotated[list[SkippedRecord] | None, meaning("parts left where they lie, each with its outcome")] = None
 
 
 class TouchTest(EventRecord, kw_only=True):
-    """Where the operator saw the finger tips."""
+    """Where the operator saw the fingertips, in a touch test."""
 
-    off_mm: Annotated[list[Finite] | None, Meta(description="along world x and y", extra={"unit": "mm"})] = None
-    distance_mm: Annotated[Number, Meta(description="from the corner", extra={"unit": "mm"})] = None
-    corner: Annotated[list[Finite] | None, Meta(description="where it was thought to be", extra={"unit": "mm"})] = None
-
-
-class TrueGrasp(EventRecord, kw_only=True):
-    """What the simulated cell's witness saw; never on a real cell."""
-
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    error_mm: Annotated[Number, Meta(description="at the grasp", extra={"unit": "mm"})] = None
-    error_deg: Annotated[Number, Meta(description="the same in angle", extra={"unit": "degrees"})] = None
-    held: Annotated[Flag, Meta(description="whether the part is held")] = None
+    off_mm: Annotated[list[Finite] | None, meaning("along world x and y", "mm")] = None
+    distance_mm: Annotated[Number, meaning("from the corner", "mm")] = None
+    corner: Annotated[list[Finite] | None, meaning("its estimated place", "mm")] = None
 
 
-class PartReleased(EventRecord, kw_only=True):
+class TrueGrasp(CycleRecord, kw_only=True):
+    """The true error of a grasp; only a simulated cell can write it."""
+
+    error_mm: Annotated[Number, meaning("at the grasp", "mm")] = None
+    error_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    held: Annotated[Flag, meaning("whether the gripper holds the part")] = None
+
+
+class PartReleased(CycleRecord, kw_only=True):
     """The gripper opened above the bin; the outcome is picked only where a part showed before and not after."""
 
-    cycle: Annotated[Count, Meta(description="number of the pick in its run; null or 0: none")] = None
-    label: Annotated[Text, Meta(description="the part")] = None
-    above: Annotated[Text, Meta(description="part, empty or unclear: what the gripper showed before it opened")] = None
-    opened: Annotated[Text, Meta(description="the same after it had opened")] = None
+    label: Annotated[Text, meaning("the part")] = None
+    above: Annotated[Text, meaning("part, empty or unclear: what the gripper showed before it opened")] = None
+    opened: Annotated[Text, meaning("the same after it had opened")] = None
 
 
 class RecordsLost(EventRecord, kw_only=True):
-    """Lines or images that the disk did not take."""
+    """Lines or images that could not be written."""
 
-    lost: Annotated[Count, Meta(description="how many")] = None
-    why: Annotated[Text, Meta(description="in words")] = None
+    lost: Annotated[Count, meaning("how many")] = None
+    why: Annotated[Text, meaning("in words")] = None
 
 
 class ClockSet(EventRecord, kw_only=True):
     """Somebody set the machine's clock."""
 
-    jump_s: Annotated[Number, Meta(description="by how much", extra={"unit": "s"})] = None
+    jump_s: Annotated[Number, meaning("by how much", "s")] = None
 
 
 class RunEnded(EventRecord, kw_only=True):
-    """The run ends; one without it is being written, or was cut off."""
+    """The run ends. A run without this record is being written, or was cut off."""
 
-    why: Annotated[Text, Meta(description="in words")] = None
-    holding: Annotated[Flag, Meta(description="whether a part is in the gripper; null: not known")] = None
+    why: Annotated[Text, meaning("in words")] = None
+    holding: Annotated[Flag, meaning("whether a part is in the gripper; null: unknown")] = None
 
 
 SCHEMA: Mapping[str, type[EventRecord]] = {
@@ -445,7 +423,7 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
 }
 """Every kind of record by its name."""
 for _shape in (*SCHEMA.values(), EventRecord):
-    msgspec.json.Decoder(_shape)  # looked up now: done at the first record of a kind, it swallows a control-C of then
+    msgspec.json.Decoder(_shape)  # built now: built at the first record of a kind, it would swallow a control-C
 FIELDS: Mapping[str, frozenset[str]] = {
     kind: frozenset(field.encode_name for field in msgspec.structs.fields(shape)) for kind, shape in SCHEMA.items()
 }
@@ -453,24 +431,17 @@ FIELDS: Mapping[str, frozenset[str]] = {
 
 
 def record_of(line: bytes) -> Record:
-    """One line as a record of today's version. Raises ValueError, in a few words: it is none, or a field is not what it
-    must be."""
+    """Read one line as a record of today's version. Raises ValueError: no record, or a field of the wrong type."""
     if len(line) > LONGEST_LINE:
         raise ValueError("too long")
     try:
         found: object = msgspec.json.decode(line)
-        msgspec.convert(found, SCHEMA.get(_kind(found), EventRecord))
+        if not isinstance(found, dict) or not isinstance(found.get("kind"), str):
+            raise ValueError("not a record")
+        msgspec.convert(found, SCHEMA.get(found["kind"], EventRecord))
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise ValueError(str(error)) from None
-    assert isinstance(found, dict)
     return upgraded(found)
-
-
-def _kind(found: object) -> str:
-    kind = found.get("kind") if isinstance(found, dict) else None
-    if not isinstance(kind, str):
-        raise ValueError("not a record")
-    return kind
 
 
 def document() -> str:
@@ -481,13 +452,13 @@ def document() -> str:
 def _rows() -> Iterator[tuple[str, str]]:
     for kind, shape in SCHEMA.items():
         hints = get_type_hints(shape, include_extras=True)
-        told = []
+        fields = []
         for field in msgspec.structs.fields(shape):
             if field.name not in EventRecord.__struct_fields__:
                 meta = get_args(hints[field.name])[1]
                 unit = (meta.extra or {}).get("unit")
-                told.append(f"`{field.encode_name}`{f' ({unit})' if unit else ''}: {meta.description}")
-        yield kind, f"{(shape.__doc__ or '').strip()} {'; '.join(told)}"
+                fields.append(f"`{field.encode_name}`{f' ({unit})' if unit else ''}: {meta.description}")
+        yield kind, f"{(shape.__doc__ or '').strip()} {'; '.join(fields)}"
 
 
 if __name__ == "__main__":

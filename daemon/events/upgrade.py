@@ -1,20 +1,19 @@
-"""Records of earlier releases -> records as today's release writes them: one step, taken where a line is read.
+"""Upgrade records of earlier releases to today's version, where a line is read.
 
-Version 1 had no codes: its faults, ends and decisions said their causes in prose only. The expressions below read that
-prose; nothing else does.
+Version 1 had no codes: its faults, ends and decisions state their causes only in prose, which the expressions below
+read. No other module reads prose.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from typing import Any
 
 from daemon.events.codes import BY_UNNAMED, MISSED_BY, CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 
 VERSION = 2
-"""Of the lines that are written: `v`."""
+"""Of the records that this release writes: `v`."""
 
 Record = dict[str, Any]
 BY_A_PERSON = re.compile(r"stopped by|stopped$|by control-C")
@@ -38,7 +37,7 @@ FAULT_PROSE: tuple[tuple[str, CauseCode], ...] = (
     (r"look behind it is", CauseCode.STALE_LOOK),
     (r"not enabled", CauseCode.NOT_ENABLED),
 )
-"""What a fault, or the end of a cycle, says in its own words, the telling words first."""
+"""Expressions in the text of a fault or of a cycle's end, most specific first."""
 CLASS_NAME = re.compile(r"^\w*(?:Error|Refused|Elsewhere): ")
 OF_CAMERAS = re.compile(r"CameraError|cameras:|NotSettledError")
 FINDING = re.compile(r"(left|right|pair): (?:(?!left:|right:|pair:).)*\((\w+) [^()]*limit [^()]*\)")
@@ -57,11 +56,11 @@ UNNAMED_PROSE = {
     "patterned": "the pattern of the table runs into its edges",
     "strange": "nothing like it was taught",
 }
-"""Why a part has no name, as version 1 said it (vision/values.py: Cause)."""
+"""Why a part has no name, in the words of version 1 (vision/values.py: Cause)."""
 
 
 def upgraded(record: Record) -> Record:
-    """A record as version 2 has it. One of a newer version, and one without a version, is left as it is."""
+    """Convert a record of version 1 to version 2; any other passes unchanged."""
     if record.get("v") != 1:
         return record
     match record.get("kind"):
@@ -77,7 +76,7 @@ def upgraded(record: Record) -> Record:
 
 
 def read_prose(text: str) -> Record:
-    """The `code`, and the `findings` of images where it names some, that a text without a code says."""
+    """Derive `code`, and `findings` where the text names measures of images, from a text without a code."""
     plain = CLASS_NAME.sub("", text)
     if findings := [f"{measure} {camera}" for camera, measure in FINDING.findall(text)]:
         return {"code": CauseCode.INTERNAL, "findings": findings}
@@ -103,7 +102,7 @@ def _cycle_end(record: Record) -> Record:
     elif outcome == Outcome.AMBIGUOUS:
         code = CauseCode.ALIKE
     elif outcome == Outcome.UNKNOWN:
-        code = _unnamed([why])
+        code = next((BY_UNNAMED[name] for name, words in UNNAMED_PROSE.items() if words in why), None)
         if code is None and "no facet" in why:
             code = CauseCode.UNMATCHED_OUTLINES
         elif code is None and "fits nothing that was taught" in why:
@@ -111,12 +110,6 @@ def _cycle_end(record: Record) -> Record:
     elif outcome in (Outcome.LOST, Outcome.MISSED):
         code = _decided(why)
     return {} if code is None else {"code": code}
-
-
-def _unnamed(texts: Iterable[str]) -> CauseCode | None:
-    """The first cause, in the order of the list, that a text says."""
-    said = list(texts)
-    return next((BY_UNNAMED[name] for name, words in UNNAMED_PROSE.items() if any(words in s for s in said)), None)
 
 
 def _decided(why: str) -> DecisionCode | None:
@@ -159,7 +152,7 @@ def _look(record: Record) -> Record:
     if findings := health.get("findings"):
         values = {}
         for key, finding in findings.items():
-            if isinstance(finding, str) and (said := FINDING_VALUE.search(finding)):
-                values[key.replace(" ", "_")] = float(said[2])
+            if isinstance(finding, str) and (value := FINDING_VALUE.search(finding)):
+                values[key.replace(" ", "_")] = float(value[2])
         change["health"] = {**values, **health}
     return change

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from daemon.calibration.drift import DriftSettings
-from daemon.events.codes import BY_TITLE, CATALOGUE, CauseCode, cause_code
+from daemon.events.codes import BY_SUMMARY, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
 from daemon.events.upgrade import read_prose
 from daemon.fleet.questions import opened
@@ -69,7 +69,7 @@ def fleet_data(store: Store, days: int) -> Json:
         "cells": sorted(cells, key=lambda c: (STATES.index(c["state"]), c["name"])),
         "parts": parts,
         "causes": causes,
-        "remedies": {name: BY_TITLE[name].remedy for name in causes if name in BY_TITLE},
+        "remedies": {name: BY_SUMMARY[name].remedy for name in causes if name in BY_SUMMARY},
         "models": _models(of, between),
         "definition": DEFINITION,
         "limits": {
@@ -182,8 +182,8 @@ def _by_cause(faults: Mapping[tuple[str, str], int]) -> dict[str, int]:
     counts = Counter[str]()
     for (code, text), count in faults.items():
         known = CauseCode(code) if code in CauseCode.__members__.values() else cause_code(read_prose(text)["code"])
-        if CATALOGUE[known].stage != "operator":
-            counts[code if known is CauseCode.INTERNAL else CATALOGUE[known].title] += count
+        if known.stage != "operator":
+            counts[code if known is CauseCode.INTERNAL else known.summary] += count
     return dict(counts.most_common())
 
 

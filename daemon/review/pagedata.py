@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.events.codes import CATALOGUE, CauseCode, cause_code
+from daemon.events.codes import CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
 from daemon.review.measures import strips
@@ -267,7 +267,7 @@ def _event_text(record: Json) -> str:
         return str(record.get("text"))
     if kind == "fault" and (known := cause_code(record.get("code"))) is not CauseCode.INTERNAL:
         words = in_plain_words(str(record.get("text")))
-        return words if CATALOGUE[known].stage == "operator" else f"fault: {CATALOGUE[known].title}: {words}"
+        return words if known.stage == "operator" else f"fault: {known.summary}: {words}"
     if kind == "clock":
         return f"the machine's clock jumped by {record.get('jump_s')} s"
     return f"{EVENTS.get(kind, kind)} {text}".strip()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.events.codes import BY_TITLE
+from daemon.events.codes import BY_SUMMARY
 from daemon.events.outcomes import UNFINISHED, is_success, tally
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.not_counted import picks_not_counted
@@ -71,7 +71,7 @@ def _worked_s(run: Digest) -> float | None:
 
 def remedies(done: Json) -> dict[str, str]:
     """What to do about each cause that a production was stopped by."""
-    return {name: BY_TITLE[name].remedy for name in done["stops"]}
+    return {name: BY_SUMMARY[name].remedy for name in done["stops"]}
 
 
 def _stops(run: Digest) -> Iterable[str]:

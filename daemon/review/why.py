@@ -19,7 +19,6 @@ from daemon.events.codes import (
     BY_MEASURE,
     BY_RULE,
     BY_UNNAMED,
-    CATALOGUE,
     MISSED_BY,
     CauseCode,
     DecisionCode,
@@ -75,17 +74,17 @@ class LikelyCause:
     @property
     def name(self) -> str:
         """As the pages show it."""
-        return CATALOGUE[self.code].title
+        return self.code.summary
 
     @property
     def stage(self) -> str:
         """Where in the cell it is."""
-        return CATALOGUE[self.code].stage
+        return self.code.stage
 
     @property
     def remedy(self) -> str:
         """What to do about it."""
-        return CATALOGUE[self.code].remedy
+        return self.code.remedy
 
 
 def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[LikelyCause]:

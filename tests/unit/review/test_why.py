@@ -20,7 +20,7 @@ from daemon.commands.calibrating import KINDS
 from daemon.commands.controller_terminal import ROBOT
 from daemon.config import Config
 from daemon.ctl import OFFLINE
-from daemon.events.codes import CATALOGUE
+from daemon.events.codes import CauseCode
 from daemon.events.upgrade import VERSION
 from daemon.review.brief import read_brief
 from daemon.review.digest import digest
@@ -353,7 +353,7 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "dirty lens, looks that disagree": ("lens out of focus or dirty", blurred),
     "vibrating mount": ("blurred by motion", measured({"motion left": "left: blurred by motion"})),
     "dusk": ("too dark", measured({"darkness left": "left: too dark", "darkness right": "right: too dark"})),
-    "sun": ("burnt out", measured({"saturation right": "right: too bright"})),
+    "sun": ("overexposed", measured({"saturation right": "right: too bright"})),
     "dark corner": ("too dark", nameless("dark")),
     "wrong part": ("not taught", nameless("strange")),
     "wrong part, seen from all round": ("not taught", another_part),
@@ -361,8 +361,8 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
     "hidden part": ("hidden", nameless("hidden")),
     "part at the border": ("too near the border", nameless("border")),
     "two alike": ("looks like another", ended("ambiguous", "unknown: fits cube or pyramid: one square")),
-    "patterned table with nothing on it": ("ground too patterned", bare_patterned_table),
-    "patterned table": ("ground too patterned", nameless("patterned")),
+    "patterned table with nothing on it": ("table too patterned", bare_patterned_table),
+    "patterned table": ("table too patterned", nameless("patterned")),
     "slippery part": ("part slipped", missed("cube is gone, and the hand came back empty")),
     "part squirts away": ("part slipped", missed("cube still lies there", 11.0)),
     "slanted faces": ("part slipped", slanted),
@@ -379,7 +379,7 @@ PLANTED: dict[str, tuple[str, Callable[[MadeRun], None]]] = {
         "out of the arm's reach",
         ended("unreachable", "cube: none of its 12 grasps can be reached all the way (5 blocked by a neighbour)"),
     ),
-    "too large to grasp": ("no grasp holds it", ended("unreachable", "cube: no grasp holds it as it lies")),
+    "too large to grasp": ("no grasp fits it", ended("unreachable", "cube: no grasp holds it as it lies")),
     "table height wrong": ("below the table", refused("below_table", "the tool would be 0.4 mm above the table")),
     "slow computer": ("a look too old", refused("stale_look", "the look behind it is 31.0 s old, 20 is the most")),
     "power cut": ("cut off", cut_off),
@@ -454,7 +454,7 @@ def test_a_cause_and_a_measure_of_a_newer_release_are_told_as_far_as_they_are_kn
     made.write("cycle_start", cycle=2, target=None)
     end(made, "fault", "ImagesError: left: too blue: change the lamp (blueness 3, limit 2)")
     stranger, unfit = read_digest(made.close(1)).cycles
-    assert [c.name for c in causes(stranger)] == ["cause not known"]
+    assert [c.name for c in causes(stranger)] == ["unknown cause"]
     assert [c.name for c in causes(unfit)] == ["a fault in facetd"]
 
 
@@ -486,7 +486,7 @@ def test_a_picked_part_and_an_empty_table_need_no_cause(made: MadeRun) -> None:
 # What a person is told to do can be done.
 
 ADVICE = [
-    *(known.remedy for known in CATALOGUE.values()),
+    *(cause.remedy for cause in CauseCode),
     *(said.remedy for said in SAID.values()),
     *(measure.advice for measure in MEASURES.values()),
 ]
@@ -566,7 +566,7 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
     made.close()
     run = read_digest(made.folder)
     (cycle,) = run.cycles
-    unknown = [cause for cause in causes(cycle, ()) if cause.name == "cause not known"]
+    unknown = [cause for cause in causes(cycle, ()) if cause.name == "unknown cause"]
     assert [cause.at for cause in unknown] == [cycle.end["seq"]]  # type: ignore[index]
 
 
