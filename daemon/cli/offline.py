@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from daemon.console.phrases import plural
-from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError, spelt
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import read
 
@@ -135,14 +135,13 @@ def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
 
 
 def _train(args: argparse.Namespace) -> int:
-    """Learn every view in the order of the file, then every drawing; one that cannot be learnt ends the training."""
+    """Learn every view in the order of the file, then every drawing. A drawing that cannot be learnt is named on stderr
+    and the others still are; a view that cannot be ends the training."""
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
-    from daemon.store.outside import read_file
-    from daemon.teaching.mesh import LARGEST_BYTES, UNITS_MM
-    from daemon.teaching.solid_from_mesh import solid_drawn
-    from daemon.vision.model import empty_model, learn_solid
+    from daemon.teaching.mesh import UNITS_MM
+    from daemon.vision.model import empty_model
 
     if not args.views and not args.mesh:
         raise OfflineError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
@@ -153,10 +152,11 @@ def _train(args: argparse.Namespace) -> int:
     parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
     if args.views:
         model = _taught_views(model, args.views, calibration)
-    for word in args.mesh:
-        label, file = _drawing(word)
-        solid = solid_drawn(str(file), read_file(file, LARGEST_BYTES), args.unit, model.library)
-        model = learn_solid(model, solid, label, source=str(file))
+    model, refused = _taught_drawings(model, args.mesh, args.unit)
+    for line in refused:
+        print(f"facetctl {args.command}: not learned: {line}", file=sys.stderr)
+    if not model.labels:
+        raise OfflineError(f"none of {plural(len(refused), 'drawing')} can be learned")
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
     known = (
@@ -164,14 +164,39 @@ def _train(args: argparse.Namespace) -> int:
         plural(len(model.views), "view"),
         plural(len(model.artmap.node_labels), "node"),
     )
-    print(f"{args.out}: {known[0]} from {known[1]}, {known[2]}")
-    return DONE
+    print(f"{spelt(str(args.out))}: {known[0]} from {known[1]}, {known[2]}")
+    return NOT_UNDERSTOOD if refused else DONE
+
+
+def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
+    """The model with every drawing that can be learnt, and a line for each that cannot. Raises OfflineError."""
+    from daemon.store.outside import read_file
+    from daemon.teaching.mesh import LARGEST_BYTES, MeshError, UnitError
+    from daemon.teaching.solid_from_mesh import read_drawing
+    from daemon.vision.model import TeachError, learn_solid
+
+    refused = []
+    for label, file in [_drawing(word) for word in words]:
+        name = spelt(str(file))
+        try:
+            drawing = read_drawing(name, read_file(file, LARGEST_BYTES), unit, model.library)
+            model = learn_solid(model, drawing.solid, label, source=name)
+        except UnitError as error:
+            refused.append(f"{error.question} give --unit {error.others}")
+        except (FileError, MeshError) as error:
+            refused.append(spelt(str(error)))
+        except TeachError as error:
+            refused.append(f"{name}: {error}")
+        else:
+            for note in drawing.notes:
+                print(f"{name}: {note}")
+    return model, refused
 
 
 def _drawing(word: str) -> tuple[str, Path]:
     label, _, file = word.partition("=")
     if not label or not file:
-        raise OfflineError(f"--mesh {word}: expected LABEL=FILE, such as cube=cube.stl")
+        raise OfflineError(f"--mesh {spelt(word)}: expected LABEL=FILE, such as cube=cube.stl")
     return label, Path(file)
 
 

@@ -24,12 +24,12 @@ from daemon.console.interpreter import (
 )
 from daemon.console.phrases import at_utc, plural
 from daemon.console.text_layout import table
-from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, spelt
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
-from daemon.teaching.mesh import UNITS_MM, MeshError
-from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.teaching.mesh import UNITS_MM, MeshError, UnitError
+from daemon.teaching.solid_from_mesh import Drawing, read_drawing
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
 from daemon.teaching.trainer import ROUND, teaching_note
 from daemon.vision.model import TeachError
@@ -143,9 +143,9 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     no_more(words[at:], 3, MESH_USAGE)
     unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
     content = await frontend.fetch(file)
-    name = file.rpartition("/")[2]
+    name = spelt(file.rpartition("/")[2])
     try:  # what is wrong with the file is said before anything is asked
-        await context.study(solid_drawn, name, content, unit, context.trainer.library)
+        drawing, unit = await _understood(context, name, content, unit, frontend)
         label = await _label(context, words[:at], frontend, shown=False)
         odd = await context.study(context.trainer.odd_drawing, label, name, content, unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
@@ -156,7 +156,9 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     verdict, data = await _sufficiency(context, label)
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
-    lines = [f"Stored as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets}).", verdict]
+    lines = [f"Stored as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets})."]
+    lines += [f"  In the file: {note}." for note in drawing.notes]
+    lines.append(verdict)
     unmade = (await simulated_parts.know_drawings(context)).get(label)
     if unmade is not None:
         lines.append(f"The simulated cell cannot show it: {unmade}.")
@@ -164,6 +166,22 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
         lines.append(f"In the simulated cell: `show {label}`, or `scatter {label}` onto the table.")
     lines.append("Next: `train`.")
     return CommandResult("\n".join(lines), {"kept": True, "view": view.name, **data})
+
+
+async def _understood(
+    context: CommandContext, name: str, content: bytes, unit: str, frontend: Frontend
+) -> tuple[Drawing, str]:
+    """A drawing and its unit, which is asked for where the one given makes an absurd part. Raises MeshError."""
+    try:
+        return await context.study(read_drawing, name, content, unit, context.trainer.library), unit
+    except UnitError as error:
+        if not frontend.asks:
+            raise
+        asked = error
+    answer = (await frontend.ask(f"{asked.question} Answer {asked.others}: ")).strip().lower()
+    if answer not in UNITS_MM:
+        raise asked
+    return await context.study(read_drawing, name, content, answer, context.trainer.library), answer
 
 
 @command("untaught")

@@ -1,47 +1,59 @@
 """Polygons of a mesh -> a solid with flat facets, as the recogniser knows parts. Pure.
 
-Corners that coincide become one, triangles of one plane one facet; the rings run anticlockwise seen from outside. What
-a camera could not tell (a corner in the middle of a straight side) goes.
+Triangles of one plane are one facet; the rings run anticlockwise seen from outside. What a camera could not tell (a
+corner in the middle of a straight side) goes. How the surface is closed is closed_surface.py's.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from itertools import product
+from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.arrays import Array, Index
+from daemon.arrays import Array, Flags
+from daemon.teaching.closed_surface import Surface, Triangle, closed_surface, edges_of
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.vision.geometry import Polyhedron, area_vector, border_loops
 from daemon.vision.model import FacetLibrary, type_facet
 
-Triangle = tuple[int, int, int]
-Edge = tuple[int, int]
-SAME_CORNER_MM = 0.01
-"""Corners nearer than half of this each way are one."""
 SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
 STRAIGHT_DEG = 1.0
+FIRST_GUESS = 3.0
+"""A plane through one triangle with rounded corners is so much worse than one through all of a facet."""
+NO_AREA_MM2 = 1e-3
 MOST_FACETS = 40
 """More than that, and it is a curved surface cut into strips; it has no facets to be recognised by."""
 DRAWN_MM = 0.05
 """How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
 
 
-def solid_drawn(name: str, content: bytes, unit: str, library: FacetLibrary) -> Polyhedron:
-    """The solid in a drawing's file. Raises MeshError, which names the file."""
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A drawing as it was understood: the solid, and what was mended or left out, a line each."""
+
+    solid: Polyhedron
+    notes: tuple[str, ...]
+
+
+def read_drawing(name: str, content: bytes, unit: str, library: FacetLibrary) -> Drawing:
+    """What a drawing's file shows. Raises MeshError, UnitError, which name the file."""
     mesh = read_mesh(name, content, unit)
     try:
-        return solid_of(mesh, library)
+        return drawing_of(mesh, library)
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from None
 
 
-def solid_of(mesh: Mesh, library: FacetLibrary) -> Polyhedron:
+def solid_drawn(name: str, content: bytes, unit: str, library: FacetLibrary) -> Polyhedron:
+    """The solid in a drawing's file. Raises MeshError, which names the file."""
+    return read_drawing(name, content, unit, library).solid
+
+
+def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
     """The solid a mesh bounds. Raises MeshError where it bounds none, or one without flat facets."""
-    corners, triangles = _welded(mesh)
-    triangles = _outward(corners, _oriented(triangles))
-    regions = _flat_regions(corners, triangles)
+    surface = closed_surface(mesh)
+    corners, triangles = surface.corners, surface.triangles
+    regions = _flat_regions(surface, mesh.step_mm)
     if len(regions) > MOST_FACETS:
         raise MeshError(f"{len(regions)} facets: a curved surface? at most {MOST_FACETS} flat ones tell a part")
     rings = [_straightened(corners, _outline(corners, [triangles[k] for k in region])) for region in regions]
@@ -51,136 +63,83 @@ def solid_of(mesh: Mesh, library: FacetLibrary) -> Polyhedron:
     place = {k: n for n, k in enumerate(used)}
     points = corners[used] - corners[used].mean(axis=0)
     facets = tuple(tuple(place[k] for k in ring) for ring in rings)
-    covariance = np.repeat(DRAWN_MM**2 * np.eye(3)[None], len(points), axis=0)
+    covariance = np.repeat(max(DRAWN_MM, mesh.step_mm / 2) ** 2 * np.eye(3)[None], len(points), axis=0)
     types = tuple(type_facet(points[list(f)], covariance[list(f)], library)[0].name for f in facets)
-    return Polyhedron(points, facets, covariance, types)
+    return Drawing(Polyhedron(points, facets, covariance, types), surface.notes)
 
 
-def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
-    """Corners that are not one, and the triangles between them that have an area."""
-    first = _first_of_each(mesh.corners_mm)
-    kept = np.unique(first)
-    kept = kept[np.lexsort(np.round(mesh.corners_mm[kept] / SAME_CORNER_MM).T[::-1])]
-    owner = np.zeros(len(first), np.intp)
-    owner[kept] = np.arange(len(kept))
-    corners, owner = mesh.corners_mm[kept], owner[first]
-    triangles = []
-    for polygon in mesh.polygons:
-        ring = [int(owner[k]) for k in polygon]
-        triangles += [one for one in in_triangles(corners, ring) if len(set(one)) == 3]
-    if len(triangles) < 4:
-        raise MeshError(f"{len(triangles)} triangles bound no solid")
-    return corners, triangles
+def _flat_regions(surface: Surface, step_mm: float) -> list[list[int]]:
+    """Triangles that hang together in one plane, largest triangle first: small ones do not tell a plane well.
 
-
-def _first_of_each(corners: Array) -> Index:
-    """(K,) the first of those that each of corners (K, 3) is one with: what lies nearer together each way than half of
-    SAME_CORNER_MM has a cell of that size in common, in one of the grids that are shifted by half a cell or not."""
-    first = here = np.arange(len(corners))
-    for shift in product((0.0, 0.5), repeat=3):
-        cells = np.floor(corners / SAME_CORNER_MM + shift).astype(np.int64)
-        cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-        while True:
-            least, onto = np.full(len(corners), len(corners)), here.copy()
-            np.minimum.at(least, cell, first)
-            np.minimum.at(onto, first, least[cell])
-            if (onto == here).all():
-                break
-            first = onto[first]
-    return first
-
-
-def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:
-    """A polygon cut into triangles, ear by ear: one with a notch is no fan. Source: Meisters, 1975."""
-    normal = area_vector(corners[ring])
-    rest, found = list(ring), []
-    while len(rest) > 3:
-        ears = (k for k in range(len(rest)) if _is_ear(corners, rest, k, normal))
-        k = next(ears, 0)  # crossing itself or without an area: whatever is wrong with it is found out later
-        found.append((rest[k - 1], rest[k], rest[(k + 1) % len(rest)]))
-        del rest[k]
-    return [*found, (rest[0], rest[1], rest[2])]
-
-
-def _is_ear(corners: Array, ring: list[int], place: int, normal: Array) -> bool:
-    """Whether the corner at that place juts out, and no other corner lies in the triangle with its neighbours."""
-    a, b, c = (corners[ring[k % len(ring)]] for k in (place - 1, place, place + 1))
-    if np.cross(b - a, c - b) @ normal <= 0:
-        return False
-    others = corners[[k for k in ring if k not in (ring[place - 1], ring[place], ring[(place + 1) % len(ring)])]]
-    sides = np.array([np.cross(e - s, others - s) @ normal for s, e in ((a, b), (b, c), (c, a))])
-    return not bool((sides >= 0).all(axis=0).any())
-
-
-def _oriented(triangles: list[Triangle]) -> list[Triangle]:
-    """All wound the same way round. Raises MeshError where the surface has a gap, a crossing, or several pieces."""
-    beside: dict[frozenset[int], list[int]] = {}
-    for t, triangle in enumerate(triangles):
-        for edge in _edges(triangle):
-            beside.setdefault(frozenset(edge), []).append(t)
-    gaps = sum(len(both) == 1 for both in beside.values())
-    if gaps:
-        raise MeshError(f"not closed: {gaps} edges have a triangle on one side only; mend the mesh")
-    if any(len(both) > 2 for both in beside.values()):
-        raise MeshError("more than two triangles share an edge: bodies that touch or cross; join them into one")
-    turned = {0: triangles[0]}
-    queue = deque([0])
-    while queue:
-        here = turned[t := queue.popleft()]
-        for a, b in _edges(here):
-            (other,) = [k for k in beside[frozenset((a, b))] if k != t]
-            if other in turned:
-                if (a, b) in _edges(turned[other]):
-                    raise MeshError("the surface has only one side; mend the mesh")
-                continue
-            p, q, r = triangles[other]
-            turned[other] = (p, r, q) if (a, b) in _edges(triangles[other]) else (p, q, r)
-            queue.append(other)
-    if len(turned) < len(triangles):
-        raise MeshError("several bodies that do not touch; a part is one")
-    return [turned[t] for t in range(len(triangles))]
-
-
-def _outward(corners: Array, triangles: list[Triangle]) -> list[Triangle]:
-    """Wound so that the volume inside is positive."""
-    a, b, c = (corners[[t[k] for t in triangles]] for k in range(3))
-    volume_mm3 = float((a * np.cross(b, c)).sum() / 6)
-    if abs(volume_mm3) < 1.0:
-        raise MeshError("it has no inside; mend the mesh")
-    return triangles if volume_mm3 > 0 else [(p, r, q) for p, q, r in triangles]
-
-
-def _flat_regions(corners: Array, triangles: list[Triangle]) -> list[list[int]]:
-    """Triangles that hang together in one plane, largest triangle first: small ones do not tell a plane well."""
-    a, b, c = (corners[[t[k] for t in triangles]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    areas = np.linalg.norm(normals, axis=1)
-    normals /= np.maximum(areas, 1e-12)[:, None]
-    owner = {edge: t for t, triangle in enumerate(triangles) for edge in _edges(triangle)}
-    free = set(range(len(triangles)))
+    step_mm: what the coordinates are rounded to. The plane is then that of all the corners found at first, and a thin
+    triangle may be turned by as much as rounding turns it.
+    """
+    mesh = _Triangles.of(surface, step_mm)
+    off_most = max(SAME_PLANE_MM, step_mm)
+    free = np.ones(len(mesh.areas), bool)
     regions = []
-    for seed in np.argsort(-areas):
-        if int(seed) not in free:
+    for seed in np.argsort(-mesh.areas, kind="stable").tolist():
+        if not free[seed]:
             continue
-        free.discard(int(seed))
-        region, queue = [int(seed)], deque([int(seed)])
-        while queue:
-            for p, q in _edges(triangles[queue.popleft()]):
-                other = owner[q, p]
-                off_mm = np.abs((corners[list(triangles[other])] - a[seed]) @ normals[seed]).max()
-                thin = areas[other] < 1e-3
-                flat = normals[other] @ normals[seed] > np.cos(np.radians(SAME_PLANE_DEG))
-                if other in free and off_mm < SAME_PLANE_MM and (flat or thin):
-                    free.discard(other)
-                    region.append(other)
-                    queue.append(other)
+        plane = mesh.corners[seed, 0], mesh.normals[seed]
+        if step_mm:
+            first = mesh.grown(seed, plane, off_most * FIRST_GUESS, free)
+            plane = _plane_through(mesh.corners[first].reshape(-1, 3), plane[1])
+        region = mesh.grown(seed, plane, off_most, free)
+        free[region] = False
         regions.append(region)
     return regions
 
 
+@dataclass(frozen=True, eq=False)
+class _Triangles:
+    """corners (T, 3, 3), normals (T, 3), areas (T,) twice; turned_rad (T,): by as much may rounding turn each; beside
+    (T, 3): the triangle at each edge."""
+
+    corners: Array
+    normals: Array
+    areas: Array
+    turned_rad: Array
+    beside: list[list[int]]
+
+    @classmethod
+    def of(cls, surface: Surface, step_mm: float) -> _Triangles:
+        corners = surface.corners[np.array(surface.triangles)]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(normals, axis=1)
+        longest = np.linalg.norm(np.roll(corners, -1, 1) - corners, axis=2).max(axis=1)
+        owner = {edge: t for t, triangle in enumerate(surface.triangles) for edge in edges_of(triangle)}
+        beside = [[owner[q, p] for p, q in edges_of(triangle)] for triangle in surface.triangles]
+        return cls(
+            corners, normals / np.maximum(areas, 1e-12)[:, None], areas, np.arctan2(step_mm, areas / longest), beside
+        )
+
+    def grown(self, seed: int, plane: tuple[Array, Array], off_mm: float, free: Flags) -> list[int]:
+        """The free triangles that hang together with the seed in a plane (a point, a normal)."""
+        middle, normal = plane
+        flat = np.cos(np.minimum(np.radians(SAME_PLANE_DEG) + self.turned_rad + self.turned_rad[seed], np.pi / 2))
+        fits = free & (np.abs((self.corners - middle) @ normal).max(axis=1) < off_mm)
+        fits &= (self.normals @ normal > flat) | (self.areas < NO_AREA_MM2)
+        fits[seed] = False
+        region = [seed]
+        for here in region:  # grows as it is gone through
+            for other in self.beside[here]:
+                if fits[other]:
+                    fits[other] = False
+                    region.append(other)
+        return region
+
+
+def _plane_through(points: Array, towards: Array) -> tuple[Array, Array]:
+    """The plane nearest to points (N, 3), its normal on the side of another."""
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    return middle, normal * (1.0 if normal @ towards > 0 else -1.0)
+
+
 def _outline(corners: Array, triangles: list[Triangle]) -> list[int]:
     """The outer border of a flat region; holes in it are not looked at."""
-    own = {edge for triangle in triangles for edge in _edges(triangle)}
+    own = {edge for triangle in triangles for edge in edges_of(triangle)}
     loops = border_loops((a, b) for a, b in own if (b, a) not in own)
     return max(loops, key=lambda ring: float(np.linalg.norm(area_vector(corners[ring]))))
 
@@ -199,8 +158,3 @@ def _straightened(corners: Array, ring: list[int]) -> list[int]:
         else:
             at += 1
     return kept
-
-
-def _edges(triangle: Triangle) -> tuple[Edge, Edge, Edge]:
-    a, b, c = triangle
-    return (a, b), (b, c), (c, a)

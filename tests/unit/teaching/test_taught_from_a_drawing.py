@@ -130,6 +130,52 @@ def test_a_drawing_that_cannot_be_taught_is_an_answer_and_nothing_is_kept(
     assert trainer.model_store.views() == []
 
 
+class Answering(Reader):
+    """One who is asked, and answers the same each time."""
+
+    asks = True
+
+    def __init__(self, answer: str, **files: bytes) -> None:
+        super().__init__(**files)
+        self.answer, self.asked = answer, list[str]()
+
+    async def ask(self, question: str) -> str:
+        self.asked.append(question)
+        return self.answer
+
+
+def teaching(trainer: Trainer, text: str, frontend: Reader) -> str:
+    from tests.fakes import fake_context
+
+    context = fake_context.fake_context(trainer.model_store.folder)
+    context.trainer = trainer
+    return asyncio.run(teach.run(context, text.split(), frontend)).text  # type: ignore[arg-type]
+
+
+def test_whether_it_is_in_mm_is_a_question_that_takes_an_answer(trainer: Trainer) -> None:
+    inches = {"cube_stl": drawn.binary_stl(*drawn.box(2, 2, 2))}
+    asked = Answering("inch", **inches)
+    told = teaching(trainer, "cube --mesh cube.stl", asked)
+    assert asked.asked == ["cube.stl: 2 mm long: is it in mm? Answer cm, m, inch: "]
+    assert told.startswith("Stored as cube/1")
+    (view,) = trainer.model_store.views()
+    assert view.note["unit"] == "inch"
+    for frontend in (Answering("n", **inches), Reader(**inches)):
+        with pytest.raises(CommandError, match="is it in mm"):
+            teaching(trainer, "cube --mesh cube.stl", frontend)
+
+
+def test_what_was_mended_is_said_and_a_name_that_is_no_utf8_is_kept(trainer: Trainer) -> None:
+    name = b"w\xfcrfel.stl".decode(errors="surrogateescape")
+    frontend = Reader()
+    frontend.files[name] = drawn.binary_stl(CUBE[0], CUBE[1] * 2)
+    told = teaching(trainer, f"cube --mesh {name}", frontend)
+    assert "In the file: 12 doubled triangles are left out." in told
+    assert told.encode()
+    (view,) = trainer.model_store.views()
+    assert view.note["mesh"] == "w?rfel.stl"
+
+
 def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) -> None:
     cube = drawn.binary_stl(*CUBE)
     assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
