@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from daemon.pick.settings import Settings
 from daemon.quantities import Coordinate, Name
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.yamlfile import ConfigError, Document, read
 from daemon.vision.settings import MemorySettings, VisionSettings
@@ -104,7 +104,7 @@ class FilesSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FolderSettings:
-    """Where the daemon keeps its own files. Unset: as daemon/store/places.py says."""
+    """Where the daemon keeps its own files. Unset: as daemon/store/folders.py says."""
 
     state: Name | None = None
     """Folder of runs, models, taught views and calibrations. Unset: systemd's state directory, else var/ of the
@@ -232,7 +232,7 @@ class Config:
     def state(self) -> Path:
         """The folder of runs, models and taught views."""
         state = self.values.folders.state
-        return self.file(state) if state else places.state_folder(self.kind == "simulated")
+        return self.file(state) if state else folders.state_folder(self.kind == "simulated")
 
     @property
     def runs(self) -> Path:
@@ -244,8 +244,8 @@ class Config:
     def socket(self) -> Path:
         """The operators' socket."""
         runtime = self.values.folders.runtime
-        folder = self.file(runtime) if runtime else places.runtime_folder(self.kind == "simulated")
-        return folder / places.SOCKET_NAME
+        folder = self.file(runtime) if runtime else folders.runtime_folder(self.kind == "simulated")
+        return folder / folders.SOCKET_NAME
 
 
 def load_config(path: Path, simulated: bool = False) -> Config:

@@ -424,12 +424,12 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
     """`model list` and `model use N` when no daemon runs: the next one begins with what is in use now."""
     from daemon.commands.models import MODEL_USAGE, list_of, version_named
     from daemon.config import load_config
-    from daemon.store import places
+    from daemon.store import folders
     from daemon.store.files import hold
     from daemon.store.model_store import ModelStore
 
     try:
-        store = ModelStore(load_config(places.config_file()).state)
+        store = ModelStore(load_config(folders.config_file()).state)
         if words in ([], ["list"]):
             answer = list_of(store)
             return show({"text": answer.text, "data": answer.data, "status": DONE}, as_json)
@@ -450,11 +450,11 @@ def _without_daemon(command: str, as_json: bool) -> int:
     from daemon.commands.maintaining import doctor_answer
     from daemon.config import load_config
     from daemon.maintenance import bundle, doctor
-    from daemon.store import places
+    from daemon.store import folders
     from daemon.store.outside import FileError
 
     try:
-        config = load_config(places.config_file())
+        config = load_config(folders.config_file())
         if command == "bundle":
             path = bundle.pack(config, Path.cwd())
             return show({"text": f"{path}: send this file.", "data": {"file": str(path)}, "status": DONE}, as_json)

@@ -15,7 +15,7 @@ import os
 import sys
 from pathlib import Path
 
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.outside import fill_standard_files
 
 
@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     """What the daemon's command line takes."""
     made = argparse.ArgumentParser(prog="facetd", description="Recognises parts by their facets and picks them.")
     named = "the configuration (default: %(default)s)"
-    made.add_argument("--config", type=Path, default=places.config_file(), metavar="FILE", help=named)
+    made.add_argument("--config", type=Path, default=folders.config_file(), metavar="FILE", help=named)
     made.add_argument("--sim", action="store_true", help="a simulated cell instead of the one configured")
     made.add_argument("--check", action="store_true", help="check configuration, calibration and model, and end")
     version = f"facetd {importlib.metadata.version('facetd')}"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daemon.quantities import decimal, shown, whole
-from daemon.store import places
+from daemon.store import folders
 
 if TYPE_CHECKING:
     from daemon.cell.cameras import StereoCamera
@@ -43,7 +43,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     stream.add_argument("--plain", action="store_true", help="the bare images: nothing looked for, nothing drawn")
     for parser, run in ((cameras, _cameras), (snap, _snap), (stream, _stream)):
         parser.add_argument(
-            "--config", type=Path, default=places.config_file(), metavar="FILE", help="the configuration"
+            "--config", type=Path, default=folders.config_file(), metavar="FILE", help="the configuration"
         )
         parser.add_argument("--sim", action="store_true", help="the simulated cell's cameras")
         parser.add_argument("--json", action="store_true", help="for machines")

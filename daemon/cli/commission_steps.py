@@ -252,7 +252,7 @@ def _table(talk: CommissioningSession) -> str:
 def _workspace(talk: CommissioningSession) -> str:
     talk.need("Is the table clear? The arm moves to home, bin and survey next.")
     talk.enable()
-    places = [name for name in talk.do("places")["places"] if PLACES.fullmatch(name)]
+    places = [name for name in talk.do("positions")["places"] if PLACES.fullmatch(name)]
     for place in places:
         talk.do(f"go {place}")
     return f"{', '.join(places)} are reachable, and the guard allows the paths between them"
@@ -343,7 +343,7 @@ STEPS = (
          "the finger tips are where TOOL says, and the table is where the guard assumes it",
          "arm.flange_from_tool as the hand is, then `facetctl commission stereo`; the board's thickness (--board-mm); "
          "pick.limits.table_z_mm, then `facetctl reload`", _table, ("calibration",)),
-    CommissioningStep("workspace", "home, bin and survey places are reachable, and the paths between them are free",
+    CommissioningStep("workspace", "home, bin and survey positions are reachable, and the paths between them are free",
          "the refusal names the rule: pick.limits, pick.home, pick.bin, pick.surveys in facetd.yaml; `facetctl reload`",
          _workspace, ("calibration",)),
     CommissioningStep("gripper", "OPENI opens and CLOSEI closes the gripper",

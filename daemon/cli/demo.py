@@ -23,7 +23,7 @@ from daemon.errors import FacetdError
 from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runs import follow, list_runs
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from daemon.review.page import write_page
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
-    runs = (args.runs or places.runs_folder(simulated=True)).resolve()
+    runs = (args.runs or folders.runs_folder(simulated=True)).resolve()
     began = time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="facetd-demo-") as folder,
@@ -89,8 +89,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _begin_beside(runs: Path, written: Path) -> None:
     """Where the first of all runs is a demo's, begin for the daemon that comes after it. Raises OSError."""
-    if runs == places.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
-        _begin(places.state_folder(simulated=True), written.name)
+    if runs == folders.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
+        _begin(folders.state_folder(simulated=True), written.name)
 
 
 def _begin(state: Path, run: str) -> None:
@@ -122,7 +122,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
     """
     from daemon.config import load_config
 
-    config = load_config(places.ETC / "facetd.yaml", simulated=True)
+    config = load_config(folders.ETC / "facetd.yaml", simulated=True)
     files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
     truth, limits = str(config.file(config.values.simulated.truth)), config.values.pick.limits
     room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
@@ -153,11 +153,11 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
         process = subprocess.Popen(command, stderr=errors)
     try:
         deadline = time.monotonic() + READY_S
-        while not (folder / places.SOCKET_NAME).exists():
+        while not (folder / folders.SOCKET_NAME).exists():
             if process.poll() is not None or time.monotonic() > deadline:
                 raise DaemonUnreachableError
             time.sleep(0.05)
-        with DaemonLink(folder / places.SOCKET_NAME) as link:
+        with DaemonLink(folder / folders.SOCKET_NAME) as link:
             yield process, link
     except (DaemonUnreachableError, DemoError) as error:
         with contextlib.suppress(subprocess.TimeoutExpired):

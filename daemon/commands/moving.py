@@ -189,7 +189,7 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
     heard = end.outcome is Outcome.FAULT and context.notices.level(frontend) is not None
-    done = DONE if end.outcome in ("picked", "dry", "placed") else NOT_DONE
+    done = DONE if end.outcome in ("picked", "dry", "emptied") else NOT_DONE
     return CommandResult(describe_end(end, why=not heard), end_json(end), done)
 
 
@@ -235,7 +235,7 @@ async def _auto_told(context: CommandContext, frontend: Frontend) -> list[CycleE
         await asyncio.wait([ended], timeout=POLL_S)
         for end in [end for end in context.cycle.ends if end.cycle > told]:
             told = end.cycle
-            if end.outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.PLACED, Outcome.MISSED, Outcome.LOST):
+            if end.outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.EMPTIED, Outcome.MISSED, Outcome.LOST):
                 await frontend.say(describe_end(end))
     return await ended
 
@@ -316,7 +316,7 @@ async def dry(context: CommandContext, words: list[str], _: Frontend) -> Command
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
     """One pick in a line; without why, where whoever reads it has been told."""
-    if end.outcome == "placed":
+    if end.outcome == "emptied":
         return f"{end.outcome}: {end.why}, {end.seconds:.1f} s"
     approached = f"{end.label}, {plural(end.stops, 'look')}" if end.label else "no part"
     text = f"{end.outcome}: {approached}, {end.seconds:.1f} s"

@@ -1,4 +1,4 @@
-"""Commands for whoever sets a cell up: small moves relative to where the arm is, and places with names."""
+"""Commands for whoever sets a cell up: small moves relative to where the arm is, and positions with names."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.phrases import at_utc, plural
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.quantities import decimal, shown
-from daemon.store.named_places import NamedPlaces
+from daemon.store.named_positions import NamedPositions
 
 AXES = {
     "x": (0, "mm"),
@@ -29,22 +29,22 @@ WRITTEN = {"mm": "mm", "degrees": "deg"}
 """How a unit may stand behind a distance: another than the axis has is no distance along it."""
 FRAMES = ("world", "tool")
 LONGEST = {"mm": 100.0, "degrees": 30.0}
-"""More than that in one go is no small move: `go` to a place."""
+"""More than that in one go is no small move: `go` to a position."""
 SAME_MM, SAME_DEG = 0.5, 0.2
 """An arm that is no farther from where it was, and turned by no more, has not moved."""
 JOG_USAGE = "jog x|y|z|rx|ry|rz DISTANCE [world|tool]"
-PLACES_USAGE = "places [NAME] | places drop NAME"
+POSITIONS_USAGE = "positions [NAME] | positions drop NAME"
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
 
 
-def kept(context: CommandContext) -> NamedPlaces:
-    """The places that operators have named."""
-    return NamedPlaces(context.config.state)
+def kept(context: CommandContext) -> NamedPositions:
+    """The positions that operators have named."""
+    return NamedPositions(context.config.state)
 
 
-def all_places(context: CommandContext) -> list[str]:
-    """Every place there is: the configuration's, and those with a name of the operators' own."""
-    return [*context.cycle.places(), *kept(context).now()]
+def all_positions(context: CommandContext) -> list[str]:
+    """Every position there is: the configuration's, and those with a name of the operators' own."""
+    return [*context.cycle.positions(), *kept(context).now()]
 
 
 @command(JOG_USAGE, "move", most=3, choices=tuple(AXES), further=lambda _, __: ())
@@ -97,39 +97,41 @@ def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: A
     return frames.rigid(turned @ rotation, point + shifted)
 
 
-@command("go PLACE", "move", most=1, choices=all_places)
+@command("go POSITION", "move", most=1, choices=all_positions)
 async def go(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Move to home, bin, a survey place, or a place named by `here`."""
-    place = one_of(words, 0, all_places(context), "place", go.usage)
+    """Move to home, bin, a survey position, or a position named by `here`."""
+    position = one_of(words, 0, all_positions(context), "position", go.usage)
     named = kept(context).now()
-    if place in named and place in context.cycle.places():
+    if position in named and position in context.cycle.positions():
         raise CommandError(
-            f"{place} is a place of facetd.yaml and a named one: `places drop {place}`, then name that one differently"
+            f"{position} is a position of facetd.yaml and a named one: `positions drop {position}`, then name that one "
+            "differently"
         )
-    work = context.cycle.move_to(named[place], place) if place in named else context.cycle.go(place)
+    own = position in named
+    work = context.cycle.move_to(named[position], position) if own else context.cycle.go(position)
     await with_questions(context, work, frontend)
     dry = context.cycle.status()["dry"]
-    return CommandResult(f"Dry run: planned to {place}, not sent." if dry else f"At {place}.")
+    return CommandResult(f"Dry run: planned to {position}, not sent." if dry else f"At {position}.")
 
 
 @command("here NAME", "change", most=1, choices=lambda context: kept(context).now())
 async def here(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Name the place where the arm is now, for `go NAME`.
+    """Name the position where the arm is now, for `go NAME`.
 
-    A place that had this name before stays in its history (`places NAME`).
+    A position that had this name before stays in its history (`positions NAME`).
     """
     if not words:
         raise CommandError(f"NAME is missing: {here.usage}", NOT_UNDERSTOOD)
     name = words[0]
     if not NAME.fullmatch(name):
-        raise CommandError(f"{name}: a place's name is small letters, digits and _, as in bin2", NOT_UNDERSTOOD)
-    if name in context.cycle.places() or name == "drop":
-        raise CommandError(f"{name} is a place of the configuration (`pick` in facetd.yaml); choose another name")
+        raise CommandError(f"{name}: a position's name is small letters, digits and _, as in bin2", NOT_UNDERSTOOD)
+    if name in context.cycle.positions() or name == "drop":
+        raise CommandError(f"{name} is a position of the configuration (`pick` in facetd.yaml); choose another name")
     pose = await context.cycle.rest()
     before = kept(context).now().get(name)
     if before is not None and frontend.asks:
         apart = float(np.linalg.norm(pose[:3, 3] - before[:3, 3]))
-        if not await yes_or_no(frontend, f"{name} is {apart:.1f} mm from here. Replace it by this place? [y/n]"):
+        if not await yes_or_no(frontend, f"{name} is {apart:.1f} mm from here. Replace it by this position? [y/n]"):
             return CommandResult("Nothing was changed.", status=NOT_DONE)
         off_mm, turned = frames.size(frames.difference(await context.cycle.rest(), pose))
         if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
@@ -140,29 +142,29 @@ async def here(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 
 @command(
-    PLACES_USAGE,
+    POSITIONS_USAGE,
     "change",
     most=2,
     looks=lambda words: words[:1] != ["drop"],
     choices=lambda context: ("drop", *kept(context).now()),
     further=lambda context, word: kept(context).now() if word == "drop" else (),
 )
-async def places(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """List the places; show the history of one; delete one."""
+async def positions(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """List the positions; show the history of one; delete one."""
     named = kept(context)
     if words[:1] == ["drop"]:
-        name = one_of(words, 1, named.now(), "named place", PLACES_USAGE)
+        name = one_of(words, 1, named.now(), "named position", POSITIONS_USAGE)
         named.keep(name, None, frontend.who)
         return CommandResult(f"{name} is deleted.", {"dropped": name})
-    no_more(words, 1, PLACES_USAGE)
+    no_more(words, 1, POSITIONS_USAGE)
     if words:
-        one_of(words, 0, {one.name for one in named.history()}, "named place", PLACES_USAGE)
+        one_of(words, 0, {one.name for one in named.history()}, "named position", POSITIONS_USAGE)
         rows = [f"{at_utc(one.kept)} UTC  {_at(one.world_from_tool)}  by {one.who}" for one in named.history(words[0])]
         return CommandResult("\n".join(rows), {"history": len(rows)})
-    configured, own = context.cycle.places(), named.now()
+    configured, own = context.cycle.positions(), named.now()
     poses, count = {**configured, **own}, len(own)
     rows = [f"{name:<{max(map(len, poses))}}  {_at(pose)}" for name, pose in [*configured.items(), *own.items()]]
-    own_ones = f"{plural(count, 'place')} named with `here NAME`; the others are" if count else "All are"
+    own_ones = f"{plural(count, 'position')} named with `here NAME`; the others are" if count else "All are"
     rows.append(f"{own_ones} the configuration's.")
     return CommandResult("\n".join(rows), {"places": {name: np.asarray(pose).tolist() for name, pose in poses.items()}})
 
@@ -171,4 +173,4 @@ def _at(pose: Array | None) -> str:
     return "dropped" if pose is None else "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*pose[:3, 3])
 
 
-COMMANDS = (go, jog, here, places)
+COMMANDS = (go, jog, here, positions)

@@ -42,13 +42,13 @@ async def know_drawings(context: CommandContext) -> dict[str, str]:
     return await asyncio.to_thread(lambda: hand.draw(context.trainer.drawings()))
 
 
-@command("place LABEL [VIEW]", most=2, choices=lambda context: _hand(context).labels, aliases=("show",))
-async def place(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+@command("show LABEL [VIEW]", most=2, choices=lambda context: _hand(context).labels)
+async def show_part(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(simulated) hold a part before the cameras.
 
     Also a part that was taught from a drawing.
     """
-    label = one_of(words, 0, _hand(context).labels, "part", place.usage)
+    label = one_of(words, 0, _hand(context).labels, "part", show_part.usage)
     view = _hand(context).show(label, number(words[1], "VIEW", 1, 9) - 1 if len(words) > 1 else 0)
     return CommandResult(f"The {label} is held before the cameras, view {view + 1}.")
 
@@ -78,4 +78,4 @@ async def clear(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 
 RECORDED_COMMANDS = (next_pair,)
-COMMANDS = (place, scatter, clear)
+COMMANDS = (show_part, scatter, clear)

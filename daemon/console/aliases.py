@@ -5,7 +5,7 @@ tests/unit/console/test_aliases.py walks it. What a recorded run calls a thing i
 
 from __future__ import annotations
 
-COMMANDS = {"eyes": "cameras"}
+COMMANDS = {"eyes": "cameras", "places": "positions"}
 """Commands of the daemon."""
 JOBS = {"hall": "fleet", "live": "dashboard"}
 """Jobs of `facetctl`."""

@@ -129,7 +129,7 @@ class CommandContext:
             because = "that is as many as requested"
         elif outcome == Outcome.EMPTY:
             because = "the table is empty"
-        elif outcome in (Outcome.PICKED, Outcome.PLACED):
+        elif outcome in (Outcome.PICKED, Outcome.EMPTIED):
             because = "ended by `auto off`"
         elif outcome is None:
             because = "stopped before the first pick"

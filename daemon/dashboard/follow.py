@@ -11,9 +11,9 @@ from typing import Any
 
 from daemon.dashboard.state import DashboardState
 from daemon.events.records import LONGEST_LINE, record_of
+from daemon.store.folders import socket_candidates
 from daemon.store.outside import FileError, open_below, read_below
 from daemon.store.pictures import LARGEST_BYTES
-from daemon.store.places import socket_candidates
 from daemon.store.runs import RUN
 
 ASK_S, AGAIN_S, READ_S = 1.0, 1.0, 0.25

@@ -13,7 +13,7 @@ from typing import Any
 from daemon.dashboard.follow import RunFollower, follow_daemon
 from daemon.dashboard.state import DashboardState
 from daemon.errors import FacetdError
-from daemon.store.places import how_to_add
+from daemon.store.folders import how_to_add
 
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0

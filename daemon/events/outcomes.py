@@ -21,7 +21,7 @@ class Outcome(StrEnum):
     UNREACHABLE = "unreachable"
     UNSURE = "unsure"
     DRY = "dry"
-    PLACED = "placed"
+    EMPTIED = "emptied"
     ABORTED = "aborted"
     FAULT = "fault"
 
@@ -30,14 +30,14 @@ UNFINISHED = "unfinished"
 """The outcome of a pick without a record of its end: the end of its run interrupted it."""
 GOING_ON = "going on"
 """The outcome of such a pick while facetd still writes its run."""
-NOTHING_TO_PICK = frozenset({Outcome.EMPTY, Outcome.DRY, Outcome.PLACED})
+NOTHING_TO_PICK = frozenset({Outcome.EMPTY, Outcome.DRY, Outcome.EMPTIED})
 INTERRUPTED = frozenset({Outcome.ABORTED, UNFINISHED, GOING_ON})
 GRASPED = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.MISSED})
 """The gripper closed on the part: only these picks have an error at the grasp."""
 DEFINITION = (
     "A pick counts as tried when there was a part to pick and neither a person nor the end of the run ended it. It "
     "is a success when the cameras confirmed the part in the gripper. A person's stop or abort, an interrupted pick, "
-    "an empty table and a part that was only placed do not count as tried."
+    "an empty table and a gripper that was only emptied do not count as tried."
 )
 
 

@@ -59,8 +59,30 @@ UNNAMED_PROSE = {
 """Why a part has no name, in the words of version 1 (vision/values.py: Cause)."""
 
 
+WORDS: dict[str, dict[str, dict[str, str]]] = {
+    "state": {
+        "from": {"place": "bin"},
+        "to": {"place": "bin"},
+        "event": {"placed": "binned"},
+    },
+    "left": {"state": {"place": "bin"}},
+    "cycle_end": {"outcome": {"placed": Outcome.EMPTIED}},
+}
+"""Words that had another meaning before parts were set down at places, by kind and field, in records of any version."""
+
+
 def upgraded(record: Record) -> Record:
-    """Convert a record of version 1 to version 2; any other passes unchanged."""
+    """Convert a record of version 1 to version 2, and the words of any version to today's."""
+    return _version_2({**record, **_today(record)})
+
+
+def _today(record: Record) -> Record:
+    """The fields of a record whose word is another one today."""
+    fields = WORDS.get(str(record.get("kind")), {})
+    return {key: words[record[key]] for key, words in fields.items() if record.get(key) in words}
+
+
+def _version_2(record: Record) -> Record:
     if record.get("v") != 1:
         return record
     match record.get("kind"):

@@ -13,7 +13,7 @@ from typing import Any
 from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
 from daemon.quantities import shown, whole
 from daemon.review.cli import command
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.runs import find_run, list_runs
 
 REGRESSED = NOT_ALL = 1
@@ -88,7 +88,7 @@ def _runs(args: argparse.Namespace) -> int:
     from daemon.review.brief import read_brief
 
     rows = []
-    for folder in list_runs(args.runs or places.runs_folder())[-args.last :]:
+    for folder in list_runs(args.runs or folders.runs_folder())[-args.last :]:
         try:
             rows.append(read_brief(folder).statistics())
         except FacetdError as error:  # one bad run keeps nobody from seeing the others
@@ -196,7 +196,7 @@ def _replay_here(args: argparse.Namespace, chosen: Any) -> list[tuple[str, Any]]
 
 
 def _named(args: argparse.Namespace) -> list[Path]:
-    return [find_run(args.runs or places.runs_folder(), name) for name in args.folders or ["latest"]]
+    return [find_run(args.runs or folders.runs_folder(), name) for name in args.folders or ["latest"]]
 
 
 def _folders_of(args: argparse.Namespace) -> list[str]:

@@ -19,7 +19,7 @@ from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, par
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
-from daemon.store.places import how_to_add
+from daemon.store.folders import how_to_add
 
 if TYPE_CHECKING:
     import pyarrow as pa

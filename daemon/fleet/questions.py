@@ -12,7 +12,7 @@ from typing import Any
 from daemon.fleet.layout import FILE
 from daemon.fleet.schema import TABLES
 from daemon.fleet.store import Store, StoreError
-from daemon.store.places import how_to_add
+from daemon.store.folders import how_to_add
 
 SQL_KINDS = {
     "text": "VARCHAR", "integer": "BIGINT", "real": "FLOAT", "flag": "BOOLEAN", "time": "TIMESTAMPTZ", "day": "DATE",

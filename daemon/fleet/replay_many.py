@@ -24,11 +24,11 @@ from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import Using, replayed_looks
+from daemon.store.folders import how_to_add
 from daemon.store.library import FACETS, load_facets
 from daemon.store.model import load
 from daemon.store.model_store import model_file
 from daemon.store.outside import read_file
-from daemon.store.places import how_to_add
 from daemon.store.runs import RUN
 from daemon.store.yamlfile import read
 from daemon.vision.settings import VisionSettings

@@ -18,8 +18,8 @@ from typing import IO, Any
 import msgspec
 
 from daemon.errors import FacetdError
+from daemon.store.folders import how_to_add
 from daemon.store.outside import PIECE, open_below
-from daemon.store.places import how_to_add
 
 
 class StoreError(FacetdError):

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 from daemon.console.stop_words import takes_leave
 from daemon.errors import STOP_UNANSWERED, FacetdError
+from daemon.store.folders import socket_candidates
 from daemon.store.outside import FileError, read_file
-from daemon.store.places import socket_candidates
 
 if TYPE_CHECKING:
     from daemon.frontends.keyboard import RawKeyboard

@@ -52,7 +52,7 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.CLOSING: take.closing,
     PickState.RETREAT: take.retreat,
     PickState.VERIFY: take.verify,
-    PickState.PLACE: take.place,
+    PickState.BIN: take.over_bin,
     PickState.HOME: take.home,
 }
 CUT_OFF = (PickEvent.STOP, PickEvent.ERROR, PickEvent.ABORT)
@@ -192,12 +192,12 @@ class PickCycle:
         """Ask the controller where the arm is, for people: of one that moves, a place on the way."""
         return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
 
-    async def go(self, place: str) -> None:
-        """Move to a named place."""
-        poses = self.places()
-        if place not in poses:
-            raise RefusedError(f"no place {place!r}; there are {', '.join(poses)}")
-        await self.move_to(poses[place], place)
+    async def go(self, position: str) -> None:
+        """Move to a named position."""
+        poses = self.positions()
+        if position not in poses:
+            raise RefusedError(f"no position {position!r}; there are {', '.join(poses)}")
+        await self.move_to(poses[position], position)
 
     async def move_to(self, world_from_tool: Array, purpose: str) -> None:
         """Move to any pose (calibration, teaching), in bounded, guarded steps."""
@@ -233,8 +233,8 @@ class PickCycle:
         """Open or close the gripper."""
         await self.supervisor.run("close the hand" if closed else "open the hand", self._hand(closed))
 
-    def places(self) -> dict[str, Array]:
-        """Named places (home, bin, survey, survey2, ...) -> world_from_tool."""
+    def positions(self) -> dict[str, Array]:
+        """Named positions of the arm (home, bin, survey, survey2, ...) -> world_from_tool."""
         views = enumerate(self.settings.surveys, start=1)
         tool_from_cyclopean = self.cell.tool_from_cyclopean
         surveys = {"survey" + (str(n) if n > 1 else ""): view.pose(tool_from_cyclopean) for n, view in views}
@@ -286,10 +286,10 @@ class PickCycle:
         then = follows(self.state, event, self._held)
         if event is PickEvent.PAUSE:
             self._held = self.state
-        elif event in CUT_OFF and PickState.PLACE in (self.state, self._held):
+        elif event in CUT_OFF and PickState.BIN in (self.state, self._held):
             self.beliefs.void(VoidingEvent.CUT_OFF)
         before, self.state = self.state, then
-        if event is PickEvent.PLACED and self.pick_order is not None:
+        if event is PickEvent.BINNED and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
         if event is not PickEvent.PAUSE:
             self._held = then
@@ -384,7 +384,7 @@ class PickCycle:
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break
-                if ends[-1].outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.PLACED):
+                if ends[-1].outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.EMPTIED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
                     if every_s is None or not self._auto:
@@ -442,7 +442,7 @@ class PickCycle:
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         await self.set_out()
         if self.belief.holds_part:
-            world.outcome, world.why = Outcome.PLACED, "put down what was in the hand"
+            world.outcome, world.why = Outcome.EMPTIED, "put down what was in the hand"
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
         if self.belief.empty_unproven:
             await take.let_go(context, world, "bin, to open the hand, which nobody saw open")

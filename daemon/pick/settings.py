@@ -37,8 +37,8 @@ class SurveyView:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A taught place of the tool centre point."""
+class ToolPosition:
+    """A taught position of the tool centre point."""
 
     point_mm: Point
     """Tool centre point, world frame, mm."""
@@ -68,10 +68,10 @@ class Settings:
         SurveyView(heading_deg=0.0, tilt_deg=20.0),
     )
     """Further places to look from before the table counts as empty."""
-    home: Place = Place((420.0, 0.0, 60.0), tilt_deg=20.0)
-    """Place where the arm waits."""
-    bin: Place = Place((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
-    """Place over the bin where the gripper opens."""
+    home: ToolPosition = ToolPosition((420.0, 0.0, 60.0), tilt_deg=20.0)
+    """Position where the arm waits."""
+    bin: ToolPosition = ToolPosition((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
+    """Position over the bin where the gripper opens."""
     order: Literal["nearest", "surest"] = "surest"
     """Which part to take first: the one whose pose is best known, or the nearest."""
     tries: Few = 2

@@ -126,9 +126,9 @@ def _knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[
     return any(not any(same_place(now, before) for before in others) for now in alike)
 
 
-async def place(
+async def over_bin(
     context: PickContext, world: WorldModel
-) -> Literal[PickEvent.PLACED, PickEvent.DROPPED, PickEvent.STILL_HELD, PickEvent.DRY]:
+) -> Literal[PickEvent.BINNED, PickEvent.DROPPED, PickEvent.STILL_HELD, PickEvent.DRY]:
     """Let go above the bin; of a part that this pick grasped, look into the gripper before and after. What a pick
     brings counts as picked only where both agree that the part left the gripper there."""
     target = world.target
@@ -139,7 +139,7 @@ async def place(
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
         return PickEvent.DRY
     if target is None:
-        return PickEvent.PLACED
+        return PickEvent.BINNED
     opened = await _in_gripper(context, target)
     world.outcome, world.why = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
@@ -149,7 +149,7 @@ async def place(
     if opened is InGripper.PART:
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=True)
         return PickEvent.STILL_HELD
-    return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.PLACED
+    return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.BINNED
 
 
 async def _in_gripper(context: PickContext, target: Target | None) -> InGripper:

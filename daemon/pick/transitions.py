@@ -1,7 +1,7 @@
 """The pick cycle's table: which event leads from which state to which. Read it as the specification; no behaviour here.
 
 A state is left only by the events of its rows. What each does is the handler of its name in find.py, approach.py or
-take.py; the words stand as they are in the run log and in `status`.
+take.py; the words are those of the run log and of `status` (of earlier releases: daemon/events/upgrade.py).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class PickState(StrEnum):
     CLOSING = "closing"
     RETREAT = "retreat"
     VERIFY = "verify"
-    PLACE = "place"
+    BIN = "bin"
     HOME = "home"
     PAUSED = "paused"
     FAULT = "fault"
@@ -58,7 +58,7 @@ class PickEvent(StrEnum):
     CLOSED = "closed"
     GONE = "gone"
     MISSED = "missed"
-    PLACED = "placed"
+    BINNED = "binned"
     DROPPED = "dropped"
     STILL_HELD = "still_held"
     PAUSE = "pause"
@@ -79,7 +79,7 @@ class Row(NamedTuple):
 
 TABLE: tuple[Row, ...] = (
     Row(PickState.IDLE, PickEvent.BEGIN, PickState.SURVEY, "an operator or auto asks for a part"),
-    Row(PickState.IDLE, PickEvent.FULL_HAND, PickState.PLACE, "a part is in the hand: first put it down"),
+    Row(PickState.IDLE, PickEvent.FULL_HAND, PickState.BIN, "a part is in the hand: first put it down"),
     Row(PickState.SURVEY, PickEvent.SEEN, PickState.CHOOSE, "something on the table was not skipped before"),
     Row(PickState.SURVEY, PickEvent.NOTHING, PickState.HOME, "no view shows anything to pick"),
     Row(PickState.CHOOSE, PickEvent.CHOSEN, PickState.STOP_N, "named, a grasp holds it, the whole approach is reached"),
@@ -126,7 +126,7 @@ TABLE: tuple[Row, ...] = (
     Row(
         PickState.VERIFY,
         PickEvent.GONE,
-        PickState.PLACE,
+        PickState.BIN,
         "the part shows in the gripper, or no longer lies there and the gripper does not show empty",
     ),
     Row(
@@ -135,20 +135,20 @@ TABLE: tuple[Row, ...] = (
         PickState.SURVEY,
         "it lies there still, or elsewhere, or the hand is empty: opened over the bin, try again or skip",
     ),
-    Row(PickState.PLACE, PickEvent.PLACED, PickState.HOME, "let go over the bin"),
+    Row(PickState.BIN, PickEvent.BINNED, PickState.HOME, "let go over the bin"),
     Row(
-        PickState.PLACE,
+        PickState.BIN,
         PickEvent.DROPPED,
         PickState.HOME,
         "the gripper came to the bin empty: the part fell on the way",
     ),
     Row(
-        PickState.PLACE,
+        PickState.BIN,
         PickEvent.STILL_HELD,
         PickState.HOME,
         "the part still shows in the opened gripper: the next pick puts it down again",
     ),
-    Row(PickState.PLACE, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
+    Row(PickState.BIN, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
     Row(PickState.HOME, PickEvent.THERE, PickState.IDLE, "the pick has ended"),
     Row(PickState.ANY, PickEvent.PAUSE, PickState.PAUSED, "an operator holds it before its next move"),
     Row(PickState.PAUSED, PickEvent.RESUME, PickState.BACK, "and lets it go on"),

@@ -12,7 +12,7 @@ from typing import Any
 
 from daemon.errors import DONE, printable
 from daemon.events.records import Record
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.files import being_written
 from daemon.store.runs import RUN, find_run, follow
 
@@ -58,7 +58,7 @@ def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
     """The run that was named. Raises RunError."""
-    return find_run(args.runs or places.runs_folder(), name or args.folder)
+    return find_run(args.runs or folders.runs_folder(), name or args.folder)
 
 
 def _review(args: argparse.Namespace) -> int:

@@ -20,9 +20,9 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.review.digest import Digest
 from daemon.review.tables import tables
+from daemon.store.folders import how_to_add
 from daemon.store.outside import FileError, read_below
 from daemon.store.pictures import LARGEST_BYTES
-from daemon.store.places import how_to_add
 
 
 class ExportError(FacetdError):

@@ -26,7 +26,7 @@ Json = dict[str, Any]
 IN_STATE = {
     "survey": "survey the table", "second_view": "look from another side", "choose": "choose a part",
     "stop_n": "approach", "looking": "look", "estimating": "estimate the pose", "final": "move to the grasp",
-    "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "place": "place",
+    "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "bin": "bring it to the bin",
     "home": "move home",
 }  # fmt: skip
 """What a pick does in its states, for people."""

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.quantities import Length
-from daemon.store.places import ETC
+from daemon.store.folders import ETC
 from daemon.store.yamlfile import Document, read
 from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, FacetType, Value
 

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 
 from daemon.errors import spelt_throughout
 from daemon.quantities import WHOLE, whole
+from daemon.store import folders
 from daemon.store import model as files
-from daemon.store import places
 from daemon.store.files import number_of, plain, write_atomically
 from daemon.store.outside import FileError, read_below, read_file
 from daemon.store.pictures import PictureError, read_grey
@@ -301,7 +301,7 @@ def model_file(named: Path) -> Path:
     word = str(named)
     if named.exists() or not (word == "latest" or WHOLE.fullmatch(word)):
         return named
-    store = ModelStore(places.state_folder())
+    store = ModelStore(folders.state_folder())
     known = store.versions()
     found = known[-1:] if word == "latest" else [version for version in known if version == whole(word)]
     if not found:

@@ -92,7 +92,7 @@ def after(standing: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Reco
             change = {"state": fields.get("to")}
             if fields.get("from") == "fault" and fields.get("event") == "resume":
                 change |= {"cycle": None, "in_doubt": False, "fault": None}
-            if fields.get("event") == "placed" and standing.auto is not None:
+            if fields.get("event") == "binned" and standing.auto is not None:
                 change["auto"] = standing.auto.one_less()
         case "auto":
             change = {"auto": Auto(fields.get("count"), fields.get("every_s")) if fields.get("on") else None}

@@ -30,7 +30,7 @@ from daemon.cell import build as cells
 from daemon.cell.pick_cell import pick_cell
 from daemon.config import load_config
 from daemon.pick.cycle import PickCycle
-from daemon.store import places
+from daemon.store import folders
 from daemon.vision.geometry.rig import Camera, StereoRig
 from drivers.simcell.truth import load_truth
 
@@ -70,7 +70,7 @@ class Calibrated:
 
 def truth() -> tuple[StereoRig, np.ndarray]:
     """The cell's hidden rig and hand-eye (4, 4)."""
-    told = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+    told = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
     eyes = [eye.eye() for eye in (told.left, told.right)]
     cameras = [Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in eyes]
     return StereoRig(cameras[0], cameras[1], (640, 480)), np.array(told.tool_from_cyclopean, float)
@@ -78,7 +78,7 @@ def truth() -> tuple[StereoRig, np.ndarray]:
 
 async def calibrated(seed: int) -> Calibrated:
     """Calibrate and verify on one cell, from a ruler's guess."""
-    config = load_config(places.HOUSE / "etc" / "facetd.yaml", simulated=True)
+    config = load_config(folders.HOUSE / "etc" / "facetd.yaml", simulated=True)
     config = replace(
         config, values=replace(config.values, simulated=replace(config.values.simulated, seed=seed, time_scale=30))
     )

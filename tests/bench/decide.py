@@ -14,13 +14,13 @@ from collections import defaultdict
 import cv2
 import numpy as np
 
-from daemon.store import places
+from daemon.store import folders
 from daemon.vision.look import look
 from tests.bench.recognise import Tally, judge, test_folders, trained
 from tests.bench.thesis import table, written
 from tests.fakes import rendered
 
-DOCUMENT = places.HOUSE / "docs" / "DECIDE.md"
+DOCUMENT = folders.HOUSE / "docs" / "DECIDE.md"
 SAID = {
     "clean": "one part, plain table", "multi": "two or three parts", "shadow": "hard shadows",
     "lowcontrast": "weakest edge 4 to 14 grey levels", "textured": "textured table", "printed": "printed parts",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.manuals.readability import measured
 
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from daemon.art.others import ART1, FuzzyARTMAP, RotationLayer, best_numbering, choose
-from daemon.store import places
+from daemon.store import folders
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.look import look
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
@@ -38,7 +38,7 @@ from tests.fakes.thesis import (
     silhouettes,
 )
 
-DOCUMENT = places.HOUSE / "docs" / "THESIS.md"
+DOCUMENT = folders.HOUSE / "docs" / "THESIS.md"
 OBJECTS = ("floppy", "cork", "pen", "screwdriver")
 RUNS = 30
 

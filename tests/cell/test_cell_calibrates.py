@@ -64,7 +64,7 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordina
     async def story():
         async with rig(seed=13, model=model) as here:
             here.cell.scatter(PARTS)
-            watch, places = DriftWatch(), [p for p in here.cycle.places() if p.startswith("survey")]
+            watch, places = DriftWatch(), [p for p in here.cycle.positions() if p.startswith("survey")]
             for number in range(24):
                 if number % 8 == 0:
                     await here.cycle.go(places[number // 8 % len(places)])

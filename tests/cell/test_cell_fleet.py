@@ -21,7 +21,7 @@ from daemon import ctl
 from daemon.fleet.judged import TIMINGS
 from daemon.fleet.replay_many import Job, With, jobs_of, replay_many, runs_in_store
 from daemon.fleet.store import Store, open_store
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.model import load, save
 from daemon.vision.model.model import relearnt
 from tests.fakes.cells_recorded import record_pick
@@ -96,7 +96,7 @@ def jobs(store: Store, out: Path, monkeypatch: pytest.MonkeyPatch, looks: int = 
 
 
 def process(*words: str) -> subprocess.Popen[str]:
-    environment = os.environ | {"PYTHONPATH": str(places.HOUSE), "DASK_LOGGING__DISTRIBUTED": "error"}
+    environment = os.environ | {"PYTHONPATH": str(folders.HOUSE), "DASK_LOGGING__DISTRIBUTED": "error"}
     return subprocess.Popen(
         [sys.executable, "-m", *words], env=environment, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
@@ -175,7 +175,7 @@ def test_a_client_that_is_lost_leaves_the_rest_going_on_and_another_takes_it_up(
     with cluster(tmp_path, 1) as (address, _):
         client = subprocess.Popen(
             [sys.executable, "-c", CLIENT, store.url, str(out), address],
-            env=os.environ | {"PYTHONPATH": str(places.HOUSE)},
+            env=os.environ | {"PYTHONPATH": str(folders.HOUSE)},
         )
         wait_until(lambda: done(out) > 0, "nothing was begun")
         client.kill()

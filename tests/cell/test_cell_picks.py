@@ -9,7 +9,7 @@ import yaml
 from daemon.arm.operators import RefusedError
 from daemon.cli.demo import PARTS
 from daemon.pick import take
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.controller import LineFault, Mishap
 from tests.fakes import simulated_cell
 from tests.fakes.simulated_cell import rig
@@ -50,7 +50,7 @@ def test_a_grasp_is_where_it_was_said_to_be(model, label):
 
 
 def test_eyes_of_unequal_exposure_in_poor_light_are_set_before_the_pick_and_the_part_is_picked(model, tmp_path):
-    truth = yaml.safe_load((places.HOUSE / "etc" / "simcell.yaml").read_text())
+    truth = yaml.safe_load((folders.HOUSE / "etc" / "simcell.yaml").read_text())
     truth["sensor"] |= {"gain_left": 0.3, "gain_right": 0.15}
     (tmp_path / "dim.yaml").write_text(yaml.safe_dump(truth))
 
@@ -229,7 +229,7 @@ def test_stop_in_mid_move_brings_the_arm_to_rest_where_it_is(model):
             at = here.cell.world_from_tool()
             await asyncio.sleep(0.3)
             rest = np.abs(here.cell.world_from_tool() - at).max()
-            home = here.cycle.places()["home"]
+            home = here.cycle.positions()["home"]
             return results[0], rest, np.linalg.norm(at[:3, 3] - home[:3, 3]), here.cycle.status()
 
     error, rest, away, status = run(story())

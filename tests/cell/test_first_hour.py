@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 from tests.fakes.running import Running, judged_daemon
 
 pytestmark = pytest.mark.slow
@@ -20,7 +20,7 @@ def daemon() -> Iterator[Running]:
 
 
 def lines() -> list[str]:
-    hour = (places.HOUSE / "docs" / "operate" / "first-hour.md").read_text(encoding="utf-8")
+    hour = (folders.HOUSE / "docs" / "operate" / "first-hour.md").read_text(encoding="utf-8")
     return [line.partition("  #")[0].strip() for line in re.findall(r"^ *facetd> (.*)", hour, re.MULTILINE)]
 
 
@@ -28,7 +28,7 @@ def lines() -> list[str]:
 def test_every_line_of_the_first_hour_does_what_it_is_there_for(
     daemon: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(places.HOUSE)
+    monkeypatch.chdir(folders.HOUSE)
     said: dict[str, str] = {}
     for line in lines():
         done = daemon.do(line, answer="y")

@@ -22,7 +22,7 @@ from daemon.commands import every_command
 from daemon.commands.step_mode import READ_S
 from daemon.console.stop_words import means_stop
 from daemon.frontends.client import DaemonLink
-from daemon.store import places
+from daemon.store import folders
 from tests.fakes.drawn import binary_stl, box, prism
 from tests.fakes.first_day import answer_to, lives_through
 from tests.fakes.made_run import quiet
@@ -121,17 +121,17 @@ def stand_in(text: str) -> tuple[str, str] | None:
 PAGES = ("teach", "train", "calibrate", "pick", "auto", "stop", "one-camera", "knock", "lamp",
          "failed-picks", "controller", "move-cell", "new-computer", "README", "trouble")  # fmt: skip
 GUIDES = (
-    places.HOUSE / "docs" / "operate" / "first-hour.md",
-    places.HOUSE / "deploy" / "README.md",
-    *(places.HOUSE / "docs" / "operate" / f"{page}.md" for page in PAGES),
-    places.HOUSE / "deploy" / "RUNS.md",
+    folders.HOUSE / "docs" / "operate" / "first-hour.md",
+    folders.HOUSE / "deploy" / "README.md",
+    *(folders.HOUSE / "docs" / "operate" / f"{page}.md" for page in PAGES),
+    folders.HOUSE / "deploy" / "RUNS.md",
 )
 """In the order in which somebody reads them who first tries it in simulation, and then has a new cell."""
 
 
 def test_whatever_is_not_typed_here_is_tried_where_it_is_said() -> None:
     for begins, test, _ in ELSEWHERE:
-        assert (places.HOUSE / test).exists()
+        assert (folders.HOUSE / test).exists()
         assert any(re.match(begins, text) for guide in GUIDES for _, text in typed_in(guide)), begins
 
 
@@ -180,7 +180,7 @@ class Operator:
     def in_a_shell(self, text: str) -> tuple[int, str]:
         program, *words = shlex.split(text)
         if program == "facetd":
-            words = ["--config", str(places.HOUSE / "etc" / "facetd.yaml"), *words]  # a real cell's
+            words = ["--config", str(folders.HOUSE / "etc" / "facetd.yaml"), *words]  # a real cell's
         person = Person(self.daemon.folder, *words, program="daemon.main" if program == "facetd" else "daemon.ctl")
         shows = next((sign for line, sign in RUN_ON.items() if text.startswith(line)), None)
         if shows is None and text != "facetctl robot monitor":
@@ -293,19 +293,19 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     truth = yaml.safe_load((folder / "simcell.yaml").read_text())
     truth["arm"] |= {"cold": True, "manners": {"arm_power_after_s": 1.0}}  # somebody presses the button, once asked
     (folder / "simcell.yaml").write_text(yaml.safe_dump(truth, sort_keys=False))
-    (folder / "docs").symlink_to(places.HOUSE / "docs")
+    (folder / "docs").symlink_to(folders.HOUSE / "docs")
     (folder / "words.txt").write_text("status\nplaces\n")
     (folder / "cube.stl").write_bytes(binary_stl(*box()))
     hexagon = [(0.8 * np.cos(a), 0.8 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 7)[:-1]]
     (folder / "hex_bolt.stl").write_bytes(binary_stl(*prism(hexagon, 1.8)))  # inches
-    for name, value in (("PYTHONPATH", places.HOUSE), ("FACETD_CONFIG", folder / "facetd.yaml"),
+    for name, value in (("PYTHONPATH", folders.HOUSE), ("FACETD_CONFIG", folder / "facetd.yaml"),
                         ("FACETD_RUNS", folder / "state" / "runs"), ("STATE_DIRECTORY", folder / "state")):  # fmt: skip
         monkeypatch.setenv(name, str(value))
     monkeypatch.chdir(folder)
     daemon.start()
     yield Operator(daemon)
     daemon.kill()
-    monkeypatch.chdir(places.HOUSE)
+    monkeypatch.chdir(folders.HOUSE)
     shutil.rmtree(folder, ignore_errors=True)
 
 

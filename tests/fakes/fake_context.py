@@ -97,7 +97,7 @@ class FakeCycle:
     async def hand(self, closed: bool) -> None:
         self.told.append("hand close" if closed else "hand open")
 
-    def places(self) -> dict[str, Any]:
+    def positions(self) -> dict[str, Any]:
         return {"home": np.eye(4), "bin": np.eye(4), "survey": np.eye(4)}
 
     def not_after(self, stops: int, word: str) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 TABLE_MM = TRUTH.table.height_mm
 

@@ -39,6 +39,7 @@ from daemon.review.pagedata import page_data
 from daemon.review.replay import compare
 from daemon.review.tables import tables
 from daemon.review.week import week_data
+from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import (
     LARGEST_UNFOLDED,
@@ -50,11 +51,10 @@ from daemon.store.model import (
     to_bytes,
 )
 from daemon.store.model_store import ModelStore
-from daemon.store.named_places import NamedPlaces
+from daemon.store.named_positions import NamedPositions
 from daemon.store.npz import Arrays, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import read_grey
-from daemon.store.places import HOUSE
 from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runs import check_wire, read_run
 from daemon.teaching.mesh import MeshError, read_mesh
@@ -333,7 +333,7 @@ def _fitting_model(content: bytes, _: Path) -> object:
 
 def _places(content: bytes, folder: Path) -> object:
     (folder / "places.jsonl").write_bytes(content)
-    return NamedPlaces(folder).now()
+    return NamedPositions(folder).now()
 
 
 def _made_again(content: bytes, folder: Path) -> object:

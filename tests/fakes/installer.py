@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 
 OLDER, OLD, NEW, NEXT = "20250101T000000Z", "20260101T000000Z", "20260202T000000Z", "20260303T000000Z"
 SETTINGS = ("facetd.yaml", "calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml")

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, LensCamera
 from drivers.simcell.render import RenderedSolid, Retina, radiance
 from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Lamp, Lighting, TableTruth, load_truth
 
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 TABLE = TableTruth(height_mm=-300.0, centre_mm=[520.0, 0.0], scatter_radius_mm=115.0, half_size_mm=450.0)
 STARK = Lighting(
     ambient=40.0,

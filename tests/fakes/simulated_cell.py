@@ -25,7 +25,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.settings import Settings
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.library import load_facets
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
@@ -33,7 +33,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
 from tests.fakes.checked_record import checked
 
-CONFIG = places.HOUSE / "etc" / "facetd.yaml"
+CONFIG = folders.HOUSE / "etc" / "facetd.yaml"
 
 
 @dataclass(eq=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from daemon.events import records
 from daemon.fleet import document as fleet
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.manuals import commands, settings, states
 
 DOCS = HOUSE / "docs"

@@ -12,7 +12,7 @@ from daemon.calibration.file import load_calibration
 from daemon.cell import sections
 from daemon.config import load_config
 from daemon.main import main
-from daemon.store import places
+from daemon.store import folders
 from daemon.store.yamlfile import ConfigError
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
@@ -152,7 +152,7 @@ def test_control_characters_of_the_dialect_are_written_as_in_yaml(path: Path) ->
 def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(
     path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(places, "INSTALLED_STATE", tmp_path / "none")
+    monkeypatch.setattr(folders, "INSTALLED_STATE", tmp_path / "none")
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
     assert main(["--config", str(path), "--check"]) == 0
     assert "is good: a real cell" in capsys.readouterr().out
@@ -173,7 +173,7 @@ def test_check_says_what_is_wrong_in_one_line_and_ends_with_78(
 def test_check_names_cameras_that_no_rig_could_have(
     path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(places, "INSTALLED_STATE", tmp_path / "none")
+    monkeypatch.setattr(folders, "INSTALLED_STATE", tmp_path / "none")
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
     file = tmp_path / "calibration.yaml"
     good = file.read_text()

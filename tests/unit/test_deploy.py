@@ -12,9 +12,9 @@ import pytest
 
 from daemon.arm.guard import RULES
 from daemon.maintenance.journal import MESSAGE_IDS
-from daemon.store import places
+from daemon.store import folders
 
-DEPLOY = places.HOUSE / "deploy"
+DEPLOY = folders.HOUSE / "deploy"
 
 
 def unit() -> dict[str, list[str]]:

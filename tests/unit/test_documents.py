@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 from tests.bench import decide, thesis
 
 TABLE = re.compile(r"<!-- table (\w+) -->\n(.*?)<!-- end -->", re.DOTALL)
@@ -27,5 +27,5 @@ def test_every_table_has_a_maker_and_none_is_empty() -> None:
         tables = dict(TABLE.findall(file.read_text()))
         assert set(tables) == names
         assert all(made.count("\n| ") >= 3 for made in tables.values())
-    documents = {f for f in (places.HOUSE / "docs").glob("*.md") if TABLE.search(f.read_text())}
+    documents = {f for f in (folders.HOUSE / "docs").glob("*.md") if TABLE.search(f.read_text())}
     assert documents == set(makers)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.unit.test_safety import named_in
 
 PAGE = (HOUSE / "deploy" / "FAULTS.md").read_text(encoding="utf-8")

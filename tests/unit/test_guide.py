@@ -19,14 +19,14 @@ from daemon.commands import every_command
 from daemon.config import Config
 from daemon.console.interpreter import ConsoleCommand
 from daemon.console.phrases import NO, YES
-from daemon.store import places
+from daemon.store import folders
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
 
 GUIDES = [
-    places.HOUSE / name
+    folders.HOUSE / name
     for name in ("README.md", "deploy/README.md", "deploy/FIRST-DAY.md", "deploy/RUNS.md", "deploy/SAFETY.md")
-] + sorted((places.HOUSE / "docs" / "operate").glob("*.md"))
+] + sorted((folders.HOUSE / "docs" / "operate").glob("*.md"))
 COMMANDS = {name: command for command in every_command("simulated") for name in (command.name, *command.aliases)}
 SPAN, BLOCK = re.compile(r"`([^`\n]+)`"), re.compile(r"^ *```\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 KEY = re.compile(
@@ -152,7 +152,7 @@ def test_every_key_of_the_configuration_is_one() -> None:
             named = KEY.fullmatch(span)
             if (
                 named is None
-                or (places.HOUSE / span).exists()
+                or (folders.HOUSE / span).exists()
                 or span.endswith((".yaml", ".py", ".md", ".conf", ".txt"))
             ):
                 continue
@@ -165,8 +165,8 @@ def test_every_key_of_the_configuration_is_one() -> None:
 
 
 def test_every_file_and_target_named_is_there() -> None:
-    makefile = (places.HOUSE / "Makefile").read_text()
-    script = (places.HOUSE / "deploy" / "install.sh").read_text()
+    makefile = (folders.HOUSE / "Makefile").read_text()
+    script = (folders.HOUSE / "deploy" / "install.sh").read_text()
     for guide in GUIDES:
         for span in spans(guide):
             for target in re.findall(r"\bmake (?!-)([a-z][a-z-]*)", span):
@@ -174,4 +174,4 @@ def test_every_file_and_target_named_is_there() -> None:
             for word in re.findall(r"deploy/install\.sh (\w+)", span):
                 assert re.search(rf"^{word}[ )|]", script, re.MULTILINE), f"{guide.name}: {span}"
             for file in re.findall(r"\b(?:docs|deploy)/[\w./-]+\.\w+", span):
-                assert (places.HOUSE / file).exists(), f"{guide.name}: {span}"
+                assert (folders.HOUSE / file).exists(), f"{guide.name}: {span}"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.bench.long import mutations
 
 NAMED = re.compile(

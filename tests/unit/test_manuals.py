@@ -10,7 +10,7 @@ import pytest
 
 from daemon import config, ctl
 from daemon.commands import every_command
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.manuals import settings
 from tests.manuals.__main__ import PAGES, PIECES, with_piece
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import Limits
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from drivers.puma560 import PUMA560
 from drivers.simcell.arm import JOINT_ACCELERATION_RAD_S2, JOINT_SPEED_RAD_S, LINE_ACCELERATION_MM_S2, LINE_SPEED_MM_S
 

@@ -10,7 +10,7 @@ import pytest
 from daemon.calibration.board import BoardError, parse_board
 from daemon.console.interpreter import CommandError, number
 from daemon.quantities import LONGEST_SHOWN, decimal, shown, whole
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 
 DAEMON = HOUSE / "daemon"
 PEOPLE_TYPE_THERE = sorted(

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 
 SOURCES = ("daemon", "drivers", "etc", "pyproject.toml", "README.md", "LICENSE")
 BUILD = "import sys; from setuptools.build_meta import build_wheel; build_wheel(sys.argv[1])"

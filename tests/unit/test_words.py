@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.bench.readability import pages
 from tests.manuals.readability import ASTRAY, WORDS, measured, sentences
 

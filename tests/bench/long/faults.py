@@ -31,7 +31,7 @@ from drivers.simcell.controller import LineFault, Mishap
 from tests.fakes import simulated_cell
 from tests.fakes.simulated_cell import Rig
 
-MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "place")
+MOMENTS = ("survey", "stop_n", "looking", "final", "closing", "retreat", "verify", "bin")
 STILL_MM = 0.3
 MOTION = re.compile(r"DO (?:MOVE|MOVES|DRAW|READY|OPENI|CLOSEI)\b[^\r\x15]*\r")
 """A line that moves arm or hand, ended: what was typed and cancelled moves nothing."""

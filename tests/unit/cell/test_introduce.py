@@ -17,7 +17,7 @@ from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
 from daemon.cell.introduce import StoppedByPersonError, again, read_transcript
 from daemon.cell.introduced_arm import arm_file, arm_of, page
-from daemon.store import places
+from daemon.store import folders
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import standing
@@ -255,7 +255,7 @@ def test_the_person_s_stop_stands_amid_nothing_else_that_is_being_typed() -> Non
 
 
 def beside_the_others(folder: Path, text: str) -> Path:
-    for path in (places.HOUSE / "etc").glob("*.yaml"):
+    for path in (folders.HOUSE / "etc").glob("*.yaml"):
         (folder / path.name).write_bytes(path.read_bytes())
     (folder / "facetd.yaml").write_text(text)
     return folder / "facetd.yaml"
@@ -422,7 +422,7 @@ def test_the_hand_of_no_arm_goes_farther_than_the_person_is_told(lengths_mm: tup
 
 
 def test_the_rooms_that_the_page_tells_of_are_those_that_arms_pick_in() -> None:
-    page = (places.HOUSE / "deploy" / "FIRST-DAY.md").read_text(encoding="utf-8")
+    page = (folders.HOUSE / "deploy" / "FIRST-DAY.md").read_text(encoding="utf-8")
     told = re.findall(r"^ *\| (PUMA \d+) \| (\d+) \| (\d+) \| (\d+) \| ([\d, ]+) \| (\d+) \|$", page, re.MULTILINE)
     assert len(told) == len(ROOMS)
     for series, *numbers, stand_offs, hand in told:

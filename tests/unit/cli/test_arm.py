@@ -15,9 +15,9 @@ from daemon import ctl
 from daemon.cell.introduce import Acquaintance, Consult, Person
 from daemon.cli import arm
 from daemon.cli.arm import _ask
-from daemon.store import places
+from daemon.store import folders
 
-TRANSCRIPT = places.HOUSE / "tests" / "data" / "introductions" / "two-dots-whole-words.jsonl"
+TRANSCRIPT = folders.HOUSE / "tests" / "data" / "introductions" / "two-dots-whole-words.jsonl"
 
 
 def test_a_transcript_that_was_cut_off_in_its_last_line_is_replayed_as_far_as_it_goes(
@@ -33,7 +33,11 @@ def test_a_transcript_that_was_cut_off_in_its_last_line_is_replayed_as_far_as_it
 
 @pytest.mark.parametrize(
     ("sent", "told"),
-    [("/dev/zero", "not a regular file"), ("none.jsonl", "No such file"), (str(places.HOUSE / "LICENSE"), "line 1")],
+    [
+        ("/dev/zero", "not a regular file"),
+        ("none.jsonl", "No such file"),
+        (str(folders.HOUSE / "LICENSE"), "line 1"),
+    ],
 )
 def test_what_is_no_transcript_is_told_in_one_line(sent: str, told: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert ctl.main(["arm", "replay", sent]) == 2

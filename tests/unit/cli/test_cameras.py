@@ -13,14 +13,14 @@ import pytest
 
 from daemon import ctl
 from daemon.cli.cameras import measure
-from daemon.store import places
+from daemon.store import folders
 from drivers.camera.pair import Frame, StereoPair
 
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
     """A configuration whose cameras are two recorded pairs."""
-    shutil.copytree(places.HOUSE / "etc", tmp_path / "etc")
+    shutil.copytree(folders.HOUSE / "etc", tmp_path / "etc")
     for pair in ("1", "2"):
         for k, eye in enumerate(("left", "right")):
             folder = tmp_path / "etc" / "pairs" / pair

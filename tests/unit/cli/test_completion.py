@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from daemon.ctl import main
-from daemon.store import places
+from daemon.store import folders
 
 SHELLS = {"bash": ["bash", "--norc", "--noprofile", "-i"], "zsh": ["zsh", "-f", "-i"]}
 PLAYED = """#!/bin/sh
@@ -41,7 +41,7 @@ def tab(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Tab]:
     played.chmod(0o755)
     (tmp_path / "part.stl").touch()
     handles, shells = pty.openpty(), SHELLS[request.param]
-    surroundings = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(places.HOUSE), "HOME": str(tmp_path),
+    surroundings = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(folders.HOUSE), "HOME": str(tmp_path),
                     "TERM": "dumb", "PS1": "> "}  # fmt: skip
     process = subprocess.Popen(
         shells, stdin=handles[1], stdout=handles[1], stderr=handles[1], cwd=tmp_path, env=surroundings,

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 
-SCENES = places.HOUSE / "tests/data/scenes"
+SCENES = folders.HOUSE / "tests/data/scenes"
 PICTURE = """
 const i = document.images[0], c = document.createElement('canvas');
 c.width = i.naturalWidth; c.height = i.naturalHeight;
@@ -36,7 +36,7 @@ return [c.width, sum, coloured];
 @pytest.fixture
 def stream(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`facetctl stream` on two recorded pairs, and its address."""
-    shutil.copytree(places.HOUSE / "etc", tmp_path / "etc")
+    shutil.copytree(folders.HOUSE / "etc", tmp_path / "etc")
     shutil.copy(SCENES / "calibration-B.yaml", tmp_path / "etc/calibration.yaml")
     for name in ("clean-B-003", "clean-B-020"):
         shutil.copytree(SCENES / name, tmp_path / "etc/pairs" / name)
@@ -46,7 +46,7 @@ def stream(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     words = [sys.executable, "-m", "daemon.ctl", "stream", "--port", "0", "--config", str(config)]
     # Tests that a shell runs in the background have control-C ignored, and so would the program: give it back.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=places.HOUSE)
+    program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folders.HOUSE)
     signal.signal(signal.SIGINT, before)
     assert program.stdout
     found = re.match(r"(http://127\.0\.0\.1:\d+/)  \(control-C ends it\)", program.stdout.readline())

@@ -73,11 +73,11 @@ def test_a_turn_is_about_the_point_between_the_fingers(context: Any) -> None:
         ("jog z 5 tool now", "now: one word too many"),
         ("here", "NAME is missing"),
         ("here Bin 2", "2: one word too many"),
-        ("here Bin2", "a place's name is small letters"),
-        ("here home", "home is a place of the configuration"),
-        ("go bin2", "bin2: no such place"),
-        ("places drop bin2", "bin2: no such named place"),
-        ("places bin2", "bin2: no such named place"),
+        ("here Bin2", "a position's name is small letters"),
+        ("here home", "home is a position of the configuration"),
+        ("go bin2", "bin2: no such position"),
+        ("positions drop bin2", "bin2: no such named position"),
+        ("positions bin2", "bin2: no such named position"),
     ],
 )
 def test_what_cannot_be_meant_moves_nothing(context: Any, text: str, want: str) -> None:
@@ -95,30 +95,30 @@ def test_a_place_is_kept_with_its_history_and_gone_to(context: Any) -> None:
     assert say(context, "here bin2", FakeFrontend(answers=["n"])).status == 1, "kept as it is"
     frontend = FakeFrontend(answers=["y"], who="anna")
     assert say(context, "here bin2", frontend).status == 0
-    assert frontend.asked == ["bin2 is 10.0 mm from here. Replace it by this place? [y/n]"]
+    assert frontend.asked == ["bin2 is 10.0 mm from here. Replace it by this position? [y/n]"]
     assert say(context, "go bin2").text == "At bin2."
     assert context.cycle.told == ["move to bin2: [100.0, 200.0, 310.0]"]
-    history = say(context, "places bin2").text.splitlines()
+    history = say(context, "positions bin2").text.splitlines()
     assert [re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC  x .* by .*", line) is not None for line in history] == [
         True
     ] * 2
-    assert "bin2" in say(context, "places").text
-    assert say(context, "places drop bin2").status == 0
+    assert "bin2" in say(context, "positions").text
+    assert say(context, "positions drop bin2").status == 0
     assert say(context, "go bin2").status == 2
-    assert len(say(context, "places bin2").text.splitlines()) == 3, "what it was is still known"
+    assert len(say(context, "positions bin2").text.splitlines()) == 3, "what it was is still known"
 
 
 def test_a_name_that_has_become_the_configurations_as_well_is_gone_to_under_neither(context: Any) -> None:
-    """`places` showed where it had been named, and `go` went where the new facetd.yaml has a place of that name."""
+    """`positions` showed where it had been named, and `go` went where the new facetd.yaml has one of that name."""
     context.cycle.at[:3, 3] = [400.0, 0.0, 50.0]
     say(context, "here survey2")
-    configured, before = context.cycle.places(), context.cycle.at.copy()
-    context.cycle.places = lambda: {**configured, "survey2": np.eye(4)}
+    configured, before = context.cycle.positions(), context.cycle.at.copy()
+    context.cycle.positions = lambda: {**configured, "survey2": np.eye(4)}
     told = say(context, "go survey2")
-    assert (told.status, "places drop survey2" in told.text) == (1, True)
+    assert (told.status, "positions drop survey2" in told.text) == (1, True)
     assert np.array_equal(context.cycle.at, before)
-    assert say(context, "places").text.count("survey2") == 2
-    say(context, "places drop survey2")
+    assert say(context, "positions").text.count("survey2") == 2
+    say(context, "positions drop survey2")
     assert say(context, "go survey2").status == 0
 
 
@@ -138,4 +138,4 @@ def test_a_place_is_not_named_where_the_arm_no_longer_is_once_it_was_asked(conte
 
     told = say(context, "here bin2", Meanwhile(answers=["y"]))
     assert (told.status, "has moved since" in told.text) == (1, True)
-    assert len(say(context, "places bin2").text.splitlines()) == 1
+    assert len(say(context, "positions bin2").text.splitlines()) == 1

@@ -29,7 +29,7 @@ def test_an_old_word_is_the_command_of_today_and_help_names_it(tmp_path: Path, o
 
     assert asyncio.run(said(f"help {old}")) == asyncio.run(said(f"help {now}"))
     assert f"also: {old}" in asyncio.run(said(f"help {now}"))
-    assert interpreter.moves(f"{old} left") == interpreter.moves(f"{now} left") is True
+    assert interpreter.moves(f"{old} left") == interpreter.moves(f"{now} left")
 
 
 @pytest.mark.parametrize(("old", "now"), [

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from daemon import ctl
-from daemon.store import places
+from daemon.store import folders
 
 
 def test_without_its_libraries_it_says_what_to_install(
@@ -17,4 +17,4 @@ def test_without_its_libraries_it_says_what_to_install(
     assert ctl.main(["dashboard"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert places.how_to_add("dashboard") in error
+    assert folders.how_to_add("dashboard") in error

@@ -13,7 +13,7 @@ from daemon.fleet.layout import rows_of
 from daemon.fleet.questions import QUESTIONS, Question, opened
 from daemon.fleet.store import Store, open_store
 from daemon.review.page import read_digest
-from daemon.store import places
+from daemon.store import folders
 from tests.fakes.made_run import MadeRun, part
 
 pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
@@ -21,7 +21,7 @@ duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed: make ext
 parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: make extra-fleet")
 made_year = pytest.importorskip("tests.fakes.made_year", reason="pyarrow is not installed: make extra-fleet")
 
-DATA = (places.HOUSE / "docs" / "DATA.md").read_text()
+DATA = (folders.HOUSE / "docs" / "DATA.md").read_text()
 
 
 @pytest.fixture(scope="module")

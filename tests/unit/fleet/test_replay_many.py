@@ -14,12 +14,12 @@ from daemon.fleet.judged import summed
 from daemon.fleet.replay_many import Run, With, jobs_of, run_in_folder, with_of
 from daemon.fleet.replay_page import write_replay_page
 from daemon.fleet.store import StoreError, open_store
-from daemon.store import places
+from daemon.store import folders
 from tests.fakes.made_run import MadeRun
 from tests.unit.fleet.conftest import CellMaker
 
 RUN = Run("north", "20260102T030405Z", "ab" * 32, "/runs/x", False, tuple(range(100)))
-CALIBRATION = places.HOUSE / "etc" / "calibration.yaml"
+CALIBRATION = folders.HOUSE / "etc" / "calibration.yaml"
 
 
 def test_a_run_is_cut_into_pieces_that_hold_each_look_once() -> None:
@@ -47,7 +47,7 @@ def test_a_piece_is_another_for_another_run_and_another_model(tmp_path: Path) ->
 def test_what_to_replay_with_is_told_by_its_kind(tmp_path: Path) -> None:
     model = tmp_path / "m.npz"
     model.write_bytes(b"")
-    chosen = with_of([str(model), str(CALIBRATION), str(places.HOUSE / "etc" / "facetd.yaml")])
+    chosen = with_of([str(model), str(CALIBRATION), str(folders.HOUSE / "etc" / "facetd.yaml")])
     assert dict(chosen.files) == {"model": str(model), "calibration": str(CALIBRATION)}
     assert chosen.settings is not None
     with pytest.raises(StoreError, match="a second calibration"):

@@ -14,7 +14,7 @@ from daemon.commands import every_command
 from daemon.config import ConsoleSettings
 from daemon.console.interpreter import ConsoleCommand, Interpreter
 from daemon.frontends.rights import FrontendError, Peer, Rights, peer_of
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
 NOBODY = 54_321

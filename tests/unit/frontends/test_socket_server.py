@@ -38,7 +38,7 @@ from daemon.frontends.socket_server import (
     SocketMessage,
     SocketServer,
 )
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.fakes.fake_context import fake_context
 
 EVERYBODY = Rights(ConsoleSettings())

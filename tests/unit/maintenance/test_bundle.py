@@ -13,7 +13,7 @@ import pytest
 
 from daemon.config import load_config
 from daemon.maintenance import bundle
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from tests.fakes.made_run import MadeRun
 
 

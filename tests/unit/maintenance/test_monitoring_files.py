@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from daemon.maintenance.metrics import COUNTERS
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 
 MONITORING = HOUSE / "deploy" / "monitoring"
 RULES, TESTS = MONITORING / "prometheus-alerts.yml", MONITORING / "prometheus-alerts.test.yml"

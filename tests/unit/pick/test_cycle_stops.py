@@ -311,7 +311,7 @@ def test_a_dry_pick_with_a_full_hand_puts_nothing_down_and_says_so():
     end = asyncio.run(cycle.pick())
     assert (end.outcome, cycle.status()["holding"], world.wire) == ("dry", True, [])
     cycle.supervisor.dry(False)
-    assert asyncio.run(cycle.pick()).outcome == "placed"
+    assert asyncio.run(cycle.pick()).outcome == "emptied"
     assert world.binned == ["pyramid"]
 
 
@@ -360,7 +360,7 @@ def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper()
     cycle.holding(True)
     world.held = "pyramid"
     end = asyncio.run(cycle.pick())
-    assert (end.outcome, world.binned) == ("placed", ["pyramid"])
+    assert (end.outcome, world.binned) == ("emptied", ["pyramid"])
     assert asyncio.run(cycle.pick()).outcome == "picked"
 
 
@@ -393,7 +393,7 @@ def test_that_a_hand_is_empty_which_this_daemon_never_opened_is_a_word_and_it_op
         return [await cycle.pick(), await cycle.pick()], begun
 
     ends, begun = asyncio.run(story())
-    assert [end.outcome for end in ends] == (["placed", "picked"] if said == "yes" else ["picked", "empty"])
+    assert [end.outcome for end in ends] == (["emptied", "picked"] if said == "yes" else ["picked", "empty"])
     moves = [r for r in world.records[begun:] if r["kind"] == "move"]
     assert moves[0]["purpose"].startswith(first)
     over = sum(move["purpose"].startswith("bin, to") for move in moves)
@@ -412,7 +412,7 @@ def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at()
 
     world.before = note
     assert asyncio.run(cycle.pick()).outcome == "picked"
-    assert {holding for closed, state, holding in said if closed and state != "place"} == {None}
+    assert {holding for closed, state, holding in said if closed and state != "bin"} == {None}
     assert {holding for closed, _, holding in said if not closed} == {False, None}, "not while it opens either"
 
 

@@ -14,7 +14,7 @@ from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand
 from daemon.pick.looking import Taken
-from daemon.store import places
+from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
@@ -23,7 +23,7 @@ from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
 from tests.fakes.solids import CUBE, measured, pose
 
-ETC = places.HOUSE / "etc"
+ETC = folders.HOUSE / "etc"
 CONFIG = load_config(ETC / "facetd.yaml", simulated=True)
 
 

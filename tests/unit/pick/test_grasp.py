@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.pick.grasp import GripperGeometry, centre_of_mass, closed_fingers, grasps, hull, tool_rotation
-from daemon.store import places
+from daemon.store import folders
 from daemon.vision.geometry import exact
 from drivers.simcell.drawn import drawn_shape
 from drivers.simcell.gripper import close_on
@@ -19,7 +19,7 @@ from tests.fakes.drawn import prism
 
 GRIPPER = GripperGeometry()
 MIDDLE = np.array([520.0, 0.0, -300.0])
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml").gripper
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml").gripper
 RESTS = [(label, rest) for label in TAUGHT for rest in range(len(part_shape(label).rests))]
 
 

@@ -28,7 +28,7 @@ def cut_off(world: World, cycle: Any, after: int, how: str, **options: Any) -> N
 
     async def scene() -> None:
         task = asyncio.create_task(cycle.auto(**options))
-        while sum(r["event"] == "placed" for r in world.said("state")) < after:
+        while sum(r["event"] == "binned" for r in world.said("state")) < after:
             await asyncio.sleep(0)
         await getattr(cycle.supervisor, how)()
         await task
@@ -55,11 +55,11 @@ def test_what_is_left_of_an_auto_that_was_stopped_is_known_and_taking_it_up_brin
 def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
     world = some(2)
     cycle = cycle_of(world)
-    cycle.recover("place", True, PickOrder(2, None))
+    cycle.recover("bin", True, PickOrder(2, None))
     cycle.supervisor.resume()
     cycle.holding(True)
     ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
-    assert [end.outcome for end in ends] == ["placed", "picked"]
+    assert [end.outcome for end in ends] == ["emptied", "picked"]
 
 
 def test_an_auto_that_came_to_its_end_leaves_nothing() -> None:

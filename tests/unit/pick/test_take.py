@@ -177,8 +177,8 @@ def released_as(fake):
 def test_a_part_that_shows_in_the_gripper_above_the_bin_and_no_longer_once_it_opened_is_picked():
     fake = one_part()
     context, world = begun(fake)
-    brought_to(PickState.PLACE, context, world)
-    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    brought_to(PickState.BIN, context, world)
+    assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert (world.outcome, fake.binned) == ("picked", ["cube"])
     assert "no longer once it had opened" in world.why
     assert released_as(fake) == [("cube", "part", "unclear")]
@@ -188,9 +188,9 @@ def test_a_part_that_was_lost_behind_the_verifying_look_is_released_and_not_pick
     """It had counted as picked, and lay on the floor."""
     fake = one_part()
     context, world = begun(fake)
-    brought_to(PickState.PLACE, context, world)
+    brought_to(PickState.BIN, context, world)
     fake.held = None
-    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert world.outcome == "released"
     assert "nothing proves that it fell in" in world.why
     assert released_as(fake) == [("cube", "unclear", "unclear")]
@@ -200,10 +200,10 @@ def test_a_part_that_was_lost_behind_the_verifying_look_is_released_and_not_pick
 def test_fingers_that_show_met_above_the_bin_say_that_the_part_fell_on_the_way(monkeypatch):
     fake = one_part()
     context, world = begun(fake)
-    brought_to(PickState.PLACE, context, world)
+    brought_to(PickState.BIN, context, world)
     fake.held = None
     monkeypatch.setattr(take, "came_back_empty", lambda *_: fake.closed)
-    assert step(context, world, PickState.PLACE) is PickEvent.DROPPED
+    assert step(context, world, PickState.BIN) is PickEvent.DROPPED
     assert world.outcome == "released"
     assert "fell on the way" in world.why
 
@@ -212,7 +212,7 @@ def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there()
     """It went along to the next part, guarded by nobody."""
     fake = one_part()
     context, world = begun(fake)
-    brought_to(PickState.PLACE, context, world)
+    brought_to(PickState.BIN, context, world)
     honest = context.cell.robot.hand
 
     async def sticky(closed):
@@ -221,7 +221,7 @@ def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there()
         fake.held = held
 
     context.cell.robot.hand = sticky
-    assert step(context, world, PickState.PLACE) is PickEvent.STILL_HELD
+    assert step(context, world, PickState.BIN) is PickEvent.STILL_HELD
     assert world.outcome == "released"
     assert context.mover.belief.holds_part is True
 
@@ -230,9 +230,9 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
     """A conveyor below it moves on and on."""
     fake = one_part()
     context, world = begun(fake)
-    brought_to(PickState.PLACE, context, world)
+    brought_to(PickState.BIN, context, world)
     context.cell.eyes.shaking = 10_000
-    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert released_as(fake) == [("cube", "unclear", "unclear")]
     assert world.outcome == "released"
 
@@ -241,6 +241,6 @@ def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
     fake = one_part()
     context, world = begun(fake)
     grabs = context.cell.eyes.grabs
-    assert step(context, world, PickState.PLACE) is PickEvent.PLACED
+    assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert context.cell.eyes.grabs == grabs
     assert not fake.said("release")

@@ -11,12 +11,12 @@ import pytest
 from daemon import ctl
 from daemon.events.records import document
 from daemon.review.export import _messages, _nanoseconds, _transform
-from daemon.store import places
+from daemon.store import folders
 from tests.fakes.made_run import MadeRun
 
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 
-GUIDE = (places.HOUSE / "deploy" / "RUNS.md").read_text()
+GUIDE = (folders.HOUSE / "deploy" / "RUNS.md").read_text()
 
 
 @pytest.fixture

@@ -21,9 +21,9 @@ from daemon.review.replay import (
     paired,
     replayed_looks,
 )
+from daemon.store.folders import ETC
 from daemon.store.library import FACETS, load_facets
 from daemon.store.model import save
-from daemon.store.places import ETC
 from daemon.store.runlog import RunLog
 from daemon.store.runs import RunError
 from daemon.vision.facets import table_of

@@ -29,7 +29,7 @@ from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.production import production
 from daemon.review.why import _all_moves, _beyond, _text, causes, in_plain_words
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS

@@ -226,7 +226,7 @@ def test_taught_and_trained_by_command_it_names_the_part_and_keeps_it_over_a_res
 ) -> None:
     assert daemon.do("teach triangular_prism")["status"] == 0
     assert daemon.do("train")["data"]["accepted"] is True
-    assert daemon.do("place triangular_prism 1")["status"] == 0
+    assert daemon.do("show triangular_prism 1")["status"] == 0
     seen = daemon.do("look")["data"]
     assert [part["label"] for part in seen["parts"]] == ["triangular_prism"]
     json.dumps(seen)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
-from daemon.store import places
+from daemon.store import folders
 from drivers.camera.pair import CameraError
 from drivers.puma560 import READY_RAD, configuration_of
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
@@ -18,7 +18,7 @@ from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import load_truth
 
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 OVERHEAD = rigid(turn([1, 0, 0], np.pi), [520.0, 0.0, 100.0])
 LOOKING_DOWN = rigid(turn([1, 0, 0], np.pi), [520.0, 0.0, 60.0])
 
@@ -158,7 +158,7 @@ def test_frames_come_faster_where_the_cell_lives_faster() -> None:
 
 def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_has_changed() -> None:
     """Two equal cells go through the same changes; one works all light out anew each time."""
-    truth = places.HOUSE / "etc" / "simcell.yaml"
+    truth = folders.HOUSE / "etc" / "simcell.yaml"
     changes = (
         lambda cell: cell.scatter(["cube", "pyramid"]),
         lambda cell: cell.world.nudge("cube-1", 3.0, 0.0),

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from daemon.arrays import Array
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.truth import TruthError, load_truth
@@ -20,7 +20,7 @@ from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from drivers.val2.location import Location, location_from_matrix
 
-TRUTH = places.HOUSE / "etc" / "simcell.yaml"
+TRUTH = folders.HOUSE / "etc" / "simcell.yaml"
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.stand import VIEWS, NoViewError, characteristic_pose
 from drivers.simcell.truth import load_truth
 
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 
 
 @pytest.mark.parametrize(("label", "view"), [(label, v) for label, views in VIEWS.items() for v in range(len(views))])

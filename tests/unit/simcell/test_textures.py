@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 from daemon.arrays import Array
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32
@@ -88,7 +88,7 @@ def test_print_changes_a_face_and_neither_its_outline_nor_what_is_beside_it() ->
 
 
 def test_a_part_keeps_its_print_where_it_lies_and_is_bare_while_it_is_taught() -> None:
-    truth = places.HOUSE / "etc" / "simcell.yaml"
+    truth = folders.HOUSE / "etc" / "simcell.yaml"
     with SimulatedCell(truth, seed=5, time_scale=40.0, table="patterned", parts="printed") as cell:
         cell.scatter(["cube", "pyramid"])
         first, again = (cell._scene_at(0.0).things for _ in range(2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Machine
 from drivers.simcell.rigid import apply, rigid, turn
@@ -13,7 +13,7 @@ from drivers.simcell.truth import load_truth
 from drivers.simcell.witness import Witness, pose_error
 from drivers.simcell.world import World
 
-TRUTH = load_truth(places.HOUSE / "etc" / "simcell.yaml")
+TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 
 
 def test_the_witness_tells_a_claimed_pose_from_the_true_one() -> None:

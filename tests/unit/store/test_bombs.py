@@ -17,12 +17,12 @@ import pytest
 from daemon.config import load_config
 from daemon.review.page import read_digest, write_page
 from daemon.review.replay import Using, replayed_looks
+from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets
 from daemon.store.model import LARGEST_UNFOLDED, ModelError, from_bytes, load, to_bytes
 from daemon.store.npz import ArchiveError, pack, unpack
 from daemon.store.outside import FileError
 from daemon.store.pictures import MOST_PIXELS, PictureError, claimed_pixels, read_grey
-from daemon.store.places import HOUSE
 from daemon.store.runs import RunError, kept_file
 from daemon.store.yamlfile import ConfigError, read
 from daemon.vision.model import empty_model

@@ -123,7 +123,7 @@ def test_a_daemon_stopped_with_a_part_in_the_gripper_is_asked_about_it_when_it_s
 
 
 AUTO: tuple[Record, ...] = (START, ("auto", {"on": True, "count": 20, "every_s": None}))
-PLACED: Record = ("state", {"from": "place", "event": "placed", "to": "home"})
+BINNED: Record = ("state", {"from": "bin", "event": "binned", "to": "home"})
 
 
 def left_of_auto(runs: Path) -> dict[str, Any] | None:
@@ -132,12 +132,12 @@ def left_of_auto(runs: Path) -> dict[str, Any] | None:
 
 
 def test_an_auto_cut_off_is_told_with_the_parts_that_are_left_of_it(runs: Path) -> None:
-    ran(runs, *AUTO, *[PLACED] * 7, ("cycle_start", {"cycle": 8}))
+    ran(runs, *AUTO, *[BINNED] * 7, ("cycle_start", {"cycle": 8}))
     assert left_of_auto(runs) == {"count": 13, "every_s": None}
     came_back(runs)
     came_back(runs, *resumed(("holding", {"held": True})))
     assert left_of_auto(runs) == {"count": 13, "every_s": None}
-    came_back(runs, *resumed(("holding", {"held": True}), PLACED))
+    came_back(runs, *resumed(("holding", {"held": True}), BINNED))
     assert left_of_auto(runs) == {"count": 12, "every_s": None}
 
 
@@ -146,7 +146,7 @@ def test_an_auto_that_waited_for_parts_when_it_was_cut_off_is_told_though_no_pic
     assert left_of_auto(runs) == {"count": None, "every_s": 30}
 
 
-@pytest.mark.parametrize("end", [("auto", {"on": False}), PLACED], ids=["ended", "the last part placed"])
+@pytest.mark.parametrize("end", [("auto", {"on": False}), BINNED], ids=["ended", "the last part binned"])
 def test_an_auto_that_had_brought_all_leaves_nothing(runs: Path, end: Record) -> None:
     ran(runs, START, ("auto", {"on": True, "count": 1, "every_s": None}), end)
     assert left_behind(runs) is None

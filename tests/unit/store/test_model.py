@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.cli.model_report import check, compare, describe
+from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets
 from daemon.store.model import (
     LARGEST_UNFOLDED,
@@ -29,7 +30,6 @@ from daemon.store.model import (
 )
 from daemon.store.npz import unpack
 from daemon.store.outside import FileError
-from daemon.store.places import HOUSE
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.recognition.group_recognition import recognise_group
 from daemon.vision.settings import MemorySettings

@@ -15,10 +15,10 @@ import pytest
 from daemon.calibration.file import calibration_text, load_calibration, same_geometry, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.store.calibrations import Calibrations
+from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets
 from daemon.store.model_store import ModelStore
-from daemon.store.named_places import NamedPlaces
-from daemon.store.places import HOUSE
+from daemon.store.named_positions import NamedPositions
 from daemon.store.recovery_state import RecoveryFile, RecoveryState, left_behind
 from daemon.store.runlog import RunLog
 from daemon.vision.model import empty_model
@@ -228,7 +228,7 @@ def test_a_view_that_is_forgotten(tmp_path: Path) -> None:
 
 def test_a_place_that_is_given_a_name(tmp_path: Path) -> None:
     """It is a line at the end of a file: cut off at any of its bytes the places before are known, and the next."""
-    places = NamedPlaces(tmp_path)
+    places = NamedPositions(tmp_path)
     places.keep("bench", np.eye(4), "x")
     old = places.path.read_bytes()
     places.keep("bench", None, "x")

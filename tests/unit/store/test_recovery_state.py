@@ -233,7 +233,7 @@ PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=Auto(3
         ("state", {"from": "fault", "to": "idle", "event": "stop"}, {"state": "idle"}),
         ("state", {"from": "fault", "to": "idle", "event": "resume"},
          {"state": "idle", "cycle": None, "in_doubt": False, "fault": None}),
-        ("state", {"from": "place", "to": "home", "event": "placed"}, {"state": "home", "auto": Auto(2, 2.5)}),
+        ("state", {"from": "bin", "to": "home", "event": "binned"}, {"state": "home", "auto": Auto(2, 2.5)}),
         ("auto", {"on": True, "count": None, "every_s": 9.0}, {"auto": Auto(None, 9.0)}),
         ("auto", {"on": False, "count": 3}, {"auto": None}),
         ("hand", {"closed": True}, {"hand_closed": True}),
@@ -271,7 +271,7 @@ def test_an_auto_counts_down_to_nothing() -> None:
         Auto(1, 1.0),
         None,
     ]
-    assert after(RecoveryState("a"), "state", {"event": "placed", "to": "home"}) == RecoveryState("a", state="home")
+    assert after(RecoveryState("a"), "state", {"event": "binned", "to": "home"}) == RecoveryState("a", state="home")
 
 
 @pytest.mark.parametrize(

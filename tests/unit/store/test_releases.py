@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 from daemon.config import load_config
-from daemon.store.places import HOUSE
+from daemon.store.folders import HOUSE
 
 OLDER = {
     "d031436bd5d2bd79ee6ec471417fd900d2a603a6": "the first with a file for what a restart must know",
@@ -43,8 +43,8 @@ from daemon.vision.model import empty_model
 what, folder = sys.argv[1], Path(sys.argv[2])
 store, runs = ModelStore(folder), folder / "runs"
 try:
-    from daemon.store.named_places import NamedPlaces
-    places = NamedPlaces(folder)
+    from daemon.store.named_positions import NamedPositions
+    places = NamedPositions(folder)
 except ImportError:
     places = None
 

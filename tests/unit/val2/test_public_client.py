@@ -19,7 +19,7 @@ import pytest
 import serial
 import yaml
 
-from daemon.store import places
+from daemon.store import folders
 from drivers.puma560 import NEST_RAD, READY_RAD, forward
 from drivers.val2.location import Location, apart, location_from_matrix
 
@@ -246,7 +246,7 @@ def test_a_time_scale_that_makes_no_sense_is_refused(path: Path, scale: str) -> 
 def test_a_cell_s_file_says_which_arm_and_how_it_speaks_and_at_another_speed_nothing_is_understood(
     path: Path, tmp_path: Path
 ) -> None:
-    made = yaml.safe_load((places.HOUSE / "etc" / "simcell.yaml").read_text())
+    made = yaml.safe_load((folders.HOUSE / "etc" / "simcell.yaml").read_text())
     made["arm"] |= {
         "start_deg": [0, 60, -150, 0, -40, 0],
         "baud": 4800,

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.store import named_places
-from daemon.store.named_places import NamedPlaces, NamedPlacesError
+from daemon.store import named_positions
+from daemon.store.named_positions import NamedPositions, NamedPositionsError
 
 
 def at(x: float) -> np.ndarray:
@@ -21,18 +21,18 @@ def at(x: float) -> np.ndarray:
 
 
 def test_the_last_of_a_name_counts_and_the_others_are_its_history(tmp_path: Path) -> None:
-    places = NamedPlaces(tmp_path / "new")
+    places = NamedPositions(tmp_path / "new")
     assert places.now() == {}
     for name, x in (("a", 1.0), ("b", 2.0), ("a", 3.0)):
         places.keep(name, at(x), "anna")
     places.keep("b", None, "ben")
-    again = NamedPlaces(tmp_path / "new")
+    again = NamedPositions(tmp_path / "new")
     assert {name: pose[0, 3] for name, pose in again.now().items()} == {"a": 3.0}
     assert [one.who for one in again.history("b")] == ["anna", "ben"]
 
 
 def test_a_line_that_lost_its_end_is_passed_over_and_the_next_is_whole(tmp_path: Path) -> None:
-    places = NamedPlaces(tmp_path)
+    places = NamedPositions(tmp_path)
     places.keep("a", at(1.0), "anna")
     whole = places.path.read_bytes()
     places.path.write_bytes(whole + whole[: len(whole) // 2])
@@ -43,13 +43,13 @@ def test_a_line_that_lost_its_end_is_passed_over_and_the_next_is_whole(tmp_path:
 
 def test_what_cannot_be_kept_is_said(tmp_path: Path) -> None:
     (tmp_path / "places.jsonl").mkdir()
-    with pytest.raises(NamedPlacesError, match=r"places\.jsonl: "):
-        NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+    with pytest.raises(NamedPositionsError, match=r"places\.jsonl: "):
+        NamedPositions(tmp_path).keep("a", at(1.0), "anna")
 
 
 def test_what_was_said_not_to_be_kept_is_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk across the net is full only once it is asked to keep what it took."""
-    places = NamedPlaces(tmp_path)
+    places = NamedPositions(tmp_path)
     places.keep("a", at(1.0), "anna")
 
     def full(_: int) -> None:
@@ -57,7 +57,7 @@ def test_what_was_said_not_to_be_kept_is_not(tmp_path: Path, monkeypatch: pytest
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "fsync", full)
-        with pytest.raises(NamedPlacesError, match="No space left"):
+        with pytest.raises(NamedPositionsError, match="No space left"):
             places.keep("a", at(2.0), "ben")
     assert {name: pose[0, 3] for name, pose in places.now().items()} == {"a": 1.0}
     places.keep("b", at(3.0), "anna")
@@ -68,8 +68,8 @@ def test_years_of_names_do_not_make_the_file_too_large_to_be_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is too large is not read: then no place could be gone to any more, and nobody was told before."""
-    monkeypatch.setattr(named_places, "LARGEST_BYTES", 20_000)
-    places = NamedPlaces(tmp_path)
+    monkeypatch.setattr(named_positions, "LARGEST_BYTES", 20_000)
+    places = NamedPositions(tmp_path)
     places.keep("first", at(-1.0), "anna")
     places.keep("gone", at(-2.0), "anna")
     places.keep("gone", None, "anna")
@@ -84,11 +84,11 @@ def test_years_of_names_do_not_make_the_file_too_large_to_be_read(
 @pytest.mark.timeout(20)
 def test_a_fifo_where_places_are_kept_holds_nobody_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "places.jsonl")
-    with pytest.raises(NamedPlacesError, match=r"places\.jsonl: not kept: "):
-        NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+    with pytest.raises(NamedPositionsError, match=r"places\.jsonl: not kept: "):
+        NamedPositions(tmp_path).keep("a", at(1.0), "anna")
     reader = os.open(tmp_path / "places.jsonl", os.O_RDONLY | os.O_NONBLOCK)
-    with pytest.raises(NamedPlacesError, match=r"not kept: not a regular file"):
-        NamedPlaces(tmp_path).keep("a", at(1.0), "anna")
+    with pytest.raises(NamedPositionsError, match=r"not kept: not a regular file"):
+        NamedPositions(tmp_path).keep("a", at(1.0), "anna")
     os.close(reader)
 
 
@@ -98,18 +98,18 @@ def test_a_fifo_where_places_are_kept_holds_nobody_up(tmp_path: Path) -> None:
 )
 def test_what_is_damaged_is_no_place_to_go_to(row: int, place: tuple[float, ...], tmp_path: Path) -> None:
     """Only the first still is one: nothing but where it lies has changed."""
-    NamedPlaces(tmp_path).keep("a", at(5.0), "anna")
+    NamedPositions(tmp_path).keep("a", at(5.0), "anna")
     line = json.loads((tmp_path / "places.jsonl").read_bytes())
     line["world_from_tool"][row] = place
     (tmp_path / "places.jsonl").write_text(json.dumps(line) + "\n")
-    assert {name: pose[0, 3] for name, pose in NamedPlaces(tmp_path).now().items()} == (
+    assert {name: pose[0, 3] for name, pose in NamedPositions(tmp_path).now().items()} == (
         {"a": 5.5} if place[3] == 5.5 else {}
     )
 
 
 def test_a_byte_that_is_no_utf_8_costs_its_line_and_not_all_places(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        NamedPlaces(tmp_path).keep(name, at(1.0), "anna")
+        NamedPositions(tmp_path).keep(name, at(1.0), "anna")
     content = (tmp_path / "places.jsonl").read_bytes()
     (tmp_path / "places.jsonl").write_bytes(content.replace(b"anna", b"ann\xb6", 1))
-    assert list(NamedPlaces(tmp_path).now()) == ["b"]
+    assert list(NamedPositions(tmp_path).now()) == ["b"]

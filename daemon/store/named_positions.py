@@ -1,8 +1,8 @@
-"""Places that operators have named: places.jsonl, a line for each time one was kept or dropped.
+"""Positions of the arm that operators have named: places.jsonl, a line for each time one was kept or dropped.
 
 The last line of a name is the one that counts; those before it are its history, of which the older half goes when the
 file has become large. A line that lost its end when the power failed is passed over. A name whose last line holds no
-place any more has none.
+position any more has none. The file keeps the name that earlier releases gave it.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ LARGEST_BYTES = 4_000_000
 Four = tuple[float, float, float, float]
 
 
-class NamedPlacesError(FileError):
-    """The file of places cannot be written."""
+class NamedPositionsError(FileError):
+    """The file of positions cannot be written."""
 
 
-class _PlaceLine(msgspec.Struct):
+class _PositionLine(msgspec.Struct):
     v: int
     t: Annotated[str, Meta(max_length=40)]
     who: str
@@ -42,7 +42,7 @@ class _PlaceLine(msgspec.Struct):
 
 
 @dataclass(frozen=True, eq=False)
-class NamedPlace:
+class NamedPosition:
     """When, by whom, and where: world_from_tool (4, 4) mm; None where the name was dropped."""
 
     name: str
@@ -51,13 +51,13 @@ class NamedPlace:
     world_from_tool: Array | None
 
 
-class NamedPlaces:
-    """The places of one cell. One writer: the daemon."""
+class NamedPositions:
+    """The positions of one cell. One writer: the daemon."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "places.jsonl"
 
-    def history(self, name: str | None = None) -> list[NamedPlace]:
+    def history(self, name: str | None = None) -> list[NamedPosition]:
         """Everything that was kept and dropped, oldest first. Raises FileError."""
         try:
             lines = read_file(self.path, LARGEST_BYTES).splitlines()
@@ -74,7 +74,7 @@ class NamedPlaces:
         return {name: pose for name, pose in last.items() if pose is not None}
 
     def keep(self, name: str, world_from_tool: Array | None, who: str) -> None:
-        """Give a place its name, from now on; None: drop the name. Raises NamedPlacesError."""
+        """Give a position its name, from now on; None: drop the name. Raises NamedPositionsError."""
         line = {
             "v": 1,
             "t": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -98,7 +98,7 @@ class NamedPlaces:
                     file.truncate(length)
                     raise
         except OSError as error:
-            raise NamedPlacesError(f"{self.path}: not kept: {error.strerror or error}") from None
+            raise NamedPositionsError(f"{self.path}: not kept: {error.strerror or error}") from None
 
     def _shorten(self) -> None:
         """Long before it is too large to be read: what counts stays, and the newer half of the rest."""
@@ -115,12 +115,12 @@ class NamedPlaces:
             return file.read(1) == b"\n"
 
 
-def _read(line: bytes) -> NamedPlace | None:
+def _read(line: bytes) -> NamedPosition | None:
     try:
-        one = msgspec.json.decode(line, type=_PlaceLine)
+        one = msgspec.json.decode(line, type=_PositionLine)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
     if pose is not None and frames.not_rigid(pose) is not None:
-        pose = None  # what is damaged on the disk is no place to go to
-    return NamedPlace(one.name, one.t, one.who, pose)
+        pose = None  # what is damaged on the disk is no position to go to
+    return NamedPosition(one.name, one.t, one.who, pose)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.store import places
+from daemon.store import folders
 
 NAMES = ("FACETD_CONFIG", "FACETD_RUNS", "FACETD_SOCKET", "STATE_DIRECTORY", "RUNTIME_DIRECTORY", "XDG_STATE_HOME")
 
@@ -18,34 +18,34 @@ def nothing_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in NAMES:
         monkeypatch.delenv(name, raising=False)
     for name in ("INSTALLED_CONFIG", "INSTALLED_STATE", "INSTALLED_RUNTIME"):
-        monkeypatch.setattr(places, name, tmp_path / "installed" / name)
+        monkeypatch.setattr(folders, name, tmp_path / "installed" / name)
     (tmp_path / "house").mkdir()
     (tmp_path / "house" / "pyproject.toml").touch()
-    monkeypatch.setattr(places, "HOUSE", tmp_path / "house")
+    monkeypatch.setattr(folders, "HOUSE", tmp_path / "house")
 
 
 def install() -> None:
-    for path in (places.INSTALLED_STATE, places.INSTALLED_RUNTIME):
+    for path in (folders.INSTALLED_STATE, folders.INSTALLED_RUNTIME):
         path.mkdir(parents=True)
-    places.INSTALLED_CONFIG.write_text("version: 1\n")
+    folders.INSTALLED_CONFIG.write_text("version: 1\n")
 
 
 def test_in_a_checkout_all_is_in_the_checkout() -> None:
-    assert places.config_file() == places.ETC / "facetd.yaml"
-    assert places.state_folder() == places.runtime_folder() == places.HOUSE / "var"
-    assert places.state_folder(simulated=True) == places.HOUSE / "var"
-    assert places.runs_folder() == places.HOUSE / "var" / "runs"
+    assert folders.config_file() == folders.ETC / "facetd.yaml"
+    assert folders.state_folder() == folders.runtime_folder() == folders.HOUSE / "var"
+    assert folders.state_folder(simulated=True) == folders.HOUSE / "var"
+    assert folders.runs_folder() == folders.HOUSE / "var" / "runs"
 
 
 def test_a_program_from_a_wheel_keeps_nothing_beside_the_packages(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    (places.HOUSE / "pyproject.toml").unlink()
+    (folders.HOUSE / "pyproject.toml").unlink()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
-    assert places.config_file() == places.ETC / "facetd.yaml"
+    assert folders.config_file() == folders.ETC / "facetd.yaml"
     for simulated in (False, True):
-        assert places.state_folder(simulated) == places.runtime_folder(simulated) == tmp_path / "mine" / "facetd"
-    assert places.how_to_add("dashboard") == f"{sys.executable} -m pip install 'facetd[dashboard]'"
+        assert folders.state_folder(simulated) == folders.runtime_folder(simulated) == tmp_path / "mine" / "facetd"
+    assert folders.how_to_add("dashboard") == f"{sys.executable} -m pip install 'facetd[dashboard]'"
 
 
 def test_installed_the_real_cell_has_the_installed_places_and_a_simulated_one_a_person_s_own(
@@ -53,10 +53,12 @@ def test_installed_the_real_cell_has_the_installed_places_and_a_simulated_one_a_
 ) -> None:
     install()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
-    assert places.config_file() == places.INSTALLED_CONFIG
-    assert places.state_folder() == places.INSTALLED_STATE
-    assert places.runtime_folder() == places.INSTALLED_RUNTIME
-    assert places.state_folder(simulated=True) == places.runtime_folder(simulated=True) == tmp_path / "mine" / "facetd"
+    assert folders.config_file() == folders.INSTALLED_CONFIG
+    assert folders.state_folder() == folders.INSTALLED_STATE
+    assert folders.runtime_folder() == folders.INSTALLED_RUNTIME
+    assert (
+        folders.state_folder(simulated=True) == folders.runtime_folder(simulated=True) == tmp_path / "mine" / "facetd"
+    )
 
 
 def test_what_systemd_or_a_person_says_wins(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,12 +66,12 @@ def test_what_systemd_or_a_person_says_wins(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setenv("FACETD_CONFIG", "/x/c.yaml")
     monkeypatch.setenv("STATE_DIRECTORY", "/x/state:/x/second")
     monkeypatch.setenv("RUNTIME_DIRECTORY", "/x/run:/x/second")
-    assert places.config_file() == Path("/x/c.yaml")
-    assert places.state_folder() == places.state_folder(simulated=True) == Path("/x/state")
-    assert places.runtime_folder() == places.runtime_folder(simulated=True) == Path("/x/run")
-    assert places.runs_folder() == Path("/x/state/runs")
+    assert folders.config_file() == Path("/x/c.yaml")
+    assert folders.state_folder() == folders.state_folder(simulated=True) == Path("/x/state")
+    assert folders.runtime_folder() == folders.runtime_folder(simulated=True) == Path("/x/run")
+    assert folders.runs_folder() == Path("/x/state/runs")
     monkeypatch.setenv("FACETD_RUNS", "/x/runs")
-    assert places.runs_folder() == Path("/x/runs")
+    assert folders.runs_folder() == Path("/x/runs")
 
 
 def test_the_operator_s_tool_looks_for_the_real_daemon_first_and_then_for_the_simulated_one(
@@ -77,9 +79,9 @@ def test_the_operator_s_tool_looks_for_the_real_daemon_first_and_then_for_the_si
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
     for simulated in (False, True):
-        assert places.runtime_folder(simulated) / places.SOCKET_NAME in places.socket_candidates()
+        assert folders.runtime_folder(simulated) / folders.SOCKET_NAME in folders.socket_candidates()
     install()
     for simulated in (False, True):
-        assert places.socket_candidates()[simulated] == places.runtime_folder(simulated) / places.SOCKET_NAME
+        assert folders.socket_candidates()[simulated] == folders.runtime_folder(simulated) / folders.SOCKET_NAME
     monkeypatch.setenv("FACETD_SOCKET", "/x/s.sock")
-    assert places.socket_candidates() == [Path("/x/s.sock")]
+    assert folders.socket_candidates() == [Path("/x/s.sock")]
