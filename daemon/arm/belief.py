@@ -52,13 +52,13 @@ class CellBelief:
     """All that is believed; None: unknown.
 
     position: where the arm is at rest; planned: where it would be by now had the moves of a dry run been sent;
-    speed_pct: the controller's monitor speed; tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether
-    the gripper is; holding: whether a part is in it; load: what of that part is guarded, capsules in the tool's frame.
+    tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is; holding: whether a part is
+    in it; load: what of that part is guarded, capsules in the tool's frame. The monitor speed is no belief: each move
+    sends its own.
     """
 
     position: Belief[Reading] | None = None
     planned: Belief[Reading] | None = None
-    speed_pct: Belief[float] | None = None
     tool: Belief[Array] | None = None
     closed: Belief[bool] | None = None
     holding: Belief[bool] | None = None
@@ -123,7 +123,7 @@ class VoidingEvent(StrEnum):
 
 
 PLACE = frozenset({"position", "planned"})
-CONTROLLER = PLACE | {"speed_pct", "tool", "closed"}
+CONTROLLER = PLACE | {"tool", "closed"}
 GRIPPER = frozenset({"closed", "holding", "load"})
 VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.MOVE_BEGUN: PLACE,

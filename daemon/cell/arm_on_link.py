@@ -128,7 +128,6 @@ class ArmOnLink:
         start = Start(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
-            self.beliefs.learn(BeliefSource.COMMANDED, speed_pct=speed_pct)
             try:
                 return self._reading(await self.link.rest(location, timeout_s))
             except Elsewhere as elsewhere:

@@ -13,6 +13,8 @@ Result = TypeVar("Result")
 class ComputeError(FacetdError):
     """A calculation has ended without an answer: its process was killed, ran out of memory, or took too long."""
 
+    code = "computation"
+
 
 class ByReference:
     """A value that is large, never changed, and part of many requests: it is sent to a worker once, then by number."""

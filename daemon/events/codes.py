@@ -107,6 +107,9 @@ class CauseCode(StrEnum):
         "count the parts in the bin; the image after the lift shows what facetd took for the part")
     CUT_OFF = ("cut_off", "cut off", "computer",
         "power cut, kill or crash: see the journal of that minute; then enter what the gripper holds: `holding`")
+    COMPUTATION = ("computation", "calculation without an answer", "computer",
+        "a process that computes was killed, ran out of memory or took too long: see what else takes memory and "
+        "processor, then `resume`; if it recurs, send a `bundle`")
     INTERNAL = "internal", "a fault in facetd", "computer", "please send a `bundle`"
     STALE_LOOK = ("stale_look", "a look too old", "computer",
         "the computer was too slow, or the pick was paused: see pick.limits.max_look_age_s")

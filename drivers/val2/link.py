@@ -97,7 +97,9 @@ class Link:
         self.permit: LinePermit = Unconditional()
         """Asked before a line that moves is ended, at each try; where motion is withheld, the line is taken back."""
         self.disturbed: Callable[[], None] = nothing
-        """Called as something is heard that answers nothing of ours: whatever is believed of the cell is void."""
+        """Called as something is heard that answers nothing of ours, before anything else is typed: whoever believes
+        something of the cell (the driver itself believes nothing) drops it. That the arm may not move is the permit's:
+        the stop is no longer seen to work."""
         self.stopped_on_opening = False
         """Whether the arm was found at work when the port was opened last, and was stopped."""
         self._times_seen = 0

@@ -29,7 +29,6 @@ def everything(holding: bool = True) -> CellBelief:
     values = {
         "position": READING,
         "planned": READING,
-        "speed_pct": 30.0,
         "tool": np.eye(4),
         "closed": holding,
         "holding": holding,
@@ -42,7 +41,7 @@ def unknown(belief: CellBelief) -> set[str]:
     return {name for name in FACTS if getattr(belief, name) is None}
 
 
-PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "speed_pct", "tool", "closed"}
+PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "closed"}
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,7 @@ def test_each_fact_says_how_and_when_it_was_learnt():
     assert told["load"]["value"] == ["a part"]
     assert told["tool"]["value"] == [0.0, 0.0, 0.0]
     assert told["closed"]["value"] is False
-    assert "speed_pct" not in told
+    assert "planned" not in told
 
 
 @pytest.mark.parametrize("change", list(VoidingEvent))
@@ -136,7 +135,7 @@ def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_mean
 def mover_in(world: World) -> Mover:
     mover = permitted(Mover(build(world), Limits(), Arrival()))
     asyncio.run(mover.rest())
-    mover.beliefs.learn(BeliefSource.COMMANDED, speed_pct=30.0, tool=np.eye(4), closed=True, holding=True, load=LOAD)
+    mover.beliefs.learn(BeliefSource.COMMANDED, tool=np.eye(4), closed=True, holding=True, load=LOAD)
     return mover
 
 
@@ -206,7 +205,7 @@ def supervised() -> Supervisor:
     supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
     supervisor.enable()
     supervisor.mover.beliefs.learn(
-        BeliefSource.COMMANDED, position=READING, speed_pct=30.0, tool=np.eye(4), closed=False, holding=True, load=LOAD
+        BeliefSource.COMMANDED, position=READING, tool=np.eye(4), closed=False, holding=True, load=LOAD
     )
     return supervisor
 

@@ -10,6 +10,7 @@ import pytest
 from daemon.arm import MoveRefusedError
 from daemon.compute.calls import ComputeError
 from daemon.compute.worker import Worker
+from daemon.events.codes import CauseCode
 from tests.fakes.faulty_recogniser import FaultyRecogniser
 from tests.fakes.simulated_cell import Rig, rig, taught
 
@@ -45,6 +46,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
         assert end.outcome == "fault"
         assert SAID[fault] in end.why
         assert SAID[fault] in (supervisor.fault or "")
+        assert supervisor.fault_cause.code is CauseCode.COMPUTATION
         assert await supervisor.at_rest()
         with pytest.raises(MoveRefusedError, match="fault_stands"):
             await cycle.go("home")
