@@ -1,1 +1,1 @@
-"""Where the cameras are and how they see: stereo, hand-eye, the quick way, verification, the watch for drift."""
+"""Camera calibration: intrinsics, stereo, hand-eye, verification, drift detection, files of other tools."""

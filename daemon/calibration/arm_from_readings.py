@@ -1,19 +1,19 @@
-"""Which arm is this? Joint conventions, link lengths, base and tool from readings of place and joints. Pure.
+"""Identify an arm's kinematics from readings of pose and joints: joint conventions, lengths, base, tool. Pure.
 
-Whatever a controller counts its joints in, its place and its joints belong together by its own kinematics; a dozen
-readings far enough apart leave one geometry of a PUMA's kind (three joints, the second and third parallel, and a wrist
-whose axes meet in a point), or none. Nothing is assumed of signs, zeros or lengths.
+A controller's kinematics link its poses and its joint angles, however it counts these. A dozen readings far enough
+apart determine one PUMA-like geometry (three joints, the second and third parallel, and a spherical wrist), or none.
+Nothing is assumed about signs, zeros or lengths.
 
-The angle of our kinematics (the standard Denavit-Hartenberg table in drivers/puma560.py) is sign times the printed one,
-plus zero; where joint 3 is counted against the horizon, the turn of joint 2 is taken from it. Several such readings of
-the same motion are one geometry told in other words (a forearm that points backward and is counted the other way
-round); `_plain` chooses the words.
+The angle of our kinematics (the standard Denavit-Hartenberg table in drivers/puma560.py) is sign times the reported
+one, plus zero; where joint 3 is counted against the horizon, the angle of joint 2 is subtracted from it. Several
+parameter sets describe the same geometry (such as a forearm that points backward and is counted the other way round);
+`_canonical` chooses one.
 
-    what                                   how
-    signs of 1 and 2, joint 3's way,       a grid, each member's remaining rotations solved; signs of 3 to 6 are words
-    zeros of 2 + 3, 4 and 5                then least squares on orientations alone
-    lengths, zero of 2, base, tool         linear, once the orientations are known
-    all of them, and how well known        Levenberg-Marquardt on places and orientations together
+    parameters                             method
+    signs of 1 and 2, joint 3's convention a grid, with the remaining rotations solved in closed form (signs of 3 to 6
+    zeros of 2 + 3, 4 and 5                are a choice of description), then least squares on orientations alone
+    lengths, zero of 2, base, tool         linear, given the orientations
+    all of them, with covariance           Levenberg-Marquardt on positions and orientations together
 """
 
 from __future__ import annotations
@@ -32,41 +32,41 @@ from daemon.errors import FacetdError
 
 LEAST_READINGS = 7
 DIGITS = (0.01, 0.001)
-"""The last digits of WHERE, mm and degrees."""
+"""The last decimal of WHERE, mm and degrees."""
 GRID_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
-FOLLOWED, PASSES = (6, 60), 20
-"""So many of the grid's members are followed for each convention until one fits, more where none did; and how far."""
+STARTS, PASSES = (6, 60), 20
+"""Grid members refined for each convention until one fits, then more where none did; passes of each refinement."""
 PRIOR_MM, PRIOR_RAD = 1000.0, np.pi
-"""What is known beforehand; a value that the readings know no better than a hundredth of it is left open."""
+"""Standard deviation of the prior; a parameter with more than a hundredth of it is undetermined."""
 FITS = 5.0
-"""A misfit of so many times what the digits leave open is no fit."""
+"""Largest misfit of a fit, in units of the rounding error."""
 RANGE_MIDDLE_RAD, RANGE_HALF_RAD = np.radians([0.0, 90.0, -90.0]), np.radians([160.0, 110.0, 135.0])
-"""How far joints 1 to 3 of a PUMA turn, in our angles: the 560's data sheet; the others' differ by some degrees."""
-TELLS_MM = 1.0
-"""A length between axes that is surely more than this is not zero."""
+"""Ranges of joints 1 to 3 of a PUMA, in our angles: the 560's data sheet; other types differ by some degrees."""
+SIGNIFICANT_MM = 1.0
+"""A length between axes that is significantly more than this is not zero."""
 LENGTHS = ("a2", "a3", "d3", "d4")
 ANGLES = 5
 LENGTH_LIKE = np.array([ANGLES <= k < ANGLES + 4 or k >= 12 for k in range(18)])
 TURN_ONLY = np.array([0, 2, 3, 4, 9, 10, 11])
-"""What the orientations alone depend on."""
-NONE: Mapping[int, float] = {}
-SURELY = 4.0
-"""Standard deviations within which what was found is what is known."""
+"""The parameters that determine the orientations."""
+NOTHING_FIXED: Mapping[int, float] = {}
+WITHIN_SIGMAS = 4.0
+"""A found parameter within so many standard deviations of a nominal value is taken as that value."""
 
 
 class NoArmError(FacetdError):
-    """The readings are too few, or no arm of a PUMA's kind makes them."""
+    """The readings are too few, or fit no PUMA-like arm."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmFound:
-    """The arm that the readings show.
+    """The arm identified from readings.
 
     zeros_deg (6,), within +-180. a2_mm, a3_mm, d3_mm, d4_mm: as in the Denavit-Hartenberg table; a3 is not negative
-    where it is surely something, and then d3 is positive where the shoulder's offset is to the right of an arm that
-    reaches forward. base_mm (3,): where axes 1 and 2 cross, in the world; wrist_from_tool (4, 4). sigma: standard
-    deviation of each of NAMES (mm, degrees). undetermined: names of what the readings leave open. place_mm,
-    turn_deg: root mean square misfit; misfit: the sum of squares in units of what the digits leave open.
+    where it is significant, and then d3 is positive where the shoulder's offset is to the right of an arm that reaches
+    forward. base_mm (3,): intersection of axes 1 and 2 in the world; wrist_from_tool (4, 4). sigma: standard deviation
+    of each of NAMES (mm, degrees). undetermined: names of the parameters that the readings do not determine. place_mm,
+    turn_deg: rms misfit; misfit: sum of squares in units of the rounding error.
     """
 
     convention: Convention
@@ -91,8 +91,8 @@ class ArmFound:
 
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """turns (N, 3, 3), places (N, 3) mm, printed (N, 6) rad; what their digits leave open, those of the joints a metre
-    away included."""
+    """turns (N, 3, 3), places (N, 3) mm, printed (N, 6) rad; place_mm, turn_rad: rounding errors, those of the joints
+    at a metre's distance included."""
 
     turns: Array
     places: Array
@@ -117,7 +117,7 @@ def _read(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """A convention and (18,) parameters in the order of NAMES, rad and mm; the cost they have."""
+    """A convention, its (18,) parameters in the order of NAMES, rad and mm, and their cost."""
 
     convention: Convention
     parameters: Array
@@ -127,68 +127,68 @@ class _Model:
 
 
 def find_arm(world_from_tool: Array, printed_deg: Array, digits: tuple[float, float] = DIGITS) -> ArmFound:
-    """The arm behind (N, 4, 4) places, mm, and (N, 6) joint angles as printed, degrees; digits: the last of each.
-
-    Joint 1 turns about the world's z: VAL's BASE has no other turn, and its turn is in joint 1's zero. Raises
+    """Identify the arm from (N, 4, 4) poses, mm, and (N, 6) joint angles as reported, degrees; digits: last decimal of
+    each. Joint 1 turns about the world's z: VAL's BASE has no other rotation, and joint 1's zero contains it. Raises
     NoArmError.
     """
     if len(world_from_tool) < LEAST_READINGS:
         raise NoArmError(f"{len(world_from_tool)} readings: at least {LEAST_READINGS} are needed, better a dozen")
     readings = _read(world_from_tool, printed_deg, digits)
     best: list[_Model] = []
-    for most in FOLLOWED:
+    for most in STARTS:
         if not best:
             fits = (_fitted(convention, most, readings) for convention in _conventions())
             best = sorted((model for model in fits if model is not None), key=lambda model: model.cost)
     if not best:
-        raise NoArmError("no arm with a PUMA's wrist makes these readings: their orientations fit no such joints")
-    found = _plain(best[0], readings)
+        raise NoArmError("no arm with a PUMA's wrist fits these readings: their orientations fit no such joints")
+    found = _canonical(best[0], readings)
     data = found.residuals[: 12 * len(readings)]
     if float(np.sqrt(np.mean(data**2))) > FITS:
         raise NoArmError(
-            f"no arm of a PUMA's kind makes these readings: the nearest misses their places by "
+            f"no PUMA-like arm fits these readings: the nearest misses their positions by "
             f"{_rms(data[9 * len(readings) :]) * readings.place_mm:.2f} mm"
         )
-    return _told(found, readings)
+    return _arm_found(found, readings)
 
 
-def settle(
+def refined(
     found: ArmFound,
     world_from_tool: Array,
     printed_deg: Array,
     lengths_mm: Sequence[float],
     digits: tuple[float, float] = DIGITS,
 ) -> ArmFound:
-    """The same arm once its lengths (a2, a3, d3, d4) are known from elsewhere: zeros that may be quarter turns are, a
-    base and a flange that may be as they leave the factory are, and the rest is found anew from the same readings."""
+    """Fit the same arm again with published lengths (a2, a3, d3, d4): zeros that are compatible with quarter turns, and
+    a base and a flange that are compatible with the factory's, are set to these; the rest is fitted to the readings."""
     x = _parameters(found)
     known = {NAMES.index(name): value for name, value in zip(LENGTHS, lengths_mm, strict=True)}
     for k in range(ANGLES):
         quarter = np.radians(90.0 * round(float(np.degrees(x[k])) / 90.0))
-        if abs(x[k] - quarter) <= np.radians(SURELY * found.sigma[NAMES[k]] + 1e-3):
+        if abs(x[k] - quarter) <= np.radians(WITHIN_SIGMAS * found.sigma[NAMES[k]] + 1e-3):
             known[k] = float(quarter)
-    known |= _straight(x, found)
+    known |= _aligned(x, found)
     x[list(known)] = list(known.values())
     readings = _read(world_from_tool, printed_deg, digits)
-    return _told(_at(found.convention, x, readings, known), readings)
+    return _arm_found(_at(found.convention, x, readings, known), readings)
 
 
-def _straight(x: Array, found: ArmFound) -> dict[int, float]:
-    """What of tool and base may be nothing: the base where axes 1 and 2 cross, the flange square on axis 6."""
+def _aligned(x: Array, found: ArmFound) -> dict[int, float]:
+    """Parameters of tool and base that are compatible with none: base where axes 1 and 2 cross, flange square on axis
+    6."""
     known: dict[int, float] = {}
     for together in ((12, 13), (15, 16, 17)):
-        if all(abs(x[k]) <= SURELY * found.sigma[NAMES[k]] for k in together):
+        if all(abs(x[k]) <= WITHIN_SIGMAS * found.sigma[NAMES[k]] for k in together):
             known |= dict.fromkeys(together, 0.0)
     tool = frames.rotation_from_vector(x[9:12])
     quarter = np.pi / 2 * round(float(np.arctan2(tool[1, 0], tool[0, 0])) / (np.pi / 2))
     off_deg = np.degrees(np.linalg.norm(frames.vector_from_rotation(about_z(-quarter) @ tool)))
-    if off_deg <= SURELY * max(found.sigma[name] for name in NAMES[9:12]) + 1e-3:
+    if off_deg <= WITHIN_SIGMAS * max(found.sigma[name] for name in NAMES[9:12]) + 1e-3:
         known |= {9: 0.0, 10: 0.0, 11: quarter}
     return known
 
 
 def _parameters(found: ArmFound) -> Array:
-    """(18,) in the order of NAMES, joint 6's zero in the tool's turn."""
+    """(18,) in the order of NAMES; the tool's rotation contains joint 6's zero."""
     zeros, tool = np.radians(found.zeros_deg), found.wrist_from_tool
     return np.concatenate([
         [zeros[0], zeros[1], zeros[1] + zeros[2], zeros[3], zeros[4]], found.lengths_mm,
@@ -201,24 +201,24 @@ def _rms(values: Array) -> float:
 
 
 def poses(found: ArmFound, printed_deg: Array) -> Array:
-    """(N, 4, 4) mm: where the arm found has its tool at (N, 6) printed angles."""
+    """Tool poses (N, 4, 4) mm of the arm at (N, 6) reported angles, degrees."""
     turns, places = tool_places(_parameters(found)[None], found.convention, np.radians(printed_deg))
     made = np.tile(np.eye(4), (len(printed_deg), 1, 1))
     made[:, :3, :3], made[:, :3, 3] = turns[0], places[0]
     return made
 
 
-# Where to begin
+# Start values
 
 
 def _conventions() -> Iterator[Convention]:
-    """Those that differ in more than words."""
+    """The conventions that describe different geometries."""
     for one, two, against in product((1.0, -1.0), (1.0, -1.0), (False, True)):
         yield Convention((one, two, 1.0, 1.0, 1.0, 1.0), against)
 
 
 def _starts(convention: Convention, most: int, readings: _Readings) -> Iterator[Array]:
-    """So many (8,) starts on orientations alone: the five zeros, then the tool's turn; the likeliest first."""
+    """The best starts (8,) for the fit of orientations: the five zeros, then the tool's rotation."""
     grid = np.array(list(product(GRID_RAD, repeat=3)))
     zeros = np.column_stack([np.zeros((len(grid), 2)), grid])
     flange = flange_turns(arm_angles(zeros, convention, readings.printed))
@@ -228,10 +228,10 @@ def _starts(convention: Convention, most: int, readings: _Readings) -> Iterator[
 
 
 def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
-    """For (M, N, 3, 3) hypotheses of the arm: joint 1's zero (M,), the tool's turn (M, 3, 3), and the misfit (M,).
+    """For (M, N, 3, 3) flange hypotheses: joint 1's zero (M,), the tool's rotation (M, 3, 3), and the misfit (M,).
 
-    turns[i] = Rz(z1) flange[i] tool: of turns[i] turns[j]^T = Rz(z1) flange[i] flange[j]^T Rz(-z1) both sides are
-    known but for z1, which the horizontal parts of their axes show; the tool then is what is left over.
+    From turns[i] = Rz(z1) flange[i] tool follows turns[i] turns[j]^T = Rz(z1) flange[i] flange[j]^T Rz(-z1): the
+    horizontal parts of the rotation axes give z1, and then the tool follows.
     """
     seen = _axes(turns @ np.roll(turns, 1, axis=0).swapaxes(-1, -2))
     made = _axes(flange @ np.roll(flange, 1, axis=1).swapaxes(-1, -2))
@@ -245,7 +245,7 @@ def _both_ends(flange: Array, turns: Array) -> tuple[Array, Array, Array]:
 
 
 def _axes(turns: Array) -> Array:
-    """(..., 3): axis times sine of the angle of (..., 3, 3)."""
+    """(..., 3): axis times twice the sine of the angle of (..., 3, 3)."""
     return np.stack(
         [turns[..., 2, 1] - turns[..., 1, 2], turns[..., 0, 2] - turns[..., 2, 0], turns[..., 1, 0] - turns[..., 0, 1]],
         -1,
@@ -256,26 +256,26 @@ def _axes(turns: Array) -> Array:
 
 
 def _fitted(convention: Convention, most: int, readings: _Readings) -> _Model | None:
-    """The arm of one convention, if one fits: orientations first; then lengths linearly; then everything together."""
+    """Fit one convention, or None: orientations first, then lengths linearly, then everything together."""
     turn_only = _problem(convention, readings, places=False)
     for start in _starts(convention, most, readings):
         x = np.concatenate([start[:5], np.zeros(4), start[5:], np.zeros(6)])
         x, residuals, _ = minimise(turn_only, x, PASSES)
         if _rms(residuals[: 9 * len(readings)]) < 10.0 * FITS:
-            return _at(convention, _lengths(x, convention, readings), readings, NONE)
+            return _at(convention, _lengths(x, convention, readings), readings, NOTHING_FIXED)
     return None
 
 
 def _at(convention: Convention, x: Array, readings: _Readings, known: Mapping[int, float]) -> _Model:
-    """The best of one convention from a start on; known: parameters that are what is given."""
+    """The least-squares fit of one convention from start x; known: fixed values by parameter."""
     x, residuals, jacobian = minimise(_problem(convention, readings, known), x)
     return _Model(convention, x, float(residuals @ residuals), residuals, jacobian)
 
 
 def _problem(
-    convention: Convention, readings: _Readings, known: Mapping[int, float] = NONE, places: bool = True
+    convention: Convention, readings: _Readings, known: Mapping[int, float] = NOTHING_FIXED, places: bool = True
 ) -> Problem:
-    """Residuals in units of what the digits leave open: 9 a reading, then (with places) 3 a reading, then priors."""
+    """Residuals in units of the rounding error: 9 a reading, then (with places) 3 a reading, then priors."""
     free = np.arange(18) if places else TURN_ONLY
     steps = np.where(LENGTH_LIKE, 1e-2, 1e-6)
     prior, middle = np.where(LENGTH_LIKE, PRIOR_MM, PRIOR_RAD * 10.0), np.zeros(18)
@@ -298,7 +298,7 @@ def _problem(
 
 
 def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
-    """x with lengths, joint 2's zero, tool and base: linear in a2's two components, once the orientations are known."""
+    """x with lengths, joint 2's zero, tool and base: linear in a2's two components, given the orientations."""
     q1, q2, q23, *_ = q = arm_angles(x[None, :5] * np.array([1, 0, 1, 1, 1]), convention, readings.printed)
     flange, c, s = flange_turns(q)[0], np.cos(q1[0]), np.sin(q1[0])
 
@@ -325,48 +325,52 @@ def _lengths(x: Array, convention: Convention, readings: _Readings) -> Array:
     return made
 
 
-# The same in plain words
+# The canonical description
 
 
-def _plain(model: _Model, readings: _Readings) -> _Model:
-    """The one of the equal ways to tell a geometry that our table tells: a2 and d4 forward, a3 not negative (or, where
-    it is nothing, joint 1 counted from the front), the tool ahead of the wrist, joint 4 no more than a quarter turn."""
+def _canonical(model: _Model, readings: _Readings) -> _Model:
+    """Of the equivalent descriptions of a geometry, that of our table: a2 and d4 forward, a3 not negative (or, where it
+    is zero, joint 1 counted from the front), the tool ahead of the wrist, joint 4 within a quarter turn."""
     x, signs = model.parameters.copy(), list(model.convention.signs)
-    if x[8] < 0:  # the forearm runs the other way
+    if x[8] < 0:  # the forearm is counted backward
         x[2], x[4] = x[2] + np.pi, x[4] - np.pi
         x[6], x[8] = -x[6], -x[8]
         signs[3], x[3] = -signs[3], -x[3]
     sigma = np.sqrt(np.diag(np.linalg.pinv(model.jacobian.T @ model.jacobian)))
-    tells = abs(x[6]) > max(TELLS_MM, 5.0 * sigma[6])
+    significant = abs(x[6]) > max(SIGNIFICANT_MM, 5.0 * sigma[6])
     behind_signs, behind = _from_behind(signs, x)
-    if (x[6] < 0) if tells else _odd(behind, behind_signs, model, readings) < _odd(x, signs, model, readings):
+    if (
+        (x[6] < 0)
+        if significant
+        else _out_of_range(behind, behind_signs, model, readings) < _out_of_range(x, signs, model, readings)
+    ):
         signs, x = behind_signs, behind
     tool = frames.rotation_from_vector(x[9:12])
-    if tool[2, 2] < 0:  # the hand points out of the wrist's back
+    if tool[2, 2] < 0:  # the gripper points out of the wrist's back
         half = about_y(np.pi)
         x[4], signs[5] = x[4] - np.pi, -signs[5]
         tool, x[12:15] = half @ tool, half @ x[12:15]
     convention = Convention(tuple(signs), model.convention.against_horizon)
     fourth = float(np.median(arm_angles(x[None, :5], convention, readings.printed)[3]))
-    if abs(_wrapped(np.array(fourth))) > np.pi / 2 + 1e-6:  # the wrist flipped
+    if abs(_wrapped(np.array(fourth))) > np.pi / 2 + 1e-6:  # the wrist is flipped
         half = about_z(np.pi)
         x[3], signs[4], x[4] = x[3] - np.pi, -signs[4], -x[4]
         tool, x[12:15] = half @ tool, half @ x[12:15]
     x[:5] = _wrapped(x[:5])
     x[9:12] = frames.vector_from_rotation(tool)
-    return _at(Convention(tuple(signs), model.convention.against_horizon), x, readings, NONE)
+    return _at(Convention(tuple(signs), model.convention.against_horizon), x, readings, NOTHING_FIXED)
 
 
 def _from_behind(signs: list[float], x: Array) -> tuple[list[float], Array]:
-    """The same arm with what was its back called its front."""
+    """The same arm described from behind: front and back exchanged."""
     turned = x.copy()
     turned[:4] = x[0] + np.pi, np.pi - x[1], -x[2], x[3] - np.pi
     turned[6:8] = -x[6:8]
     return [signs[0], -signs[1], -signs[2], *signs[3:]], turned
 
 
-def _odd(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -> tuple[float, bool]:
-    """How far joints 1 to 3 are out of a PUMA's ranges where the arm was read; and whether joint 1's zero is behind."""
+def _out_of_range(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -> tuple[float, bool]:
+    """How far joints 1 to 3 are out of a PUMA's ranges at the readings; and whether joint 1's zero is behind."""
     convention = Convention(tuple(signs), model.convention.against_horizon)
     q1, q2, q23, *_ = (np.median(each) for each in arm_angles(x[None, :5], convention, readings.printed))
     angles = _wrapped(np.array([q1, q2, q23 - q2]) - RANGE_MIDDLE_RAD)
@@ -375,12 +379,12 @@ def _odd(x: Array, signs: Sequence[float], model: _Model, readings: _Readings) -
 
 
 def _wrapped(angle: Array) -> Array:
-    """Within [-180, 180) degrees, rad."""
+    """Angles wrapped to [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-def _told(model: _Model, readings: _Readings) -> ArmFound:
-    """Values with how well they are known; joint 6 takes the tool's turn about its axis, not to be told from it."""
+def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
+    """Values and standard deviations; joint 6's zero takes the tool's rotation about its axis, which is equivalent."""
     count = len(readings)
     x, rows = model.parameters, 12 * count
     variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18)) if count > 3 else 1.0
@@ -391,14 +395,14 @@ def _told(model: _Model, readings: _Readings) -> ArmFound:
     turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))
     wrist_from_tool = frames.rigid(about_z(-turn) @ tool, about_z(-turn) @ x[12:15])
     zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
-    told = np.where(angles, np.degrees(sigma), sigma)
+    sigmas = np.where(angles, np.degrees(sigma), sigma)
     return ArmFound(
         convention=model.convention,
         zeros_deg=tuple(float(z) for z in np.degrees(zeros)),
         a2_mm=float(x[5]), a3_mm=float(x[6]), d3_mm=float(x[7]), d4_mm=float(x[8]),
         base_mm=tuple(float(v) for v in x[15:18]),
         wrist_from_tool=wrist_from_tool,
-        sigma={name: float(value) for name, value in zip(NAMES, told, strict=True)},
+        sigma={name: float(value) for name, value in zip(NAMES, sigmas, strict=True)},
         undetermined=tuple(name for name, is_open in zip(NAMES, open_ones, strict=True) if is_open),
         place_mm=_rms(model.residuals[9 * count : rows]) * readings.place_mm,
         turn_deg=float(np.degrees(_rms(model.residuals[: 9 * count]) * readings.turn_rad * np.sqrt(3.0))),

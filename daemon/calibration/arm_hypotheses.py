@@ -1,8 +1,7 @@
-"""The kinematics of many arms of a PUMA's kind at once, each as it may count its joints. Pure; which of them made given
-readings is arm_from_readings.py's.
+"""Forward kinematics of many PUMA-like arms at once, for each way of counting the joints. Pure.
 
 Angles are those of the standard Denavit-Hartenberg table in drivers/puma560.py. Parameters (M, 18) are in the order of
-NAMES, rad and mm.
+NAMES, rad and mm. arm_from_readings.py finds the arm that made given readings.
 """
 
 from __future__ import annotations
@@ -17,33 +16,35 @@ from daemon.arrays import Array
 NAMES = ("zero_1", "zero_2", "zero_23", "zero_4", "zero_5", "a2", "a3", "d3", "d4",
          "tool_turn_x", "tool_turn_y", "tool_turn_z", "tool_x", "tool_y", "tool_z",
          "base_x", "base_y", "base_z")  # fmt: skip
-"""The parameters of one arm, in their order."""
+"""The parameters of one arm, in order."""
 
 
 @dataclass(frozen=True)
 class Convention:
-    """signs (6,): +1 or -1. against_horizon: joint 3 is counted against the horizon, not against the upper arm."""
+    """How a controller counts joints. signs (6,): +1 or -1. against_horizon: joint 3 is measured from the horizon, not
+    from the upper arm."""
 
     signs: tuple[float, ...]
     against_horizon: bool
 
 
 def about_z(angle: Array | float) -> Array:
-    """(..., 3, 3)."""
+    """Rotation matrices (..., 3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     o, i = np.zeros_like(c), np.ones_like(c)
     return np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, i], -1)], -2)
 
 
 def about_y(angle: Array | float) -> Array:
-    """(..., 3, 3)."""
+    """Rotation matrices (..., 3, 3)."""
     c, s = np.cos(angle), np.sin(angle)
     o, i = np.zeros_like(c), np.ones_like(c)
     return np.stack([np.stack([c, o, s], -1), np.stack([o, i, o], -1), np.stack([-s, o, c], -1)], -2)
 
 
 def arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Array, ...]:
-    """q1, q2, q2 + q3, q4, q5, q6, each (M, N), of zeros (M, 5): of 1, 2, 2 + 3, 4 and 5; joint 6's is the tool's."""
+    """Reported joint angles -> q1, q2, q2 + q3, q4, q5, q6, each (M, N). zeros (M, 5): of joints 1, 2, 2 + 3, 4 and 5;
+    the tool's rotation contains joint 6's."""
     p = printed * np.array(convention.signs)
     both = p[:, 2] if convention.against_horizon else p[:, 1] + p[:, 2]
     counted = np.stack([p[:, 0], p[:, 1], both, p[:, 3], p[:, 4]])
@@ -52,13 +53,13 @@ def arm_angles(zeros: Array, convention: Convention, printed: Array) -> tuple[Ar
 
 
 def flange_turns(q: tuple[Array, ...]) -> Array:
-    """(M, N, 3, 3): the orientation of the arm's end."""
+    """Orientation of the flange, (M, N, 3, 3)."""
     q1, _, q23, q4, q5, q6 = q
     return about_z(q1) @ about_y(-q23) @ about_z(q4) @ about_y(-q5) @ about_z(q6)
 
 
 def tool_places(x: Array, convention: Convention, printed: Array) -> tuple[Array, Array]:
-    """(M, N, 3, 3) and (M, N, 3) mm: the tool, of parameters (M, 18)."""
+    """Orientation (M, N, 3, 3) and position (M, N, 3) mm of the tool, for parameters (M, 18)."""
     q = arm_angles(x[:, :5], convention, printed)
     q1, q2, q23 = q[:3]
     a2, a3, d3, d4 = (x[:, k, None] for k in range(5, 9))

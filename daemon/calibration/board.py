@@ -1,7 +1,7 @@
-"""A calibration board: its size, what is printed on it, where its corners are. Pure.
+"""A calibration board (chessboard or ChArUco): its size, its print, the positions of its corners. Pure.
 
-Corner numbers run along the rows of inner corners; the board frame lies in the first inner corner, x along a row,
-y along a column, z into the board, mm.
+Corner numbers run along the rows of inner corners. The board frame has its origin at the first inner corner, x along a
+row, y along a column, z into the board, mm.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ USUAL_DICTIONARY = "DICT_4X4_50"
 DICTIONARIES = tuple(
     sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_") and isinstance(getattr(cv2.aruco, name), int))
 )
-"""OpenCV's own, by the names that it gives them."""
+"""Names of OpenCV's predefined dictionaries."""
 
 
 def dictionary_named(name: str) -> cv2.aruco.Dictionary:
@@ -38,9 +38,9 @@ class BoardError(FacetdError):
 
 @dataclass(frozen=True)
 class Board:
-    """columns x rows inner corners, square_mm a side. A ChArUco board has markers of a dictionary, marker_share of a
-    square wide, in its white squares, and may be seen in part; legacy: laid out as OpenCV did before 4.6, where a board
-    of an even number of squares a column begins with a white one."""
+    """columns x rows inner corners; square_mm: side of a square. A ChArUco board has markers in its white squares and
+    may be partly visible; marker_share: width of a marker as a share of a square's; legacy: OpenCV's layout before 4.6,
+    in which a board with an even number of rows of squares begins with a white square."""
 
     columns: int
     rows: int
@@ -51,13 +51,12 @@ class Board:
     legacy: bool = False
 
     def __str__(self) -> str:
-        """As `calibrate` takes it: `9x6 16 charuco legacy DICT_5X5_100`."""
-        words = [f"{self.columns}x{self.rows} {self.square_mm:g}", *self.charuco_words]
-        return " ".join(words)
+        """The arguments of `calibrate` for this board: `9x6 16 charuco legacy DICT_5X5_100`."""
+        return " ".join([f"{self.columns}x{self.rows} {self.square_mm:g}", *self.charuco_words])
 
     @property
     def charuco_words(self) -> list[str]:
-        """What makes it the ChArUco board that it is, in words of `calibrate`."""
+        """The arguments of `calibrate` behind the size: `charuco`, `legacy`, the dictionary."""
         if self.kind == "chessboard":
             return []
         dictionary = [] if self.dictionary == USUAL_DICTIONARY else [self.dictionary]
@@ -69,7 +68,7 @@ class Board:
         return np.column_stack([grid, np.zeros(len(grid))])
 
     def drawing(self, squares: Array) -> NDArray[np.bool_]:
-        """Whether the board is white at (..., 2) places in squares from the first inner corner."""
+        """Whether the board is white at (..., 2) positions, in squares from the first inner corner."""
         cell = np.floor(squares).astype(int)
         if self.kind == "chessboard":
             return np.asarray(cell.sum(axis=-1) % 2 == 1)
@@ -83,7 +82,7 @@ class Board:
         return np.asarray(np.where(on_marker, bits[marker, y, x], marker >= 0))
 
     def charuco(self) -> cv2.aruco.CharucoBoard:
-        """The board as OpenCV knows it."""
+        """OpenCV's object for this ChArUco board."""
         size, marker_mm = (self.columns + 1, self.rows + 1), self.square_mm * self.marker_share
         board = cv2.aruco.CharucoBoard(size, self.square_mm, marker_mm, dictionary_named(self.dictionary))
         board.setLegacyPattern(self.legacy)
@@ -92,8 +91,8 @@ class Board:
 
 @lru_cache(maxsize=8)
 def _markers(board: Board) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Of each square (rows, columns) the number of its marker, -1 in black ones; each marker's modules, its own black
-    border among them, (markers, modules, modules), True where white."""
+    """Marker number of each square (rows, columns), -1 in black squares; modules of each marker with its black border,
+    (markers, modules, modules), True where white."""
     charuco = board.charuco()
     dictionary, ids = charuco.getDictionary(), np.ravel(charuco.getIds())
     which = np.full((board.rows + 1, board.columns + 1), -1)
@@ -107,7 +106,7 @@ def _markers(board: Board) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
 
 @dataclass(frozen=True, eq=False)
 class SeenBoard:
-    """What one image shows of a board: corner_ids (N,) into Board.points_mm, corners_px (N, 2), blur_px."""
+    """A board detected in one image: corner_ids (N,) into Board.points_mm, corners_px (N, 2), blur_px."""
 
     corner_ids: NDArray[np.int64]
     corners_px: Array
@@ -115,10 +114,7 @@ class SeenBoard:
 
 
 def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board:
-    """`9x6` and the words behind it (`charuco`, then `legacy`, a dictionary's name) -> Board.
-
-    Raises BoardError with what was expected.
-    """
+    """`9x6` and further arguments (`charuco`, then `legacy`, a dictionary's name) -> Board. Raises BoardError."""
     columns, _, rows = text.lower().partition("x")
     expected = f"--board {shown(text)}: expected COLUMNSxROWS of inner corners, 3x3 or more, such as 9x6"
     try:
@@ -140,7 +136,9 @@ def parse_board(text: str, square_mm: float, words: Sequence[str] = ()) -> Board
             f"dictionary's name where it is not {USUAL_DICTIONARY}"
         )
     board = Board(*counts, square_mm, "charuco", dictionary=(names or [USUAL_DICTIONARY])[0], legacy=bool(legacy))
-    room = len(dictionary_named(board.dictionary).bytesList)
-    if room < (need := (board.columns + 1) * (board.rows + 1) // 2):
-        raise BoardError(f"{text} charuco: {need} markers, {board.dictionary} has {room} only; name the one it has")
+    available = len(dictionary_named(board.dictionary).bytesList)
+    if available < (need := (board.columns + 1) * (board.rows + 1) // 2):
+        raise BoardError(
+            f"{text} charuco: {need} markers, {board.dictionary} has only {available}; name the board's own dictionary"
+        )
     return board

@@ -1,6 +1,6 @@
-"""Where an image shows a calibration board, or why it does not. Pure: image in, corners out.
+"""Detect a calibration board in an image, or say why not. Pure: image in, corners out.
 
-A board that is not the one that was named is recognised by its markers, or by its squares, and the message names it.
+Where the image shows another board than the named one, the message names it, by its markers or its squares.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Grey = NDArray[np.uint8]
 FEWEST_CORNERS = 8
 SMALLEST_SQUARE_PX = 8.0
 SHARP_ENOUGH_PX = 2.5
-"""Widest blur (sigma of the black-white edge) of which corners are still trusted."""
+"""Widest blur (sigma of the black-white edge) of usable corners."""
 SCALES = (1, 2)
-"""Markers of few pixels are read in an enlarged image."""
+"""The image is enlarged by the second factor where its markers are too small to read."""
 SHARES = (0.5, 0.55, 0.6, 0.625, 0.65, 0.7, 0.75, 0.8, 0.85)
-"""Of a square, that a marker is wide."""
+"""Usual widths of a marker as shares of a square."""
 FITS_WELL = 0.05
-"""Median misfit above which the markers may be of another size than usual."""
+"""Median misfit above which other marker sizes are tried."""
 FAMILIES = (
     ("DICT_4X4_50", "DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"),
     ("DICT_5X5_50", "DICT_5X5_100", "DICT_5X5_250", "DICT_5X5_1000"),
@@ -38,18 +38,18 @@ FAMILIES = (
     ("DICT_APRILTAG_25h9",),
     ("DICT_ARUCO_MIP_36h12",),
 )
-"""Dictionaries whose markers begin alike, the smallest first: a marker of the smallest is one of all."""
+"""Dictionaries that extend each other, the smallest first: a marker of the smallest is in all of its family."""
 FEWEST_MARKERS = 6
 LARGEST_TRIED = 24
 OFF_SQUARES = 0.2
-"""How far, in squares, a marker may lie from where a layout has it."""
+"""Largest distance, in squares, of a marker from its place in a layout."""
 LEAST_AGREEING = 0.8
-"""Of the markers in view must fit a layout for it to be named."""
+"""Share of the markers in view that must fit a layout for the message to name it."""
 
 
 def find_board(image: Grey, board: Board) -> SeenBoard:
-    """Find the board's corners to sub-pixel. Raises BoardError: not in view, in part, too small, blurred, mirrored, or
-    another board than was named."""
+    """Find the board's corners to sub-pixel. Raises BoardError: not in view, partly in view, too small, blurred,
+    mirrored, or another board than named."""
     return _find_charuco(image, board) if board.kind == "charuco" else _find_chessboard(image, board)
 
 
@@ -84,7 +84,7 @@ def _find_charuco(image: Grey, board: Board) -> SeenBoard:
 
 
 def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Array]:
-    """Corner numbers (N,) and places (N, 2) to a pixel, from the image or, where that shows too few, it enlarged."""
+    """Corner numbers (N,) and positions (N, 2) to a pixel, from the image or, where that shows too few, enlarged."""
     detector = cv2.aruco.CharucoDetector(board.charuco())
     best: tuple[NDArray[np.int64], Array] = np.zeros(0, np.int64), np.zeros((0, 2))
     for scale in SCALES:
@@ -105,7 +105,7 @@ def _enlarged(image: Grey, scale: int) -> Grey:
 
 
 def _of_its_markers_size(image: Grey, corners: Array, ids: NDArray[np.int64], board: Board) -> Board:
-    """The board with markers as large as they are in the image: of the usual shares, what fits some corners best."""
+    """The board with the marker size, of the usual ones, that fits some of the corners best."""
     some = np.unique(np.linspace(0, len(ids) - 1, FEWEST_CORNERS).astype(int))
     boards = [replace(board, marker_share=share) for share in SHARES]
     misfits = [np.median(_fitted(image, corners[some], ids[some], one).misfit) for one in boards]
@@ -115,7 +115,7 @@ def _of_its_markers_size(image: Grey, corners: Array, ids: NDArray[np.int64], bo
 def _fitted(
     image: Grey, corners: Array, ids: NDArray[np.int64], board: Board, white_first: bool = False
 ) -> FittedCorners:
-    """Sub-pixel corners; white_first: black and white are the other way round. Raises BoardError."""
+    """Sub-pixel corners; white_first: black and white are exchanged. Raises BoardError."""
     nearest = float(np.median(nearest_px(corners)))
     if nearest < SMALLEST_SQUARE_PX:
         raise BoardError(
@@ -129,7 +129,7 @@ def _fitted(
 
 
 def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Board) -> SeenBoard:
-    """Without the corners that do not look as the board is drawn. Raises BoardError."""
+    """The corners that match the board's drawing. Raises BoardError."""
     if fitted.blur_px > SHARP_ENOUGH_PX:
         raise BoardError(
             f"blurred: edges {fitted.blur_px:.1f} px wide, {SHARP_ENOUGH_PX:g} is the most; hold it still, or focus"
@@ -143,7 +143,8 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
 
 
 def _named_by_markers(image: Grey, board: Board) -> str | None:
-    """Which ChArUco board the markers in view belong to, in words; None where they are too few to say."""
+    """A message that names the ChArUco board of the markers in view; None where there are too few, or it is the one
+    named."""
     found = [one for mirrored in (False, True) for one in _boards_in_view(image, board, mirrored)]
     if not found:
         return None
@@ -162,7 +163,7 @@ def _named_by_markers(image: Grey, board: Board) -> str | None:
 
 
 def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple[int, bool, Board]]:
-    """Boards that the markers in view fit, each with how many they are: the named one first, else the smallest."""
+    """Boards that fit the markers in view, each with their number: the named one first, else the smallest."""
     picture = np.ascontiguousarray(image[:, ::-1]) if mirrored else image
     for family in FAMILIES:
         ids, middles = _markers_in(picture, family[-1])
@@ -177,7 +178,7 @@ def _boards_in_view(image: Grey, board: Board, mirrored: bool) -> Iterator[tuple
 
 
 def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[int, int, bool] | None:
-    """Columns, rows, legacy of the layout that most markers agree with, the named size first and then small ones."""
+    """Columns, rows, legacy of the layout that fits most markers, the named size first and then small ones."""
     sizes = [(columns, rows) for columns in range(3, LARGEST_TRIED) for rows in range(3, LARGEST_TRIED)]
     sizes = [(board.columns, board.rows), (board.rows, board.columns), *sizes]
     best, most = None, LEAST_AGREEING * len(ids)
@@ -201,7 +202,7 @@ def _markers_in(image: Grey, dictionary: str) -> tuple[NDArray[np.int64], Array]
 
 
 def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
-    """Of dictionaries that begin alike: the named one, or the smallest with so many markers."""
+    """Of a family of dictionaries: the named one, or the smallest with so many markers."""
     if named in family:
         return [named]
     for name in family:
@@ -211,7 +212,7 @@ def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
 
 
 def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
-    """How many markers lie where the board of this size and layout has them: numbered along its white squares."""
+    """How many markers fit a board of this size and layout, which numbers them along its white squares."""
     row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
     white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
     places = np.column_stack([column[white], row[white]]).astype(float)
@@ -224,7 +225,7 @@ def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, l
 
 
 def _named_by_squares(image: Grey, board: Board) -> str | None:
-    """Of which size the chessboard in view is, in words; None where there is none, or it is of the size named."""
+    """A message with the size of the chessboard in view; None where there is none, or it has the named size."""
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
     if not found or meta is None or min(meta.shape[:2]) < 3:
@@ -233,15 +234,15 @@ def _named_by_squares(image: Grey, board: Board) -> str | None:
     if sorted((rows, columns)) == sorted((board.rows, board.columns)):
         return None
     return (
-        f"no {board.columns}x{board.rows} board in view; {columns}x{rows} inner corners of one are: count them along "
-        "a row and a column, all must show, and a white rim"
+        f"no {board.columns}x{board.rows} board in view, but one of {columns}x{rows} inner corners: count them along "
+        "a row and a column; all must show, and a white rim"
     )
 
 
 def _upside_down(image: Grey, grid: Array, board: Board) -> bool:
-    """Whether the corners are numbered from the other end than a board with a black first square has them.
+    """Whether the corners are numbered from the wrong end: a board's first square is black.
 
-    Told by colour where the two ends differ (columns + rows odd); a symmetric board is numbered from the top left.
+    A board whose two ends have one colour (columns + rows even) is numbered from the top left.
     """
     if (board.columns + board.rows) % 2 == 0:
         return bool(grid[0, 0].sum() > grid[-1, -1].sum())

@@ -1,6 +1,6 @@
-"""One camera's calibration: a board seen from many places -> how it sees, and how well that is known. Pure.
+"""Calibration of a single camera: views of a board -> matrix and distortion, with their standard deviations. Pure.
 
-Where it sits on the hand is hand_eye.py's, as for two eyes.
+hand_eye.py measures where the camera is mounted on the tool.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from daemon.pick.moved_pair import USUAL_MM
 from daemon.vision.geometry import Camera
 
 OUTLIER = 2.5
-"""How many times worse than is usual a view may be explained and still count."""
+"""A view is dropped where its residual exceeds the median residual by this factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraResult:
-    """camera: half a usual pair's baseline to the left of the cyclopean frame; rms_px of the reprojection, per point;
-    focal_sigma_px: one standard deviation of the focal length; used: names of the views; dropped, with the reason."""
+    """camera: USUAL_MM / 2 to the left of the cyclopean frame; rms_px: reprojection error per point; focal_sigma_px:
+    one standard deviation of the focal length; used: names of the views; dropped: reason by name."""
 
     camera: Camera
     rms_px: float
@@ -34,10 +34,10 @@ class CameraResult:
 
 
 def calibrate_camera(seen: Sequence[tuple[str, SeenBoard]], board: Board, image_size: tuple[int, int]) -> CameraResult:
-    """Calibrate one eye by views of a board, each with its name; views that fit badly are named and dropped.
+    """Calibrate one camera from named views of a board; drop the views that fit badly.
 
-    Raises StereoError: too few views, or too like each other. Source: Zhang's method (OpenCV), without the third radial
-    term, which such views hardly tell from the others.
+    Raises StereoError: too few views, or views too similar. Source: Zhang's method (OpenCV), without the third radial
+    term, which such views hardly determine.
     """
     kept, dropped = list(seen), dict[str, str]()
     while True:
@@ -57,7 +57,7 @@ def calibrate_camera(seen: Sequence[tuple[str, SeenBoard]], board: Board, image_
     sigma_px = float(np.ravel(sigmas)[0])
     if not sigma_px <= WORST_SHARE * matrix[0, 0]:
         raise StereoError(
-            f"the views are too like each other: focal length known to {100 * sigma_px / matrix[0, 0]:.1f} % only; "
+            f"the views are too similar: they give the focal length to {100 * sigma_px / matrix[0, 0]:.1f} % only; "
             "tilt the board about both of its axes, near and far"
         )
     place = frames.rigid(np.eye(3), np.array([-USUAL_MM / 2, 0.0, 0.0]))

@@ -1,4 +1,4 @@
-"""`facetctl calibrate ...`: which kind of calibration is meant, and nothing of how it is done."""
+"""`facetctl calibrate KIND`: the parser of its kinds."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Sub-pixel corners of a printed board: each is where the board's own drawing fits the image best. Pure.
+"""Sub-pixel corners of a printed board: fit the board's drawing to the image around each corner. Pure.
 
-What lies beside a corner (the markers of a ChArUco board, an eighth of a square away) draws a saddle-point search to
-itself, alike in every view, so that focal length and baseline come out short while the residual stays small. Here it is
-part of what is fitted: around each corner the drawing is projected, blurred as the lens blurs, and shifted until it and
-the image agree, with the light's level, contrast and slope left free.
+The markers of a ChArUco board, an eighth of a square away, attract a saddle-point search, alike in every view: focal
+length and baseline come out short while the residual stays small. Therefore the fit includes them: the drawing around
+each corner is projected, blurred like the lens, and shifted until it matches the image; level, contrast and slope of
+the light are free.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 
 Drawing = Callable[[Array], NDArray[np.bool_]]
-"""Where the board is white, at (..., 2) places in squares from the first inner corner."""
+"""Whether the board is white at (..., 2) positions, in squares from the first inner corner."""
 
 PARTS = 5
-"""A pixel of the drawing is the mean of PARTS x PARTS places."""
+"""A pixel of the drawing is the mean of PARTS x PARTS samples."""
 REACH_SQUARES = 0.5
 LEAST_REACH_PX, MOST_REACH_PX = 4, 8
 NEIGHBOURS = 12
 LEAST_PIXELS = 25
-"""Of the image, about a corner that is fitted."""
-FEWEST_ROUNDS, MOST_ROUNDS, STEPS = 2, 6, 2
-SETTLED_BLUR_PX = 0.1
+"""Fewest image pixels around a corner that is fitted."""
+FEWEST_PASSES, MOST_PASSES, STEPS = 2, 6, 2
+CONVERGED_BLUR_PX = 0.1
 BLUR_PX = (0.3, 3.0)
-"""Blur is sought between these."""
+"""Limits of the blur, sigma."""
 WORST_MISFIT = 0.2
-"""Of the contrast between black and white: a corner that fits worse is covered, glares, or is none."""
+"""Share of the contrast between black and white: a corner that fits worse is covered, in glare, or not a corner."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedCorners:
     """corners_px (N, 2); misfit (N,): rms difference of drawing and image as a share of the contrast; blur_px: sigma of
-    the lens's spread."""
+    the lens blur."""
 
     corners_px: Array
     misfit: Array
@@ -47,44 +47,46 @@ class FittedCorners:
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """The drawing around one corner, PARTS samples a pixel, its middle the corner: inside (P,) which pixels of the
-    patch count."""
+    """The drawing centred on one corner, PARTS samples a pixel; inside (P,): which pixels of the patch count."""
 
     samples: NDArray[np.float32]
     inside: NDArray[np.bool_]
 
 
 def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, drawing: Drawing) -> FittedCorners:
-    """Fit the drawing around each corner: corners_px (N, 2) to a pixel or so, squares (N, 2) where they are on it.
+    """Fit the drawing around each corner: corners_px (N, 2) to about a pixel, squares (N, 2) their positions on the
+    board.
 
-    Gauss-Newton on shift, level, contrast, slope of the light and blur; the blur that most corners have is everyone's.
+    Gauss-Newton on shift, level, contrast, slope of the light and blur; all corners share the median blur.
     """
     fitted, misfit, blur = corners_px.astype(float).copy(), np.full(len(corners_px), np.inf), 0.8
     reach = int(np.clip(np.ceil(REACH_SQUARES * np.median(nearest_px(fitted))), LEAST_REACH_PX, MOST_REACH_PX))
     rim = 3 * reach
     grey = np.pad(image.astype(np.float32), rim, constant_values=np.nan)
-    for round_ in range(MOST_ROUNDS):
+    for pass_ in range(MOST_PASSES):
         drawn = [_drawn(h, at, reach, drawing) for h, at in zip(_mappings(fitted, squares), squares, strict=True)]
-        sharper = np.zeros(len(fitted))
+        added_variance = np.zeros(len(fitted))
         for k, one in enumerate(drawn):
             blurred = _blurred(one.samples, blur)
             for _ in range(STEPS):
-                fitted[k], misfit[k], sharper[k] = _step(grey, blurred, one.inside, fitted[k], corners_px[k], rim)
-        before, blur = blur, float(np.clip(np.sqrt(max(blur**2 + np.median(sharper), 0.0)), *BLUR_PX))
-        if round_ + 1 >= FEWEST_ROUNDS and abs(blur - before) < SETTLED_BLUR_PX:
+                fitted[k], misfit[k], added_variance[k] = _step(
+                    grey, blurred, one.inside, fitted[k], corners_px[k], rim
+                )
+        before, blur = blur, float(np.clip(np.sqrt(max(blur**2 + np.median(added_variance), 0.0)), *BLUR_PX))
+        if pass_ + 1 >= FEWEST_PASSES and abs(blur - before) < CONVERGED_BLUR_PX:
             break
     return FittedCorners(fitted, misfit, blur)
 
 
 def nearest_px(corners_px: Array) -> Array:
-    """(N,) how far the nearest other corner is."""
+    """(N,) distance to the nearest other corner, px."""
     gaps = np.linalg.norm(corners_px[:, None] - corners_px[None], axis=2) + 1e9 * np.eye(len(corners_px))
     nearest: Array = gaps.min(axis=1)
     return nearest
 
 
 def _mappings(corners_px: Array, squares: Array) -> list[Array]:
-    """image_from_squares (3, 3) about each corner, by its neighbours: what the lens bends is straight so near."""
+    """image_from_squares (3, 3) around each corner, from its neighbours: so near, distortion is negligible."""
     whole = cv2.findHomography(squares, corners_px)[0]
     found = []
     for at in squares:
@@ -113,7 +115,7 @@ def _through(homography: Array, points: Array) -> Array:
 
 
 def _blurred(samples: NDArray[np.float32], blur_px: float) -> NDArray[np.float32]:
-    """As a pixel (its own square) behind a lens (a Gaussian) sees the drawing."""
+    """The drawing as imaged by a pixel (a box) behind a lens (a Gaussian)."""
     seen = cv2.GaussianBlur(cv2.blur(samples, (PARTS, PARTS)), (0, 0), blur_px * PARTS)
     return np.asarray(seen, np.float32)
 
@@ -126,7 +128,7 @@ def _step(
     start_px: Array,
     rim: int,
 ) -> tuple[Array, float, float]:
-    """One step: where the corner is, misfit, and by how much the blur's variance is larger (px^2)."""
+    """One Gauss-Newton step: (corner, misfit, increase of the blur's variance in px^2)."""
     reach = (int(np.sqrt(len(inside))) - 1) // 2
     whole = np.round(corner_px).astype(int)
     x, y = np.clip(whole + rim, reach, np.array(grey.shape[::-1]) - reach - 1)
@@ -150,8 +152,8 @@ def _step(
 
 
 def _columns(drawn: NDArray[np.float32], shift: Array, reach: int) -> list[NDArray[np.float32]]:
-    """What the image is made of in each pixel: drawing, level, slope of the light (2), what a shift changes (2), and
-    what blur does."""
+    """Columns of the linear model of each pixel: drawing, level, slope of the light (2), derivatives by shift (2) and
+    by the blur's variance."""
     middle = (len(drawn) - 1) // 2
     size = 2 * reach + 1
     at = middle + PARTS * (np.arange(-reach, reach + 1)[None] - shift[:, None])

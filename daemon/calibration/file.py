@@ -1,6 +1,6 @@
-"""calibration.yaml <-> Calibration: the stereo rig, where it sits on the tool, and how good all that is.
+"""Read and write calibration.yaml: the stereo rig, its pose on the tool, the quality of both.
 
-In: a path. Out: checked geometry, or a ConfigError that names file, line, key, found and expected. No estimation here.
+In: a path. Out: checked geometry, or a ConfigError that names file, line, key, found and expected.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Rows = Sequence[Sequence[float]]
 
 
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
-    """How good a calibration was when it was made: rms px, rms mm and degrees; when and how it was made."""
+    """Quality of a calibration when it was made: rms px, rms mm and degrees; when and how it was made."""
 
     reprojection_px: float | None = None
     epipolar_px: float | None = None
@@ -40,9 +40,10 @@ class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defa
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """rig: both eyes; tool_from_cyclopean: (4, 4) mm, None until the hand-eye calibration is done; quality.
+    """rig: both cameras; tool_from_cyclopean: (4, 4) mm, None before the hand-eye calibration.
 
-    alone: the one eye there is; the rig's other is then the same eye where the arm usually takes it for a pair.
+    alone: the only camera in use; the rig's other camera is then the same one at the second place of a usual moved
+    pair.
     """
 
     rig: StereoRig
@@ -52,12 +53,12 @@ class Calibration:
 
 
 def now() -> datetime:
-    """As the time when a calibration was made is written: to the second."""
+    """The present time to the second, as a calibration's is written."""
     return datetime.now(UTC).replace(microsecond=0)
 
 
-def of_stereo(result: StereoResult, tool_from_cyclopean: Array | None = None) -> Calibration:
-    """What is kept of both eyes' calibration. A hand-eye from before is a start at best: the cyclopean frame has
+def calibration_of(result: StereoResult, tool_from_cyclopean: Array | None = None) -> Calibration:
+    """The Calibration of a stereo result. A hand-eye from before is a start value at best: the cyclopean frame has
     moved."""
     quality = Quality(
         reprojection_px=round(result.stereo_rms_px, 4),
@@ -70,14 +71,18 @@ def of_stereo(result: StereoResult, tool_from_cyclopean: Array | None = None) ->
 
 
 def same_geometry(a: Calibration, b: Calibration) -> bool:
-    """Whether eyes and hand-eye are the same, to the last digit."""
+    """Whether cameras and hand-eye are identical, to the last digit."""
 
     def numbers(calibration: Calibration) -> list[Array]:
-        eyes = (calibration.rig.left, calibration.rig.right)
+        cameras = (calibration.rig.left, calibration.rig.right)
         hand_eye = calibration.tool_from_cyclopean
         return [
             np.array(calibration.rig.image_size),
-            *(array for eye in eyes for array in (eye.matrix, eye.distortion, eye.cyclopean_from_camera)),
+            *(
+                array
+                for camera in cameras
+                for array in (camera.matrix, camera.distortion, camera.cyclopean_from_camera)
+            ),
             np.zeros(0) if hand_eye is None else hand_eye,
         ]
 
@@ -115,26 +120,29 @@ def _checked(document: Document) -> Calibration:
     if len(file.image_size) != 2 or min(file.image_size) < 16:
         raise document.error(("image_size",), f"expected [width, height] px, found {file.image_size}")
     left, size = _camera(document, "left", file.left), (file.image_size[0], file.image_size[1])
-    rig = of_one(left, size) if file.right is None else StereoRig(left, _camera(document, "right", file.right), size)
+    rig = (
+        rig_of_one(left, size) if file.right is None else StereoRig(left, _camera(document, "right", file.right), size)
+    )
     if rig.baseline_mm < 1.0:
         raise document.error(("right", "cyclopean_from_camera"), "the two cameras are less than 1 mm apart")
     if rig.left.cyclopean_from_camera[0, 3] > rig.right.cyclopean_from_camera[0, 3]:
-        raise document.error(("left", "cyclopean_from_camera"), "left lies to the right of right: exchange the two")
+        raise document.error(
+            ("left", "cyclopean_from_camera"), "the left camera is to the right of the right one: exchange the two"
+        )
     keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
     tool = None if file.hand_eye is None else rigid(document, keys, file.hand_eye.tool_from_cyclopean)
     return Calibration(rig, tool, file.quality, "left" if file.right is None else None)
 
 
-def of_one(eye: Camera, image_size: tuple[int, int]) -> StereoRig:
-    """The rig of a usual moved pair of one eye, in the frame that it is calibrated in."""
-    place = eye.cyclopean_from_camera
-    beside = place @ frames.rigid(np.eye(3), np.array([USUAL_MM, 0.0, 0.0]))
-    return StereoRig(eye, replace(eye, cyclopean_from_camera=beside), image_size)
+def rig_of_one(camera: Camera, image_size: tuple[int, int]) -> StereoRig:
+    """The rig of a usual moved pair of one camera, in the frame of its calibration."""
+    second = camera.cyclopean_from_camera @ frames.rigid(np.eye(3), np.array([USUAL_MM, 0.0, 0.0]))
+    return StereoRig(camera, replace(camera, cyclopean_from_camera=second), image_size)
 
 
 def save_calibration(calibration: Calibration, path: Path) -> None:
-    """Write calibration.yaml so that a power cut leaves the old or the new one. Raises ConfigError for one that could
-    not be read again, which is not written; OSError."""
+    """Write calibration.yaml atomically. Raises ConfigError for one that could not be read again, which is not written;
+    OSError."""
     content = calibration_text(calibration)
     try:
         _checked(parse(path, content))
@@ -144,14 +152,14 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
 
 
 def calibration_text(calibration: Calibration) -> bytes:
-    """The content of its file."""
+    """The content of calibration.yaml."""
     rig = calibration.rig
     tool = calibration.tool_from_cyclopean
     file = _CalibrationFile(
         version=1,
         image_size=list(rig.image_size),
-        left=_eye(rig.left),
-        right=None if calibration.alone else _eye(rig.right),
+        left=_entry(rig.left),
+        right=None if calibration.alone else _entry(rig.right),
         hand_eye=None if tool is None else _HandEye(tool.tolist()),
         quality=calibration.quality,
     )
@@ -160,16 +168,17 @@ def calibration_text(calibration: Calibration) -> bytes:
     return f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
 
 
-def _camera(document: Document, name: str, eye: _CameraEntry) -> Camera:
-    matrix = _matrix(document, (name, "camera_matrix"), eye.camera_matrix, 3, 3)
+def _camera(document: Document, name: str, entry: _CameraEntry) -> Camera:
+    matrix = _matrix(document, (name, "camera_matrix"), entry.camera_matrix, 3, 3)
     if min(matrix[0, 0], matrix[1, 1]) <= 0 or not np.allclose(matrix[2], [0, 0, 1]):
         raise document.error((name, "camera_matrix"), "expected focal lengths above 0 and a last row [0, 0, 1]")
-    if len(eye.distortion) != 5 or not np.isfinite(eye.distortion).all():
+    if len(entry.distortion) != 5 or not np.isfinite(entry.distortion).all():
         raise document.error(
-            (name, "distortion"), f"expected 5 numbers k1 k2 p1 p2 k3, found {len(eye.distortion)}: {eye.distortion}"
+            (name, "distortion"),
+            f"expected 5 numbers k1 k2 p1 p2 k3, found {len(entry.distortion)}: {entry.distortion}",
         )
-    pose = rigid(document, (name, "cyclopean_from_camera"), eye.cyclopean_from_camera)
-    return Camera(matrix, np.array(eye.distortion, float), pose)
+    pose = rigid(document, (name, "cyclopean_from_camera"), entry.cyclopean_from_camera)
+    return Camera(matrix, np.array(entry.distortion, float), pose)
 
 
 def _matrix(document: Document, keys: tuple[Key, ...], rows: Rows, height: int, width: int) -> Array:
@@ -192,5 +201,5 @@ def rigid(document: Document, keys: tuple[Key, ...], rows: Rows) -> Array:
     return matrix
 
 
-def _eye(camera: Camera) -> _CameraEntry:
+def _entry(camera: Camera) -> _CameraEntry:
     return _CameraEntry(camera.matrix.tolist(), camera.distortion.tolist(), camera.cyclopean_from_camera.tolist())

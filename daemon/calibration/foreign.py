@@ -1,7 +1,7 @@
-"""Files of other tools, recognised by what is in them: a stereo rig, or where a camera sits on the hand.
+"""Import calibration files of other tools, recognised by their content: a stereo rig, or a hand-eye.
 
 ROS camera_info (as camera_calibration or OpenCV write it, or as `ros topic echo` prints it), OpenCV's FileStorage,
-Kalibr's camchain, easy_handeye's result. Those rectify; we do not, so that only geometry comes over.
+Kalibr's camchain, easy_handeye's result. Rectification is dropped: facetd uses the geometry only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from daemon.vision.geometry import StereoRig
 
 ROS = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
 MESSAGE = {"camera_matrix": "K", "rectification_matrix": "R", "projection_matrix": "P", "distortion_coefficients": "D"}
-"""Keys of a camera_info file -> of the message, which ROS 2 has in small letters."""
+"""Keys of a camera_info file -> keys of the message; ROS 2 has these in small letters."""
 FISHEYE_MODELS, PINHOLE_MODELS = ("equidistant", "fisheye"), ("plumb_bob", "rational_polynomial", "radtan", "none", "")
 OPENCV = {
     "M1": (9, ("m1", "k1", "cm1", "mtx1", "cameramatrix1", "cameramatrixleft", "leftcameramatrix", "kl", "ml")),
@@ -36,7 +36,7 @@ OPENCV = {
     "R": (9, ("r", "rot", "rotation", "rotationmatrix")),
     "T": (3, ("t", "trans", "translation", "translationvector")),
 }
-"""What a FileStorage of a stereo pair has: numbers of each, and the names that people give it, small letters only."""
+"""Matrices of a stereo pair's FileStorage: size, and the usual names in small letters."""
 SIZES = ("imagesize", "imgsize", "size", "resolution")
 SIDES = (("imagewidth", "imageheight"), ("width", "height"))
 FORMATS = "ROS camera_info, OpenCV FileStorage of a stereo pair, Kalibr camchain, easy_handeye result"
@@ -46,13 +46,13 @@ _Files = Sequence[tuple[Path, Mapping[str, Any]]]
 
 
 class InterchangeError(FacetdError):
-    """A foreign file that cannot be used: which, and what it lacks."""
+    """A file of another tool that cannot be imported; the message names the file and what it lacks."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImportedGeometry:
-    """What files of other tools say. kind: what they were taken for; rig, or tool_from_left (4, 4) mm; refit_px: how
-    far the two lenses are off for being written in our model."""
+    """Geometry from files of another tool. kind: their format; rig, or tool_from_left (4, 4) mm; refit_px: largest
+    error of each lens in our model."""
 
     kind: str
     rig: StereoRig | None = None
@@ -63,8 +63,8 @@ class ImportedGeometry:
 def read_foreign(
     files: Sequence[Path], size: tuple[int, int] | None = None, unit_mm: float | None = None, exchanged: bool = False
 ) -> ImportedGeometry:
-    """The geometry that the files give together. size: width, height px, in place of the files'; unit_mm: of their
-    lengths, each format's own where None; exchanged: the right camera is named first.
+    """Read one calibration from files of one format. size: width, height px, overrides the files'; unit_mm: unit of
+    their lengths, None for the format's own; exchanged: the right camera is named first.
 
     Raises InterchangeError, FileError.
     """
@@ -87,7 +87,7 @@ def read_foreign(
 
 
 def _values(path: Path) -> dict[str, Any]:
-    """The file's keys and plain values; of a file with several documents (a printed topic) the first."""
+    """Keys and values of the file's first document (a printed topic has several)."""
     content = read_file(path, LARGEST_BYTES)
     if content.lstrip()[:1] == b"<":
         return _xml(path)
@@ -117,12 +117,9 @@ def _xml(path: Path) -> dict[str, Any]:
 
 def _node(node: cv2.FileNode) -> Any:
     if node.isMap():
-        matrix = node.mat()
-        return (
-            None
-            if matrix is None
-            else {"rows": matrix.shape[0], "cols": matrix.shape[-1], "data": matrix.ravel().tolist()}
-        )
+        if (matrix := node.mat()) is None:
+            return None
+        return {"rows": matrix.shape[0], "cols": matrix.shape[-1], "data": matrix.ravel().tolist()}
     if node.isSeq():
         return [_node(node.at(k)) for k in range(node.size())]
     return node.string() if node.isString() else node.real()
@@ -146,16 +143,16 @@ def _plain(key: str) -> str:
 
 
 def _numbers(path: Path, name: str, value: Any, rows: int | None = None, columns: int | None = None) -> Array:
-    """A list, a list of lists, or an OpenCV matrix as an array of finite numbers. Raises InterchangeError."""
-    told = ""
+    """A list, a list of lists, or an OpenCV matrix -> array of finite numbers. Raises InterchangeError."""
+    described = ""
     if isinstance(value, dict):
-        told = f"{value.get('rows')}x{value.get('cols')} of {len(value.get('data') or ())} numbers"
+        described = f"{value.get('rows')}x{value.get('cols')} of {len(value.get('data') or ())} numbers"
         shape = value.get("rows"), value.get("cols")
         data = value.get("data")
         if rows is not None and shape != (rows, columns):
-            raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told}")
+            raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {described}")
         if isinstance(data, list) and shape[0] and shape[1] and shape[0] * shape[1] != len(data):
-            raise InterchangeError(f"{path}: {name}: found {told}")
+            raise InterchangeError(f"{path}: {name}: found {described}")
         value = data
     try:
         array = np.array(value, float)
@@ -166,7 +163,7 @@ def _numbers(path: Path, name: str, value: Any, rows: int | None = None, columns
             return np.zeros(0)
         raise InterchangeError(f"{path}: {name}: expected finite numbers")
     if rows is not None and columns is not None and array.size != rows * columns:
-        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {told or array.size}")
+        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {described or array.size}")
     return array.reshape(rows, columns) if rows is not None and columns is not None else array.ravel()
 
 
@@ -258,14 +255,14 @@ def _rotation(path: Path, name: str, matrix: Array) -> Array:
 
 
 def _storages(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
-    together = {_plain(key): (path, value) for path, one in values for key, value in one.items()}
+    by_key = {_plain(key): (path, value) for path, one in values for key, value in one.items()}
     found: dict[str, Array] = {}
     names = ", ".join(str(path) for path, _ in values)
-    for name, (count, called) in OPENCV.items():
-        key = next((key for key in called if key in together), None)
+    for name, (count, aliases) in OPENCV.items():
+        key = next((key for key in aliases if key in by_key), None)
         if key is None:
             continue
-        path, value = together[key]
+        path, value = by_key[key]
         found[name] = _numbers(path, name, value)
         if count is not None and found[name].size != count:
             raise InterchangeError(f"{path}: {name}: expected {count} numbers, found {found[name].size}")
@@ -286,25 +283,29 @@ def _storages(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
 
 def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
     path, chain = values[0]
-    eyes = [chain.get("cam0"), chain.get("cam1")]
-    if not all(isinstance(eye, dict) for eye in eyes):
+    entries = [chain.get("cam0"), chain.get("cam1")]
+    if not all(isinstance(entry, dict) for entry in entries):
         raise InterchangeError(f"{path}: Kalibr camchain of one camera: cam0 and cam1 are needed")
     cameras, sizes = [], []
-    for name, eye in zip(("cam0", "cam1"), eyes, strict=True):
-        assert isinstance(eye, dict)
-        model, bent = str(eye.get("camera_model", "pinhole")), str(eye.get("distortion_model", "none"))
+    for name, entry in zip(("cam0", "cam1"), entries, strict=True):
+        assert isinstance(entry, dict)
+        model, bent = str(entry.get("camera_model", "pinhole")), str(entry.get("distortion_model", "none"))
         if model != "pinhole" or bent not in (*PINHOLE_MODELS, *FISHEYE_MODELS):
             raise InterchangeError(
                 f"{path}: {name}: a {model} camera with {bent}: pinhole with radtan or equidistant only"
             )
-        fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", eye.get("intrinsics"), 1, 4)[0]
+        fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", entry.get("intrinsics"), 1, 4)[0]
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         cameras.append(
-            (matrix, _numbers(path, f"{name}.distortion_coeffs", eye.get("distortion_coeffs")), bent in FISHEYE_MODELS)
+            (
+                matrix,
+                _numbers(path, f"{name}.distortion_coeffs", entry.get("distortion_coeffs")),
+                bent in FISHEYE_MODELS,
+            )
         )
-        sizes.append(_size(path, eye, size))
-    assert isinstance(eyes[1], dict)
-    pose = _numbers(path, "cam1.T_cn_cnm1", eyes[1].get("T_cn_cnm1"), 4, 4)
+        sizes.append(_size(path, entry, size))
+    assert isinstance(entries[1], dict)
+    pose = _numbers(path, "cam1.T_cn_cnm1", entries[1].get("T_cn_cnm1"), 4, 4)
     shift_mm = pose[:3, 3] * (UNITS_MM["m"] if unit_mm is None else unit_mm)
     right_from_left = frames.rigid(_rotation(path, "cam1.T_cn_cnm1", pose[:3, :3]), shift_mm)
     left_from_right = frames.inverse(right_from_left)
@@ -329,7 +330,9 @@ def _hand_eye(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
     settings = found.get("parameters")
     settings = settings if isinstance(settings, dict) else {}
     if settings.get("eye_on_hand") is False or "base" in str(settings.get("calibration_type", "")):
-        raise InterchangeError(f"{path}: easy_handeye result of a camera that stands beside the robot, not on its hand")
+        raise InterchangeError(
+            f"{path}: easy_handeye result of a camera that is fixed in the cell, not mounted on the gripper"
+        )
     pose = found.get("transformation", found.get("transform"))
     pose = pose if isinstance(pose, dict) else {}
     nested = {f"q{key}": value for key, value in dict(pose.get("rotation") or {}).items()}
@@ -339,7 +342,7 @@ def _hand_eye(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
         shift = np.array([float(flat[key]) for key in "xyz"])
     except (KeyError, TypeError, ValueError):
         raise InterchangeError(f"{path}: easy_handeye result that lacks a quaternion or a translation") from None
-    length = float(np.sqrt(w * w + x * x + y * y + z * z))
+    length = float(np.linalg.norm([w, x, y, z]))
     if not abs(length - 1) < 1e-3 or not np.isfinite(shift).all():
         raise InterchangeError(f"{path}: easy_handeye result: a quaternion of length {length:.3g}, expected 1")
     axis = np.array([x, y, z]) * np.sign(w or 1.0)

@@ -1,4 +1,4 @@
-"""What views of a hand-held board are still missing, in words a person can follow. Pure."""
+"""Which views of a hand-held board are still missing, as instructions for a person. Pure."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from daemon.arrays import Array
 
 TILT_DEG = 15.0
 RIM = 0.22
-"""How near to a corner of the image, as a share of it, the board must have come once."""
+"""The board must come once within this share of the image of each image corner."""
 DISTANCE_RATIO = 1.3
 UNLIKE_MM = 40.0
-"""How far, in way and turn (a radian as 300 mm), a view must be from all others to be worth keeping."""
+"""A view is kept where its pose differs by this much from all others, translation plus rotation (1 rad = 300 mm)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One kept view: cyclopean_from_board (4, 4) mm, roughly; corners (N, 2), left eye, as shares of the image."""
+    """One kept view: cyclopean_from_board (4, 4) mm, roughly; corners (N, 2), left camera, as shares of the image."""
 
     cyclopean_from_board: Array
     corners: Array
 
 
 def is_new(views: Sequence[Shown], pose: Array) -> bool:
-    """Whether a view from this pose would add something."""
+    """Whether a pose (4, 4) differs from those of all views."""
     return all(
         np.linalg.norm(v.cyclopean_from_board[:3, 3] - pose[:3, 3])
         + 300.0 * frames.angle_between(v.cyclopean_from_board, pose)
@@ -37,15 +37,15 @@ def is_new(views: Sequence[Shown], pose: Array) -> bool:
 
 
 def missing(views: Sequence[Shown]) -> list[str]:
-    """What to do next, most useful first; empty when every kind of view was shown."""
-    wants = [
+    """Instructions for the views still missing, the most useful first; empty when none is."""
+    steps = [
         *(f"tilt the board: its {side} away from the cameras" for side in _tilts_missing(views)),
         *(f"bring it into the {corner} of the image" for corner in _corners_missing(views)),
     ]
     distances = [float(v.cyclopean_from_board[2, 3]) for v in views]
     if not distances or max(distances) < DISTANCE_RATIO * min(distances):
-        wants.append("hold it nearer, and then farther away")
-    return wants
+        steps.append("hold it nearer, and then farther away")
+    return steps
 
 
 def _tilts_missing(views: Sequence[Shown]) -> list[str]:

@@ -1,6 +1,6 @@
-"""`facetctl calibrate import` and `export`: calibrations from other tools' files, and for them.
+"""`facetctl calibrate import` and `export`: exchange calibrations with other tools.
 
-What a file is, is foreign.py's; whether it can be meant, plausible.py's.
+foreign.py reads their files, plausible.py checks the result.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ MM_PER_M = 1000.0
 
 
 def to_ros(rig: StereoRig, left: Path, right: Path) -> None:
-    """Write two camera_info files. Both eyes are rectified onto the cyclopean frame's axes."""
-    focal = float(np.mean([eye.matrix[k, k] for eye in (rig.left, rig.right) for k in (0, 1)]))
+    """Write two camera_info files, rectified to the axes of the cyclopean frame."""
+    focal = float(np.mean([camera.matrix[k, k] for camera in (rig.left, rig.right) for k in (0, 1)]))
     width, height = rig.image_size
-    for path, name, eye, shift_m in (
+    for path, name, camera, shift_m in (
         (left, "left", rig.left, 0.0),
         (right, "right", rig.right, rig.baseline_mm / MM_PER_M),
     ):
@@ -42,10 +42,10 @@ def to_ros(rig: StereoRig, left: Path, right: Path) -> None:
             "image_width": width,
             "image_height": height,
             "camera_name": name,
-            "camera_matrix": _plain(eye.matrix),
+            "camera_matrix": _plain(camera.matrix),
             "distortion_model": "plumb_bob",
-            "distortion_coefficients": _plain(eye.distortion[None]),
-            "rectification_matrix": _plain(eye.cyclopean_from_camera[:3, :3]),
+            "distortion_coefficients": _plain(camera.distortion[None]),
+            "rectification_matrix": _plain(camera.cyclopean_from_camera[:3, :3]),
             "projection_matrix": _plain(projection),
         }
         write_atomically(path, yaml.safe_dump(document, sort_keys=False, default_flow_style=None).encode())
@@ -75,28 +75,28 @@ def _plain(matrix: Array) -> dict[str, object]:
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `import` and `export` to the calibrate command."""
-    come = subparsers.add_parser(
-        "import", help="from ROS, OpenCV, Kalibr or easy_handeye, told by what is in the files"
+    importer = subparsers.add_parser(
+        "import", help="from files of ROS, OpenCV, Kalibr or easy_handeye, recognised by their content"
     )
-    come.add_argument("files", nargs="*", type=Path, metavar="FILE", help="of a pair of files the left camera's first")
-    come.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="the same as FILE FILE")
-    come.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="the same as FILE ...")
-    come.add_argument("--size", metavar="WxH", help="image size, in place of the files'")
-    come.add_argument(
+    importer.add_argument("files", nargs="*", type=Path, metavar="FILE", help="of two files the left camera's first")
+    importer.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="the same as FILE FILE")
+    importer.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="the same as FILE ...")
+    importer.add_argument("--size", metavar="WxH", help="image size; overrides the files'")
+    importer.add_argument(
         "--unit",
         metavar="UNIT",
-        help="of the files' lengths: mm, cm, m, inch, or mm in one (a square's side); "
-        "metres unless said for ROS, Kalibr and easy_handeye, mm for OpenCV",
+        help="unit of the files' lengths: mm, cm, m, inch, or a number of mm (a square's side); "
+        "default m for ROS, Kalibr and easy_handeye, mm for OpenCV",
     )
-    come.add_argument("--swap", action="store_true", help="the right camera is named first")
-    come.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
-    come.set_defaults(run=_import)
-    go = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
-    kind = go.add_mutually_exclusive_group(required=True)
+    importer.add_argument("--swap", action="store_true", help="the right camera is named first")
+    importer.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
+    importer.set_defaults(run=_import)
+    exporter = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
+    kind = exporter.add_mutually_exclusive_group(required=True)
     kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one a camera")
     kind.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
-    go.add_argument("--calibration", required=True, type=Path, help="calibration.yaml to read")
-    go.set_defaults(run=_export)
+    exporter.add_argument("--calibration", required=True, type=Path, help="calibration.yaml to read")
+    exporter.set_defaults(run=_export)
 
 
 def _import(args: argparse.Namespace) -> int:
@@ -111,16 +111,14 @@ def _import(args: argparse.Namespace) -> int:
         raise InterchangeError(f"{', '.join(map(str, files))}: not written: {wrong.problem}")
     for side, off_px in zip(("left", "right"), found.refit_px, strict=True):
         if off_px:
-            print(
-                f"{side} camera: its lens is written as k1 k2 p1 p2 k3, off by {off_px:.3f} px at most, at the corners"
-            )
+            print(f"{side} camera: lens converted to k1 k2 p1 p2 k3, off by {off_px:.3f} px at most, at the corners")
     if found.rig is not None and before is not None:
         for line in changed(found.rig, before.rig):
             print(f"warning: {line}")
     kept = keep_old(args.out)
     save_calibration(calibration, args.out)
     rig = calibration.rig
-    size, focal = "x".join(map(str, rig.image_size)), [eye.matrix[0, 0] for eye in (rig.left, rig.right)]
+    size, focal = "x".join(map(str, rig.image_size)), [camera.matrix[0, 0] for camera in (rig.left, rig.right)]
     print(
         f"{args.out}: {size} px, focal lengths {focal[0]:.1f} and {focal[1]:.1f} px, "
         f"baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else "")
@@ -129,7 +127,7 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _before(path: Path) -> Calibration | None:
-    """The calibration that is there, where it can be read."""
+    """The calibration in the file at path, or None."""
     try:
         return load_calibration(path)
     except (FileError, OSError):
@@ -137,18 +135,20 @@ def _before(path: Path) -> Calibration | None:
 
 
 def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:
-    """The old hand-eye does not come along: it is of another cyclopean frame."""
+    """Without the old hand-eye, which is of another cyclopean frame."""
     if before is not None and before.tool_from_cyclopean is not None:
-        print("the old file's hand-eye is of the old cameras, and not taken along: calibrate hand-eye comes next")
+        print("the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next")
     return Calibration(rig, None, Quality(method="imported"))
 
 
 def _hand_eye_added(found: ImportedGeometry, before: Calibration | None, path: Path) -> Calibration:
     if before is None:
-        raise InterchangeError(f"{path}: a hand-eye needs the cameras it is of: import or calibrate them into it first")
+        raise InterchangeError(
+            f"{path}: a hand-eye needs the calibration of its cameras: import or calibrate them into this file first"
+        )
     assert found.tool_from_left is not None
     tool_from_cyclopean = found.tool_from_left @ frames.inverse(before.rig.left.cyclopean_from_camera)
-    print("taken for where the left camera's optical frame sits in the TOOL frame (z forward, out of the gripper)")
+    print("read as the pose of the left camera's optical frame in the TOOL frame (z forward, out of the gripper)")
     return replace(before, tool_from_cyclopean=tool_from_cyclopean, quality=Quality(method="imported"))
 
 
@@ -173,12 +173,14 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _unit_mm(text: str | None) -> float | None:
-    if text is None or text in UNITS_MM:
-        return None if text is None else UNITS_MM[text]
+    if text is None:
+        return None
+    if text in UNITS_MM:
+        return UNITS_MM[text]
     try:
         unit_mm = decimal(text)
     except ValueError:
         unit_mm = 0.0
     if not unit_mm > 0:
-        raise InterchangeError(f"--unit {shown(text)}: expected {', '.join(UNITS_MM)}, or how many mm one is")
+        raise InterchangeError(f"--unit {shown(text)}: expected {', '.join(UNITS_MM)}, or a number of mm")
     return unit_mm

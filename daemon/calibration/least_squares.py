@@ -1,7 +1,7 @@
-"""Least squares over everything at once: eyes, where they sit, where the board was. Pure.
+"""Bundle adjustment: nonlinear least squares over cameras, their poses and the board's poses. Pure.
 
-A problem is a function from parameters to residuals and their Jacobian; `solve` is Levenberg-Marquardt on it and says
-how well each parameter is known. Residuals are in px with unit weight unless a problem scales them itself.
+A problem is a function from parameters to residuals and their Jacobian; `solve` minimises it by Levenberg-Marquardt and
+returns the covariance of the parameters. Residuals are in px with unit weight unless a problem scales them.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from daemon.arrays import Array
 Problem = Callable[[Array], tuple[Array, Array]]
 
 INTRINSICS = 9
-"""Parameters of one eye: fx fy cx cy, then k1 k2 p1 p2 k3."""
+"""Number of parameters of one camera: fx fy cx cy, then k1 k2 p1 p2 k3."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """parameters (P,) at the minimum; covariance (P, P), scaled by the residuals' own variance; residuals (R,)."""
+    """parameters (P,) at the minimum; covariance (P, P), scaled by the residuals' variance; residuals (R,)."""
 
     parameters: Array
     covariance: Array
@@ -31,16 +31,17 @@ class Solution:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of one residual, degrees of freedom counted."""
+        """Standard deviation of one residual, with the degrees of freedom."""
         return float(np.sqrt((self.residuals**2).sum() / max(len(self.residuals) - len(self.parameters), 1)))
 
 
 class UndeterminedError(Exception):
-    """The observations do not fix the parameters; the message says how many directions are left open."""
+    """The observations do not determine the parameters; the message says how many directions are undetermined."""
 
 
 def solve(problem: Problem, start: Array, passes: int = 60) -> Solution:
-    """Minimise the sum of squared residuals from start. Raises UndeterminedError where the minimum is no point.
+    """Minimise the sum of squared residuals from start. Raises UndeterminedError where the minimum is not a single
+    point.
 
     Source: Levenberg-Marquardt with Marquardt's scaling; covariance sigma^2 (J^T J)^-1 at the minimum.
     """
@@ -49,7 +50,7 @@ def solve(problem: Problem, start: Array, passes: int = 60) -> Solution:
 
 
 def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, Array, Array]:
-    """Parameters, residuals and Jacobian at the minimum that is reached from start, be it a point or not."""
+    """Parameters, residuals and Jacobian at the minimum reached from start, whether it is a single point or not."""
     parameters, damping = np.array(start, float), 1e-3
     residuals, jacobian = problem(parameters)
     cost = float(residuals @ residuals)
@@ -74,45 +75,50 @@ def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, A
 def _covariance(jacobian: Array, residuals: Array) -> Array:
     scale = np.linalg.norm(jacobian, axis=0)
     if not np.all(scale > 0):
-        raise UndeterminedError(f"{int((scale == 0).sum())} of {len(scale)} parameters are seen by no observation")
+        raise UndeterminedError(f"{int((scale == 0).sum())} of {len(scale)} parameters affect no observation")
     values, vectors = np.linalg.eigh((jacobian / scale).T @ (jacobian / scale))
     if values[0] < 1e-12 * values[-1]:
-        raise UndeterminedError(f"{int((values < 1e-12 * values[-1]).sum())} directions of {len(scale)} are left open")
+        raise UndeterminedError(
+            f"{int((values < 1e-12 * values[-1]).sum())} directions of {len(scale)} are undetermined"
+        )
     freedom = max(len(residuals) - jacobian.shape[1], 1)
     variance = float(residuals @ residuals) / freedom
     covariance: Array = (vectors / values) @ vectors.T / np.outer(scale, scale) * variance
     return covariance
 
 
-def eye_matrix(intrinsics: Array) -> tuple[Array, Array]:
+def camera_matrix(intrinsics: Array) -> tuple[Array, Array]:
     """(9,) parameters -> camera matrix (3, 3) and distortion (5,)."""
     fx, fy, cx, cy = intrinsics[:4]
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), intrinsics[4:9]
 
 
 def project(points: Array, pose: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
-    """Image of (N, 3) points: pose (6,) = rotation vector, translation, of eye_from_points.
+    """Project (N, 3) points: pose (6,) = rotation vector and translation of camera_from_points.
 
     Returns ((N, 2) px, Jacobian (2N, 6) by the pose, (2N, 9) by the intrinsics).
     """
-    matrix, distortion = eye_matrix(intrinsics)
+    matrix, distortion = camera_matrix(intrinsics)
     px, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)
-    whole = np.asarray(jacobian, float)
-    return np.asarray(px, float).reshape(-1, 2), whole[:, :6], whole[:, 6:15]
+    return (
+        np.asarray(px, float).reshape(-1, 2),
+        np.asarray(jacobian[:, :6], float),
+        np.asarray(jacobian[:, 6:15], float),
+    )
 
 
 def pose_of(transform: Array) -> Array:
-    """(6,) rotation vector and translation of a rigid (4, 4)."""
+    """Rigid transform (4, 4) -> (6,) rotation vector and translation."""
     return np.concatenate([frames.vector_from_rotation(transform[:3, :3]), transform[:3, 3]])
 
 
 def transform_of(pose: Array) -> Array:
-    """What pose_of is of."""
+    """(6,) rotation vector and translation -> rigid transform (4, 4)."""
     return frames.rigid(frames.rotation_from_vector(pose[:3]), pose[3:6])
 
 
 def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:
-    """The pose (6,) of first, then second, and its Jacobians (6, 6) by each."""
+    """Compose two poses (6,), first then second: the pose and its Jacobians (6, 6) by each."""
     r3, t3, *parts = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])
     dr_dr1, dr_dt1, dr_dr2, dr_dt2, dt_dr1, dt_dt1, dt_dr2, dt_dt2 = parts
     by_first = np.block([[dr_dr1, dr_dt1], [dt_dr1, dt_dt1]])
@@ -122,7 +128,7 @@ def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class MatchedCorners:
-    """Board corners that both eyes saw at one moment: points_mm (N, 3), left_px and right_px (N, 2)."""
+    """Board corners in both images of one pair: points_mm (N, 3), left_px and right_px (N, 2)."""
 
     points_mm: Array
     left_px: Array
@@ -130,7 +136,8 @@ class MatchedCorners:
 
 
 def stereo_problem(matches: Sequence[MatchedCorners]) -> Problem:
-    """Parameters: left intrinsics (9), right intrinsics (9), right_from_left (6), then left_from_board (6) a match."""
+    """Reprojection of all matches. Parameters: left intrinsics (9), right intrinsics (9), right_from_left (6), then
+    left_from_board (6) a match."""
     rows = sum(4 * len(m.points_mm) for m in matches)
     width = 2 * INTRINSICS + 6 + 6 * len(matches)
 
@@ -138,16 +145,16 @@ def stereo_problem(matches: Sequence[MatchedCorners]) -> Problem:
         residuals, jacobian, row = np.empty(rows), np.zeros((rows, width)), 0
         for k, match in enumerate(matches):
             own = slice(2 * INTRINSICS + 6 + 6 * k, 2 * INTRINSICS + 12 + 6 * k)
-            px, by_pose, by_eye = project(match.points_mm, x[own], x[:INTRINSICS])
+            px, by_pose, by_camera = project(match.points_mm, x[own], x[:INTRINSICS])
             end = row + 2 * len(px)
             residuals[row:end] = (px - match.left_px).ravel()
-            jacobian[row:end, :INTRINSICS], jacobian[row:end, own] = by_eye, by_pose
+            jacobian[row:end, :INTRINSICS], jacobian[row:end, own] = by_camera, by_pose
             shared = slice(2 * INTRINSICS, 2 * INTRINSICS + 6)
             pose, by_board, by_stereo = chain(x[own], x[shared])
-            px, by_pose, by_eye = project(match.points_mm, pose, x[INTRINSICS : 2 * INTRINSICS])
+            px, by_pose, by_camera = project(match.points_mm, pose, x[INTRINSICS : 2 * INTRINSICS])
             row, end = end, end + 2 * len(px)
             residuals[row:end] = (px - match.right_px).ravel()
-            jacobian[row:end, INTRINSICS : 2 * INTRINSICS] = by_eye
+            jacobian[row:end, INTRINSICS : 2 * INTRINSICS] = by_camera
             jacobian[row:end, own], jacobian[row:end, shared] = by_pose @ by_board, by_pose @ by_stereo
             row = end
         return residuals, jacobian

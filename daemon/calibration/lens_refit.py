@@ -1,4 +1,4 @@
-"""Lens models of other tools -> ours, k1 k2 p1 p2 k3, by least squares on rays over the whole image. Pure."""
+"""Convert lens models of other tools to k1 k2 p1 p2 k3, by least squares on rays over the image. Pure."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.least_squares import INTRINSICS, eye_matrix, minimise, project
+from daemon.calibration.least_squares import INTRINSICS, camera_matrix, minimise, project
 from daemon.errors import FacetdError
 
 OURS = 5
-"""Coefficients that the rest of the program takes: k1 k2 p1 p2 k3."""
+"""Number of coefficients of our lens model: k1 k2 p1 p2 k3."""
 POLYNOMIAL = (4, 5, 8, 12, 14)
-"""Coefficients of OpenCV's pinhole models: radial and tangential; rational; thin prism; tilted sensor."""
+"""Numbers of coefficients of OpenCV's pinhole models: radial and tangential; rational; thin prism; tilted sensor."""
 FISHEYE = 4
 WORST_PX = 0.1
-"""A refitted lens may be so far off anywhere in the image."""
+"""Largest error of a refitted lens anywhere in the image."""
 WIDEST = 3.0
 RAYS = 61
 
@@ -28,8 +28,8 @@ class LensError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class RefittedLens:
-    """matrix (3, 3), distortion (5,) k1 k2 p1 p2 k3; off_px: how far the image is off at most, near its corners; 0
-    where nothing had to be refitted."""
+    """matrix (3, 3), distortion (5,) k1 k2 p1 p2 k3; off_px: largest error in the image, 0 where nothing was
+    refitted."""
 
     matrix: Array
     distortion: Array
@@ -37,8 +37,8 @@ class RefittedLens:
 
 
 def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye: bool = False) -> RefittedLens:
-    """The lens as k1 k2 p1 p2 k3: as it is where the rest is 0, else fitted. fisheye: four coefficients of the angle
-    (Kannala and Brandt, `equidistant`). Raises LensError."""
+    """A lens as k1 k2 p1 p2 k3: unchanged where all further coefficients are 0, else fitted. fisheye: four coefficients
+    of the angle (Kannala and Brandt, `equidistant`). Raises LensError."""
     values = np.ravel(coefficients).astype(float)
     if fisheye and len(values) != FISHEYE:
         raise LensError(f"a fisheye lens of {len(values)} coefficients: expected {FISHEYE}")
@@ -63,7 +63,7 @@ def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye:
             f"its {name} lens cannot be written as k1 k2 p1 p2 k3: off by {off_px:.2g} px near the image's corners, "
             f"{WORST_PX:g} is the most; calibrate these cameras here, with a board"
         )
-    return RefittedLens(*eye_matrix(found[:INTRINSICS]), off_px)
+    return RefittedLens(*camera_matrix(found[:INTRINSICS]), off_px)
 
 
 def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Array:
@@ -78,7 +78,7 @@ def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Arra
 
 
 def _rays(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:
-    """(N, 2) directions, x and y on the plane z = 1, that fall into the image; none beyond where the model folds."""
+    """Ray directions (N, 2) on the plane z = 1 whose image is inside the picture; none beyond where the model folds."""
     out = np.linspace(0.0, WIDEST, 600)
     line = np.column_stack([out, np.zeros_like(out)])
     centred = np.array([[matrix[0, 0], 0, 0], [0, matrix[1, 1], 0], [0, 0, 1.0]])

@@ -1,7 +1,7 @@
-"""Can these cameras be meant? Units, order and size of a rig, before anything is measured by it. Pure.
+"""Plausibility of a stereo rig: units, order and size of its cameras. Pure.
 
-Out: what is implausible, each as the keys where it is in calibration.yaml, and one line with the likely cause and what
-mends it: an option of `calibrate import`.
+Out: each implausible value with its keys in calibration.yaml and one line with the likely cause and its remedy, an
+option of `calibrate import`.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from daemon.vision.geometry import Camera, StereoRig
 Keys = tuple[str | int, ...]
 
 BASELINE_MM = (10.0, 500.0)
-"""Cameras on a hand are so far apart."""
+"""Limits of the distance between two cameras on a gripper."""
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "inch": 25.4, "m": 1000.0}
 VIEW_DEG = (6.0, 150.0)
-"""Angle that a camera sees across its image."""
+"""Limits of the horizontal field of view."""
 OFF_CENTRE = 0.14
-"""How far, as a share of the image, the principal point may lie beside the middle."""
+"""Largest offset of the principal point from the image centre, as a share of the image."""
 SIDES = 1.2
-"""fx and fy differ at most by this factor; and those of the two cameras by its cube."""
+"""fx and fy differ at most by this factor, the two cameras' focal lengths by its cube."""
 LEAST_ALONG = 0.7
 """Least cosine between a camera's x axis and the baseline, and between the two cameras' views."""
 
 
 @dataclass(frozen=True)
 class ImplausibleCamera:
-    """keys: where it stands; problem: one line for the one who wrote it."""
+    """keys: in calibration.yaml; problem: one line for the author of the file."""
 
     keys: Keys
     problem: str
 
 
 def implausible_rig(rig: StereoRig) -> Iterator[ImplausibleCamera]:
-    """What of a rig no cameras on a hand could have, the most telling first."""
+    """What no pair of cameras on a gripper could have, the most specific cause first."""
     yield from _order(rig)
     yield from _baseline(rig)
     for name, camera in (("left", rig.left), ("right", rig.right)):
@@ -53,17 +53,17 @@ def implausible_rig(rig: StereoRig) -> Iterator[ImplausibleCamera]:
 
 
 def _order(rig: StereoRig) -> Iterator[ImplausibleCamera]:
-    axes = [eye.cyclopean_from_camera[:3, :3] for eye in (rig.left, rig.right)]
+    axes = [camera.cyclopean_from_camera[:3, :3] for camera in (rig.left, rig.right)]
     along = min(float(axis[0, 0]) for axis in axes)
     keys: Keys = ("right", "cyclopean_from_camera")
     if max(float(axis[0, 0]) for axis in axes) < -LEAST_ALONG:
-        problem = "the right camera lies to the left of the left one: exchanged; name them the other way round (--swap)"
+        problem = "the right camera is to the left of the left one: exchanged; name them the other way round (--swap)"
         yield ImplausibleCamera(keys, problem)
     elif along < LEAST_ALONG:
         turned = np.degrees(np.arccos(np.clip(along, -1, 1)))
         yield ImplausibleCamera(
             keys,
-            f"the baseline is turned by {turned:.0f} degrees against a camera's rows: they must stand side by side",
+            f"the baseline is turned by {turned:.0f} degrees against a camera's rows: mount the cameras side by side",
         )
     elif float(axes[0][:, 2] @ axes[1][:, 2]) < LEAST_ALONG:
         turned = np.degrees(np.arccos(np.clip(axes[0][:, 2] @ axes[1][:, 2], -1, 1)))
@@ -86,7 +86,7 @@ def _baseline(rig: StereoRig) -> Iterator[ImplausibleCamera]:
     cause = ", or ".join([*fits, *filter(None, [squares])]) or "a wrong projection matrix"
     yield ImplausibleCamera(
         ("right", "cyclopean_from_camera"),
-        f"a baseline of {rig.baseline_mm:g} mm: cameras on a hand are {low:g} to {high:g} mm apart; {cause}?",
+        f"a baseline of {rig.baseline_mm:g} mm: cameras on a gripper are {low:g} to {high:g} mm apart; {cause}?",
     )
 
 
@@ -95,23 +95,23 @@ def _camera(name: str, camera: Camera, size: tuple[int, int]) -> Iterator[Implau
     (fx, skew, cx), (_, fy, cy) = camera.matrix[0], camera.matrix[1]
     width, height = size
     if not SIDES**-1 < fx / fy < SIDES:
-        yield ImplausibleCamera(keys, f"fx {fx:.0f} and fy {fy:.0f} px: pixels that are so far from square are none")
+        yield ImplausibleCamera(keys, f"fx {fx:.0f} and fy {fy:.0f} px: no camera has pixels so far from square")
     if abs(skew) > 1e-3 * fx:
-        yield ImplausibleCamera(keys, f"a skew of {skew:g}: no camera has one, and it would not be looked at")
+        yield ImplausibleCamera(keys, f"a skew of {skew:g}: no camera has one, and facetd would ignore it")
     off = max(abs((cx + 0.5) / width - 0.5), abs((cy + 0.5) / height - 0.5))
     if off > OFF_CENTRE:
         exchanged = max(abs((cx + 0.5) / height - 0.5), abs((cy + 0.5) / width - 0.5)) < OFF_CENTRE
         likely = f"{2 * round(cx)}x{2 * round(cy)}"
         cause = f"width and height exchanged (--size {height}x{width})" if exchanged else f"of images of some {likely}"
         yield ImplausibleCamera(
-            keys, f"its centre {cx:.0f}, {cy:.0f} lies far from the middle of {width}x{height} px: {cause}?"
+            keys, f"its centre {cx:.0f}, {cy:.0f} is far from the middle of {width}x{height} px: {cause}?"
         )
     view = float(np.degrees(2 * np.arctan(width / 2 / fx)))
     if not VIEW_DEG[0] <= view <= VIEW_DEG[1]:
         yield ImplausibleCamera(
             keys,
-            f"a focal length of {fx:g} px sees {view:.1f} degrees across {width} px: {VIEW_DEG[0]:g} to "
-            f"{VIEW_DEG[1]:g} is what lenses do; in px, and of this image size?",
+            f"a focal length of {fx:g} px is a field of view of {view:.1f} degrees across {width} px; lenses have "
+            f"{VIEW_DEG[0]:g} to {VIEW_DEG[1]:g}: is it in px, and of this image size?",
         )
     elif _folds(camera, size):
         problem = "the image folds within its corners: coefficients in another order, or of another lens"
@@ -119,7 +119,7 @@ def _camera(name: str, camera: Camera, size: tuple[int, int]) -> Iterator[Implau
 
 
 def _folds(camera: Camera, size: tuple[int, int]) -> bool:
-    """Whether two directions come to the same place: the radius in the image must grow with that in space."""
+    """Whether the lens model maps two directions to one pixel: the image radius must grow with the angle."""
     k1, k2, _, _, k3 = camera.distortion
     corners = (np.array([[-0.5, -0.5], [size[0], -0.5], [-0.5, size[1]], size]) - camera.matrix[:2, 2]) / (
         camera.matrix[0, 0],
@@ -134,10 +134,10 @@ def _folds(camera: Camera, size: tuple[int, int]) -> bool:
 
 
 def changed(rig: StereoRig, before: StereoRig) -> list[str]:
-    """Against the calibration that is replaced: what cameras that stayed would not have changed, each in a line."""
-    told = []
+    """What differs from the calibration that is replaced although the same cameras would keep it, a line each."""
+    lines = []
     if rig.image_size != before.image_size:
-        told.append(
+        lines.append(
             f"images of {'x'.join(map(str, rig.image_size))} px, {'x'.join(map(str, before.image_size))} before"
         )
     for what, now, then, most in (
@@ -150,5 +150,5 @@ def changed(rig: StereoRig, before: StereoRig) -> list[str]:
         ),
     ):
         if abs(now / then - 1) > most:
-            told.append(f"the {what} is {now / then:.3g} times what it was: other cameras, or another unit?")
-    return told
+            lines.append(f"the {what} is {now / then:.3g} times what it was: other cameras, or another unit?")
+    return lines

@@ -1,6 +1,7 @@
-"""D'Souza's calibration by ruler (section 4.2.1): pin, baseline, a known width at several distances; his compensation.
+"""Calibration by ruler and pin (D'Souza, section 4.2.1): baseline, a known width at several distances; his
+compensation.
 
-In a hurry, or where no board is at hand. Honest about itself: the table it prints says what depths come out like.
+For a cell without a board. The table it prints shows the depth errors.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, now, save_calibration
 from daemon.calibration.recorded import keep_old
-from daemon.calibration.session import meet
+from daemon.calibration.session import triangulate
 from daemon.store.yamlfile import read
 from daemon.vision.geometry import Camera, Converging, StereoRig, by_formula
 
@@ -28,7 +29,7 @@ Pixel = tuple[float, float]
 
 
 class Width(msgspec.Struct, forbid_unknown_fields=True):
-    """A known width, square to the cyclopean axis: its length, its distance, and how many px it takes up."""
+    """A known width, square to the cyclopean axis: its length, its distance, its extent in the image."""
 
     mm: Length
     at_mm: Length
@@ -36,7 +37,7 @@ class Width(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Depth(msgspec.Struct, forbid_unknown_fields=True):
-    """A point on the cyclopean axis at a known distance, as both eyes see it."""
+    """A point on the cyclopean axis at a known distance, in both images."""
 
     at_mm: Length
     left_px: Pixel
@@ -44,7 +45,7 @@ class Depth(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Measured(msgspec.Struct, forbid_unknown_fields=True):
-    """What was measured: baseline D and fixation distance Z0 by ruler, the pin at the fixation point in both images."""
+    """The measurements: baseline D and fixation distance Z0 by ruler, the pin at the fixation point in both images."""
 
     image_size: tuple[int, int]
     baseline_mm: Length
@@ -57,8 +58,8 @@ class Measured(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class QuickResult:
-    """rig; focal_px and its standard deviation over the widths (nan for one); at_mm (K,) true depths; error_mm (K,) of
-    formula (2.3), of the same compensated (each reading from the others), and of exact rays."""
+    """focal_sigma_px: standard deviation over the widths (nan for one); at_mm (K,): true depths; then the depth errors
+    (K,) of formula (2.3), of the same compensated (each reading from the others), and of exact rays."""
 
     rig: StereoRig
     focal_px: float
@@ -70,42 +71,45 @@ class QuickResult:
 
 
 def calibrate_quick(measured: Measured) -> QuickResult:
-    """The rig from ruler and pin: f = x Z / X (4.1), eyes turned in by atan(D / 2 Z0), no distortion."""
+    """The rig from ruler and pin: f = x Z / X (4.1), cameras turned in by atan(D / 2 Z0), no distortion."""
     focal = np.array([w.px * w.at_mm / w.mm for w in measured.widths])
     rig = _rig(measured, float(focal.mean()))
     left, right = (
-        np.array([getattr(d, f"{eye}_px") for d in measured.depths], float).reshape(-1, 2) for eye in ("left", "right")
+        np.array([getattr(d, f"{side}_px") for d in measured.depths], float).reshape(-1, 2)
+        for side in ("left", "right")
     )
     at = np.array([d.at_mm for d in measured.depths], float)
-    bare = Converging(measured.baseline_mm, float(focal.mean()), measured.fixation_mm, np.zeros(1), np.zeros(1))
-    seen = by_formula(left, right, rig, bare)[:, 2] if len(at) else at
-    rays = meet(rig, left, right)[:, 2] if len(at) else at
+    uncompensated = Converging(
+        measured.baseline_mm, float(focal.mean()), measured.fixation_mm, np.zeros(1), np.zeros(1)
+    )
+    seen = by_formula(left, right, rig, uncompensated)[:, 2] if len(at) else at
+    rays = triangulate(rig, left, right)[:, 2] if len(at) else at
     sigma = float(focal.std(ddof=1)) if len(focal) > 1 else float("nan")
-    mended = _compensated(seen, seen - at) if len(at) > 2 else seen
-    return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, mended - at, rays - at)
+    compensated = _compensated(seen, seen - at) if len(at) > 2 else seen
+    return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, compensated - at, rays - at)
 
 
 def _rig(measured: Measured, focal: float) -> StereoRig:
     half = measured.baseline_mm / 2
     turn = float(np.arctan2(half, measured.fixation_mm))
-    eyes = []
+    cameras = []
     for side, pin in ((-1.0, measured.pin_left_px), (1.0, measured.pin_right_px)):
         pose = frames.rigid(
             frames.rotation_from_vector(np.array([0.0, -side * turn, 0.0])), np.array([side * half, 0.0, 0.0])
         )
         matrix = np.array([[focal, 0, pin[0]], [0, focal, pin[1]], [0, 0, 1.0]])
-        eyes.append(Camera(matrix, np.zeros(5), pose))
-    return StereoRig(eyes[0], eyes[1], measured.image_size)
+        cameras.append(Camera(matrix, np.zeros(5), pose))
+    return StereoRig(cameras[0], cameras[1], measured.image_size)
 
 
 def _compensated(seen: Array, error: Array) -> Array:
-    """Each depth less the error interpolated between the other readings (section 4.2.4): none mends itself."""
+    """Each depth minus the error interpolated between the other readings (section 4.2.4): none corrects itself."""
     order = np.argsort(seen)
-    mended = seen.copy()
+    compensated = seen.copy()
     for k in range(len(seen)):
         others = order[order != k]
-        mended[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
-    return mended
+        compensated[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
+    return compensated
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -128,16 +132,16 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"focal_px": round(result.focal_px, 3), "depths": len(result.at_mm), **_figures(result)}))
         return 0
-    doubt = f" +- {result.focal_sigma_px:.1f}" if np.isfinite(result.focal_sigma_px) else ""
-    print(f"focal length {result.focal_px:.1f}{doubt} px over the widths")
+    sigma_text = f" +- {result.focal_sigma_px:.1f}" if np.isfinite(result.focal_sigma_px) else ""
+    print(f"focal length {result.focal_px:.1f}{sigma_text} px over the widths")
     if len(result.at_mm):
         print("  depth mm   formula (2.3)   compensated   exact rays: error, mm")
         for at, *errors in zip(result.at_mm, result.formula_mm, result.compensated_mm, result.rays_mm, strict=True):
             print(f"{at:10.0f}" + "".join(f"{e:14.2f}" for e in errors))
     else:
-        print("no depths were measured: nothing says how good this is; expect some percent")
+        print("no depths were measured: the accuracy is unknown; expect errors of some percent")
     print(f"written: {args.out}" + ("" if kept is None else f" (the old one is {kept.name})"))
-    print("a ruler knows a baseline to some percent, and so every depth: calibrate with a board before picking")
+    print("a ruler measures a baseline, and so every depth, to some percent: calibrate with a board before picking")
     return 0
 
 

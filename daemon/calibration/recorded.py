@@ -1,4 +1,4 @@
-"""`facetctl calibrate stereo` from recorded pictures: file lists in, calibration.yaml out, and a table or JSON."""
+"""`facetctl calibrate stereo`: calibrate from recorded pictures; files in, calibration.yaml and a table or JSON out."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from daemon.calibration.board import USUAL_DICTIONARY, Board, BoardError, parse_board
 from daemon.calibration.board_detection import Grey, find_board
-from daemon.calibration.file import load_calibration, of_stereo, save_calibration
+from daemon.calibration.file import calibration_of, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
@@ -28,9 +28,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--board", required=True, metavar="CxR", help="inner corners along a row and a column, e.g. 9x6"
     )
     parser.add_argument("--square-mm", required=True, type=decimal, help="side of one square")
-    parser.add_argument("--charuco", action="store_true", help="a ChArUco board, which may be seen in part")
-    parser.add_argument("--dictionary", metavar="NAME", help=f"of its markers (default {USUAL_DICTIONARY})")
-    parser.add_argument("--legacy", action="store_true", help="laid out as OpenCV did before 4.6")
+    parser.add_argument("--charuco", action="store_true", help="a ChArUco board, which may be partly in view")
+    parser.add_argument("--dictionary", metavar="NAME", help=f"dictionary of its markers (default {USUAL_DICTIONARY})")
+    parser.add_argument("--legacy", action="store_true", help="layout of OpenCV before 4.6")
     parser.add_argument("--left", required=True, nargs="+", metavar="GLOB", help="pictures of the left camera")
     parser.add_argument(
         "--right", required=True, nargs="+", metavar="GLOB", help="the right camera's, in the same order"
@@ -41,16 +41,16 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate from files. Raises BoardError, StereoError, OSError: unusable arguments, pictures or views."""
+    """Calibrate from files. Raises BoardError, StereoError, OSError for unusable arguments, pictures or views."""
     board = _board(args)
     left, right = _expand(args.left, "--left"), _expand(args.right, "--right")
     if len(left) != len(right):
-        raise BoardError(f"--left names {len(left)} pictures and --right {len(right)}: each needs its partner")
+        raise BoardError(f"--left names {len(left)} pictures and --right {len(right)}: name the same number of each")
     pairs, unused, size = read_pairs(list(zip(left, right, strict=True)), board)
     result = calibrate_stereo(pairs, board, size)
     warning = _changed_baseline(args.out, result)
     kept = keep_old(args.out)
-    save_calibration(of_stereo(result), args.out)
+    save_calibration(calibration_of(result), args.out)
     _print(args, result, unused, kept, warning)
     return 0
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
 def _board(args: argparse.Namespace) -> Board:
     legacy, dictionary = ["legacy"] * args.legacy, [args.dictionary] * (args.dictionary is not None)
     if not args.charuco and (legacy or dictionary):
-        raise BoardError("--legacy and --dictionary are of a ChArUco board: add --charuco")
+        raise BoardError("--legacy and --dictionary belong to a ChArUco board: add --charuco")
     return parse_board(args.board, args.square_mm, ["charuco", *legacy, *dictionary] if args.charuco else ())
 
 
@@ -70,10 +70,10 @@ def _expand(patterns: Sequence[str], option: str) -> list[Path]:
 
 
 def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Pair], dict[str, str], tuple[int, int]]:
-    """Find the board in each pair of files: (usable pairs, reason by unusable file, image size).
+    """Find the board in each pair of files: (usable pairs, reason by unusable pair, image size).
 
-    The size is that of most pictures; a pair of another size (a thumbnail that the glob names, too) is left out and
-    named. Raises BoardError: a file cannot be read, or the board is in no pair.
+    The size is that of most pictures; a pair of another size (such as thumbnails) is unusable. Raises BoardError: a
+    file cannot be read, or the board is in no pair.
     """
     pairs: list[Pair] = []
     unused: dict[str, str] = {}
@@ -83,9 +83,9 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
         raise BoardError(str(error)) from None
     sizes = Counter((image.shape[1], image.shape[0]) for image in images.values())
     size = sizes.most_common(1)[0][0]
-    apart = len({path.name for path in images}) == len(images)
+    unique = len({path.name for path in images}) == len(images)
     for left, right in files:
-        name = f"{left.name}, {right.name}" if apart else f"{left}, {right}"
+        name = f"{left.name}, {right.name}" if unique else f"{left}, {right}"
         try:
             for path in (left, right):
                 _same_size(path, images[path], size)
@@ -105,7 +105,7 @@ def _same_size(path: Path, image: Grey, size: tuple[int, int]) -> None:
 
 
 def keep_old(path: Path) -> Path | None:
-    """Copy the file that is there to one with its time in the name; returns that, or None where there was none. Raises
+    """Copy an existing file to one with its time in the name. Returns the copy, or None where there was no file. Raises
     FileError, OSError."""
     if not path.exists():
         return None
@@ -116,7 +116,7 @@ def keep_old(path: Path) -> Path | None:
 
 
 def _changed_baseline(path: Path, result: StereoResult) -> str | None:
-    """The eyes do not move apart between calibrations: a baseline that did says that the square size is wrong."""
+    """A warning where the baseline differs from the old file's, which a wrong square size causes."""
     try:
         before = load_calibration(path).rig.baseline_mm
     except (FileError, OSError):
@@ -157,16 +157,14 @@ def _print(
         print(f"not used: {name}: {reason}")
     print(f"{len(result.by_pair)} pairs, corners in {100 * result.coverage:.0f} % of the image")
     print(f"residual: {result.stereo_rms_px:.3f} px rms, {result.epipolar_px:.3f} px mean to the epipolar line")
-    for name, eye in (("left", rig.left), ("right", rig.right)):
-        fx, cx, cy = eye.matrix[0, 0], eye.matrix[0, 2], eye.matrix[1, 2]
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        fx, cx, cy = camera.matrix[0, 0], camera.matrix[0, 2], camera.matrix[1, 2]
         print(
             f"{name:5}  f {fx:.2f} +- {sigma[f'{name}.fx']:.2f} px, centre {cx:.2f} {cy:.2f} "
-            f"+- {sigma[f'{name}.cx']:.2f} px, k1 {eye.distortion[0]:+.4f} +- {sigma[f'{name}.k1']:.4f}"
+            f"+- {sigma[f'{name}.cx']:.2f} px, k1 {camera.distortion[0]:+.4f} +- {sigma[f'{name}.k1']:.4f}"
         )
     print(f"baseline {rig.baseline_mm:.3f} +- {sigma['baseline_mm']:.3f} mm")
     if warning:
         print(f"warning: {warning}")
     print(f"written: {args.out}" + ("" if kept is None else f" (the old one is {kept.name})"))
-    print(
-        "a residual is not an accuracy: `facetctl calibrate verify` measures that; the hand-eye calibration comes next"
-    )
+    print("a residual is not an accuracy: calibrate hand-eye next, then measure with `facetctl calibrate verify`")

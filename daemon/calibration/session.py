@@ -1,7 +1,7 @@
-"""Calibrating with the arm: go round the board, see it from each pose, solve. A tour is a job of the supervisor's, and
-each of its moves is guarded.
+"""Calibration with the arm: move around the board, view it from each pose, solve; verify a calibration.
 
-What to look from is tour.py's, solving is stereo.py's and hand_eye.py's; here they meet the arm and the cameras.
+The supervisor runs a tour as a job, and the guard checks each of its moves. tour.py chooses the poses; stereo.py,
+camera.py and hand_eye.py solve.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
-from daemon.calibration.file import Calibration, Quality, now, of_one, of_stereo
+from daemon.calibration.file import Calibration, Quality, calibration_of, now, rig_of_one
 from daemon.calibration.guide import Shown, is_new, missing
-from daemon.calibration.hand_eye import ArmDoubt, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.hand_eye import ArmError, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
 from daemon.calibration.least_squares import MatchedCorners
 from daemon.calibration.stereo import (
     FEWEST_PAIRS,
@@ -50,12 +50,12 @@ Say = Callable[[str], Awaitable[None]]
 
 
 class SessionError(FacetdError):
-    """The session cannot go on; the message says why, and what to do."""
+    """The calibration cannot continue; the message says why, and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """The board seen from one pose by the eyes there are: world_from_tool (4, 4) as WHERE gave it."""
+    """A view of the board by the cameras in use: world_from_tool (4, 4) as WHERE reported it."""
 
     world_from_tool: Array
     pair: Pair
@@ -63,8 +63,7 @@ class BoardView:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationSession:
-    """Where calibrating is done: who has the arm, how it sets out, how still images must be, the board, and the
-    calibration so far."""
+    """The arm and its first reading, the limits for still images, the board, the calibration so far."""
 
     supervisor: Supervisor
     set_out: Callable[[], Awaitable[Reading]]
@@ -74,10 +73,10 @@ class CalibrationSession:
 
 
 async def view_tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
-    """Go to `count` poses round the board and see it from each. One job of the arm: stop and step work as ever.
+    """Move to `count` poses around the board and view it from each, as one job of the supervisor.
 
-    The view from where the arm stands comes first, and there the arm ends; with a count of 0 it is the only one. Raises
-    SessionError where the board is not in view from here or hardly any pose shows it, and what the arm raises.
+    The first view is from the present pose, to which the arm returns; with a count of 0 it is the only one. Raises
+    SessionError where the board is not in view from here or too few poses are in reach, and what the arm raises.
     """
     return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct))
 
@@ -86,9 +85,9 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
     mover = session.supervisor.mover
     session.supervisor.may_move()
     if mover.dry:
-        raise RefusedError("dry: the arm goes nowhere, and what would be seen from where it stands calibrates nothing")
+        raise RefusedError("dry: the arm does not move, and views from one pose calibrate nothing")
     if session.calibration.tool_from_cyclopean is None:
-        raise SessionError("no hand_eye in calibration.yaml to begin with: a rough one, by ruler, is enough")
+        raise SessionError("no hand_eye in calibration.yaml: enter a rough one, measured by ruler")
     reading = await session.set_out()
     try:
         first = await _see(session, reading, "pose 0")
@@ -97,7 +96,7 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
     if count == 0:
         return [first]
     poses = _plan(session, first, count)
-    await say(f"The board is in view. {len(poses)} poses round it follow; control-C stops the arm at any moment.")
+    await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
     for number, pose in enumerate(poses, start=1):
         try:
@@ -111,15 +110,15 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
             await say(f"pose {number} of {len(poses)}: seen")
         except BoardError as error:
             await say(f"pose {number} of {len(poses)}: not used: {error}")
-    try:  # from there the whole board was seen: whatever calibrates next begins so, too
+    try:  # the next calibration, too, starts from a pose with the whole board in view
         await mover.travel(first.world_from_tool, "back from the calibration poses", lambda _: speed_pct)
     except (OutOfReachError, MoveRefusedError) as error:
-        await say(f"not back to where it began: {error}")
+        await say(f"the arm did not return to its first pose: {error}")
     return views
 
 
 def _plan(session: CalibrationSession, first: BoardView, count: int) -> list[Array]:
-    """world_from_tool of the poses to go to."""
+    """Poses world_from_tool of the tour."""
     tool_from_cyclopean = session.calibration.tool_from_cyclopean
     assert tool_from_cyclopean is not None
     cyclopean_from_tool = frames.inverse(tool_from_cyclopean)
@@ -133,12 +132,12 @@ def _plan(session: CalibrationSession, first: BoardView, count: int) -> list[Arr
     looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0])
     chosen = spread_out(looks, count, allowed, world_from_cyclopean)
     if len(chosen) < min(count, 8):
-        raise SessionError(f"the arm reaches only {len(chosen)} poses round the board; lay it nearer to the middle")
+        raise SessionError(f"the arm reaches only {len(chosen)} poses around the board; move it nearer to the middle")
     return [look @ cyclopean_from_tool for look in in_order(chosen, world_from_cyclopean)]
 
 
 async def _see(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
-    """A settled pair from where the arm stands, and the board in both. Raises BoardError."""
+    """Capture a settled pair and find the board in the images of the cameras in use. Raises BoardError."""
     cell = session.supervisor.mover.cell
     pictures = (await settled_pair(cell, cell.clock(), session.settling)).pictures
     cell.log.record(
@@ -157,8 +156,8 @@ async def _see(session: CalibrationSession, reading: Reading, name: str) -> Boar
 
 
 async def show_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
-    """Nothing moves: a person shows the board, and hears which view is missing, until every kind was seen. One job of
-    the arm: `stop` or `abort` ends it.
+    """Collect views of a board that a person holds, and say which views are missing. The arm does not move; `stop` or
+    `abort` ends it.
 
     Raises SessionError where no new view comes for PATIENCE_S.
     """
@@ -171,28 +170,28 @@ PATIENCE_S, MOST_VIEWS = 60.0, 40
 async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
     views, shown = list[BoardView](), list[Shown]()
     board, calibration, clock = session.board, session.calibration, session.supervisor.mover.cell.clock
-    last_s, told = clock(), ""
+    last_s, reported = clock(), ""
     nowhere = Reading(np.eye(4), np.zeros(6))
     size = np.array(calibration.rig.image_size, float)
-    await say("Show the board to both cameras. A view counts when the board is held still for a moment.")
-    while len(views) < MOST_VIEWS and (wants := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
+    await say("Show the board to both cameras. Hold it still for a moment: then the view counts.")
+    while len(views) < MOST_VIEWS and (lacking := missing(shown) or ["a few more"] * (len(views) < FEWEST_PAIRS + 2)):
         if clock() - last_s > PATIENCE_S:
             raise SessionError(
-                f"no new view for {PATIENCE_S:.0f} s; {len(views)} were seen, missing: {'; '.join(wants)}"
+                f"no new view for {PATIENCE_S:.0f} s; {len(views)} so far, missing: {'; '.join(lacking)}"
             )
         try:
             view = await _see(session, nowhere, f"view {len(views) + 1}")
         except (BoardError, NotSettledError) as error:
-            if str(error) != told:
+            if str(error) != reported:
                 await say(f"  {error}")
-            told = str(error)
+            reported = str(error)
             continue
         pose = cyclopean_from_board(sample_of(view, board), calibration.rig)
         if not is_new(shown, pose):
             continue
         views.append(view)
         shown.append(Shown(pose, view.pair.left.corners_px / size))
-        last_s, told = clock(), ""
+        last_s, reported = clock(), ""
         await say(
             f"view {len(views)}{await _so_far(views, board, calibration)}; next: {(missing(shown) or ['done'])[0]}"
         )
@@ -200,7 +199,7 @@ async def _shown(session: CalibrationSession, say: Say) -> list[BoardView]:
 
 
 async def _so_far(views: list[BoardView], board: Board, calibration: Calibration) -> str:
-    """The reprojection error with the views until now, every third view once there are enough."""
+    """The reprojection error so far, at every third view once there are enough."""
     if len(views) < FEWEST_PAIRS or len(views) % 3:
         return ""
     try:
@@ -211,21 +210,21 @@ async def _so_far(views: list[BoardView], board: Board, calibration: Calibration
 
 
 def solve_stereo(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
-    """Both eyes from the views; the hand-eye is kept as it was, and needs solving anew. Raises StereoError."""
+    """Stereo calibration from the views; the old hand-eye stays, and needs a new calibration. Raises StereoError."""
     result = calibrate_stereo([v.pair for v in views], board, before.rig.image_size)
-    return of_stereo(result, before.tool_from_cyclopean), result
+    return calibration_of(result, before.tool_from_cyclopean), result
 
 
 def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:
-    """The one eye from the views; the hand-eye needs solving anew. Raises StereoError."""
+    """Calibration of the only camera from the views; the hand-eye needs a new one. Raises StereoError."""
     result = calibrate_camera([(v.pair.name, v.pair.left) for v in views], board, before.rig.image_size)
     quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=now())
-    rig = of_one(result.camera, before.rig.image_size)
+    rig = rig_of_one(result.camera, before.rig.image_size)
     return Calibration(rig, before.tool_from_cyclopean, quality, "left"), result
 
 
 def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
-    """The hand-eye from the views. Raises HandEyeError."""
+    """Hand-eye calibration from the views. Raises HandEyeError."""
     result = calibrate_hand_eye([sample_of(v, board) for v in views], before.rig)
     quality = Quality(
         reprojection_px=before.quality.reprojection_px,
@@ -241,9 +240,9 @@ def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration
 
 @dataclass(frozen=True)
 class Verified:
-    """What looks from new poses say, none of them used to calibrate. scale_error: share by which known lengths come out
-    wrong; length_mm: rms error of the distances between corners; epipolar_px: mean; spread_mm: rms distance of the
-    board's corners, brought to the world, from their mean over the poses; passed, and why not."""
+    """Errors of a calibration in views that were not used for it. scale_error: relative error of known lengths;
+    length_mm: rms error of the distances between corners; epipolar_px: mean; spread_mm: rms distance of the board's
+    corners in the world from their mean over the poses; failures: figures out of their limits, with the remedy."""
 
     poses: int
     scale_error: float
@@ -254,7 +253,7 @@ class Verified:
 
     @property
     def passed(self) -> bool:
-        """Whether every figure is within its limit."""
+        """Whether all figures are within their limits."""
         return not self.failures
 
 
@@ -262,26 +261,26 @@ LENGTH_LIMIT_MM, EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM = 0.3, 0.3, 0.6
 
 
 def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -> Verified:
-    """Hold the calibration against looks at a board of known size. Of one eye, each two poses next to each other are a
-    pair, and the arm's error at both may show in it. Raises SessionError with fewer than 4 views, or no pair."""
+    """Verify a calibration with views of a board of known size. With one camera each two consecutive poses are a pair,
+    whose epipolar limit includes the arm's error. Raises SessionError with fewer than 4 views, or no pair."""
     if len(views) < 4:
         raise SessionError(f"{len(views)} poses show the board, 4 are needed to verify")
     ratios, errors, gaps, corners = [], [], [], []
-    for rig, match in _met(views, board, calibration):
-        seen = meet(rig, match.left_px, match.right_px)
-        found, known = _distances(seen), _distances(match.points_mm)
-        ratios.append(found.sum() / known.sum())
-        errors.append(found - known)
+    for rig, match in _stereo_views(views, board, calibration):
+        seen = triangulate(rig, match.left_px, match.right_px)
+        found, true = _distances(seen), _distances(match.points_mm)
+        ratios.append(found.sum() / true.sum())
+        errors.append(found - true)
         gaps.append(epipolar_distances(rig, match.left_px, match.right_px))
     if not errors:
-        raise SessionError("no two poses next to each other are far enough apart to be a pair; verify again")
+        raise SessionError("no two consecutive poses are far enough apart to be a stereo pair; verify again")
     for view in views:
         corners.append(frames.apply(board_in_world(view, board, calibration), board.points_mm()))
     placed = np.array(corners)
     epipolar_px = EPIPOLAR_LIMIT_PX
     if calibration.alone is not None:
-        turned = np.sqrt(2) * np.radians(ArmDoubt().deg) * calibration.rig.left.matrix[0, 0]
-        epipolar_px = float(np.hypot(epipolar_px, turned))
+        arm_px = np.sqrt(2) * np.radians(ArmError().deg) * calibration.rig.left.matrix[0, 0]
+        epipolar_px = float(np.hypot(epipolar_px, arm_px))
     figures = {
         "length": float(np.sqrt(np.mean(np.concatenate(errors) ** 2))),
         "epipolar": float(np.mean(np.concatenate(gaps))),
@@ -289,11 +288,11 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
     }
     limits = (
         ("length", LENGTH_LIMIT_MM, "mm", "calibrate stereo, and check the board's square size"),
-        ("epipolar", epipolar_px, "px", "a camera has moved: calibrate stereo, or camera where there is one"),
-        ("spread", SPREAD_LIMIT_MM, "mm", "calibrate hand-eye; is the bracket tight?"),
+        ("epipolar", epipolar_px, "px", "a camera has moved: calibrate stereo (with one camera: calibrate camera)"),
+        ("spread", SPREAD_LIMIT_MM, "mm", "tighten the bracket, and calibrate hand-eye"),
     )
     failures = tuple(
-        f"{name} {figures[name]:.2f} {unit}, {limit:.2g} is the most: {remedy}"
+        f"{name} {figures[name]:.2f} {unit}, limit {limit:.2g}: {remedy}"
         for name, limit, unit, remedy in limits
         if figures[name] > limit
     )
@@ -301,28 +300,30 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
     return Verified(len(views), scale, figures["length"], figures["epipolar"], figures["spread"], failures)
 
 
-def _met(
+def _stereo_views(
     views: Sequence[BoardView], board: Board, calibration: Calibration
 ) -> Iterator[tuple[StereoRig, MatchedCorners]]:
-    """Each pair there is of a board's corners, and where its eyes were."""
+    """The rig and the matched corners of each stereo pair."""
     if calibration.alone is None:
         for view in views:
             yield calibration.rig, matched(view.pair, board)
         return
     assert calibration.tool_from_cyclopean is not None
-    eye = calibration.rig.left
-    tool_from_eye = calibration.tool_from_cyclopean @ eye.cyclopean_from_camera
+    camera = calibration.rig.left
+    tool_from_camera = calibration.tool_from_cyclopean @ camera.cyclopean_from_camera
     for one, next_ in pairwise(views):
-        eyes = [replace(eye, cyclopean_from_camera=view.world_from_tool @ tool_from_eye) for view in (one, next_)]
-        rig = StereoRig(eyes[0], eyes[1], calibration.rig.image_size)
+        cameras = [
+            replace(camera, cyclopean_from_camera=view.world_from_tool @ tool_from_camera) for view in (one, next_)
+        ]
+        rig = StereoRig(cameras[0], cameras[1], calibration.rig.image_size)
         if rig.baseline_mm >= SHORTEST_MM:
             yield rig, matched(replace(one.pair, right=next_.pair.left), board)
 
 
-def meet(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
-    """(N, 3) mm, cyclopean: the middle of the shortest line between the two rays of each matched corner."""
+def triangulate(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
+    """Triangulate matched corners: (N, 3) mm, cyclopean, midway along the shortest line between the two rays."""
     points = []
-    ends = [eye.cyclopean_from_camera for eye in (rig.left, rig.right)]
+    ends = [camera.cyclopean_from_camera for camera in (rig.left, rig.right)]
     for p, q in zip(rig.left.normalised(left_px), rig.right.normalised(right_px), strict=True):
         a, b = (end[:3, :3] @ np.append(ray, 1.0) for end, ray in zip(ends, (p, q), strict=True))
         s, t = np.linalg.lstsq(np.column_stack([a, -b]), ends[1][:3, 3] - ends[0][:3, 3], rcond=None)[0]
@@ -331,21 +332,21 @@ def meet(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
 
 
 def _distances(points: Array) -> Array:
-    """Distances of each corner from the one half the board on: long ones, which an error of scale shows in."""
+    """Distances between corners half a board apart: long ones, sensitive to an error of scale."""
     half = len(points) // 2
     lengths: Array = np.linalg.norm(points[half:] - points[: len(points) - half], axis=1)
     return lengths
 
 
 def board_in_world(view: BoardView, board: Board, calibration: Calibration) -> Array:
-    """world_from_board (4, 4) as one view shows it. The calibration must have a hand-eye."""
+    """world_from_board (4, 4) from one view. The calibration must have a hand-eye."""
     assert calibration.tool_from_cyclopean is not None
     seen = cyclopean_from_board(sample_of(view, board), calibration.rig)
     return view.world_from_tool @ calibration.tool_from_cyclopean @ seen
 
 
 def sample_of(view: BoardView, board: Board) -> Sample:
-    """The view as the hand-eye solver takes it. Raises StereoError where the eyes share too few corners."""
+    """The view as a Sample for the hand-eye solver. Raises StereoError where the cameras share too few corners."""
     if view.pair.right is None:
         seen = view.pair.left
         return Sample(view.world_from_tool, board.points_mm()[seen.corner_ids], seen.corners_px, None)

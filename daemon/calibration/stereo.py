@@ -1,6 +1,6 @@
-"""Stereo calibration: boards seen by both eyes -> their intrinsics, where they sit, how well each is known. Pure.
+"""Stereo calibration: views of a board by both cameras -> intrinsics, poses, their standard deviations. Pure.
 
-A residual tells how well the model explains these images; it is never called an accuracy here.
+A residual measures how well the model fits these images; it is not an accuracy.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from daemon.calibration.least_squares import (
     Problem,
     Solution,
     UndeterminedError,
-    eye_matrix,
+    camera_matrix,
     pose_of,
     solve,
     stereo_problem,
@@ -31,7 +31,7 @@ from daemon.vision.geometry import Camera, StereoRig
 
 FEWEST_PAIRS = 6
 WORST_SHARE = 0.02
-"""A focal length or baseline known no better than this share of itself was not measured."""
+"""Largest relative standard deviation of a focal length or baseline that counts as measured."""
 POSE = slice(2 * INTRINSICS, 2 * INTRINSICS + 6)
 K3 = (8, INTRINSICS + 8)
 CELLS = 8
@@ -39,12 +39,12 @@ NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 class StereoError(FacetdError):
-    """These pairs make no calibration; the message says why, and what to do."""
+    """These pairs give no calibration; the message says why, and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One board seen by both eyes, or by the one there is (right None); its name is for messages."""
+    """One view of the board by both cameras, or by the only one (right None); its name is for messages."""
 
     name: str
     left: SeenBoard
@@ -53,10 +53,9 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class StereoResult:
-    """rig; rms of the reprojection over both eyes (px, per point), of each eye alone, and mean distance from the
-    epipolar line (px); rms by pair; dropped pairs with the reason; sigmas: one standard deviation by parameter name
-    (`left.fx` px, ..., `baseline_mm`, `vergence_deg`, `right.turn_deg`); coverage: share of the image with corners.
-    """
+    """Reprojection rms over both cameras (px, per point) and of each, mean distance from the epipolar line (px); rms by
+    pair; dropped pairs with the reason; sigmas: one standard deviation by parameter name (`left.fx` px, ...,
+    `baseline_mm`, `vergence_deg`, `right.turn_deg`); coverage: share of the image with corners."""
 
     rig: StereoRig
     stereo_rms_px: float
@@ -70,7 +69,8 @@ class StereoResult:
 
 
 def matched(pair: Pair, board: Board) -> MatchedCorners:
-    """The corners both eyes saw. Raises StereoError where they are fewer than 8, or there is one eye."""
+    """Corners in both images of a pair. Raises StereoError where they are fewer than 8, or only one camera is in
+    use."""
     if pair.right is None:
         raise StereoError(f"{pair.name}: one camera saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
@@ -80,9 +80,9 @@ def matched(pair: Pair, board: Board) -> MatchedCorners:
 
 
 def calibrate_stereo(pairs: Sequence[Pair], board: Board, image_size: tuple[int, int]) -> StereoResult:
-    """Calibrate both eyes and their pose in one least-squares over all corners; outlying pairs are named and dropped.
+    """Calibrate both cameras and their relative pose by one least-squares fit over all corners; drop outlying pairs.
 
-    Raises StereoError: too few pairs, too like each other, eyes swapped, one of them mirrored.
+    Raises StereoError: too few pairs, pairs too similar, cameras swapped, one image mirrored.
     """
     kept, dropped = list(pairs), dict[str, str]()
     if len(kept) < FEWEST_PAIRS:
@@ -107,17 +107,15 @@ def _solve(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> So
     problem = stereo_problem(matches)
     try:
         full = solve(problem, start)
-        # The third radial term is kept only where these views show that there is one: a guess of it bends the corners
-        # of the image, where no board was.
+        # The third radial term stays only where it is significant: a wrong value distorts the corners of the image,
+        # where no board was.
         if all(abs(full.parameters[k]) > 3 * np.sqrt(full.covariance[k, k]) for k in K3):
             return full
         fixed = start.copy()
         fixed[list(K3)] = 0.0
         return _solve_without(problem, fixed, K3)
     except UndeterminedError as error:
-        raise StereoError(
-            f"the views are too like each other ({error}); tilt the board about both of its axes"
-        ) from None
+        raise StereoError(f"the views are too similar ({error}); tilt the board about both of its axes") from None
 
 
 def _solve_without(problem: Problem, start: Array, left_out: Sequence[int]) -> Solution:
@@ -138,21 +136,23 @@ def _solve_without(problem: Problem, start: Array, left_out: Sequence[int]) -> S
 
 def _start(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> Array:
     points = [m.points_mm.astype(np.float32) for m in matches]
-    eyes, boards = [], []
+    cameras, boards = [], []
     for side in ("left", "right"):
         corners = [getattr(m, f"{side}_px").astype(np.float32).reshape(-1, 1, 2) for m in matches]
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
             points, corners, image_size, None, None, flags=cv2.CALIB_FIX_K3
         )
-        eyes.append(np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], distortion.ravel()[:5]]))
+        cameras.append(
+            np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], distortion.ravel()[:5]])
+        )
         boards.append([np.concatenate([r.ravel(), t.ravel()]) for r, t in zip(turns, shifts, strict=True)])
     stereo = _middle_pose(*boards)
     _refuse_impossible(stereo, boards)
-    return np.concatenate([*eyes, stereo, *boards[0]])
+    return np.concatenate([*cameras, stereo, *boards[0]])
 
 
 def _middle_pose(left: Sequence[Array], right: Sequence[Array]) -> Array:
-    """right_from_left (6,): of the poses the single boards give, the one nearest to all others."""
+    """right_from_left (6,): of the poses from single views, the one nearest to all others."""
     each = [transform_of(r) @ frames.inverse(transform_of(m)) for m, r in zip(left, right, strict=True)]
     gaps = [[np.linalg.norm(frames.difference(a, b) * (1, 1, 1, 300, 300, 300)) for b in each] for a in each]
     best = each[int(np.argmin(np.median(gaps, axis=1)))]
@@ -191,11 +191,11 @@ def _result(
 ) -> StereoResult:
     rig = rig_from_parameters(solution.parameters, image_size)
     sigmas = _sigmas(solution)
-    doubt = max(sigmas["left.fx"] / rig.left.matrix[0, 0], sigmas["right.fx"] / rig.right.matrix[0, 0])
-    doubt = max(doubt, sigmas["baseline_mm"] / rig.baseline_mm)
-    if doubt > WORST_SHARE:
+    relative_sigma = max(sigmas["left.fx"] / rig.left.matrix[0, 0], sigmas["right.fx"] / rig.right.matrix[0, 0])
+    relative_sigma = max(relative_sigma, sigmas["baseline_mm"] / rig.baseline_mm)
+    if relative_sigma > WORST_SHARE:
         raise StereoError(
-            f"the views are too like each other: focal length or baseline known to {100 * doubt:.1f} % only; "
+            f"the views are too similar: they determine focal length or baseline to {100 * relative_sigma:.1f} % only; "
             "tilt the board about both of its axes, near and far"
         )
     halves = [np.split(part, 2) for part in _by_match(matches, solution.residuals)]
@@ -216,14 +216,14 @@ def _result(
 
 def rig_from_parameters(x: Array, image_size: tuple[int, int]) -> StereoRig:
     """Parameters of least_squares.stereo_problem -> the rig in its cyclopean frame (midway, x along the baseline)."""
-    left, right = (eye_matrix(x[first : first + INTRINSICS].copy()) for first in (0, INTRINSICS))
+    left, right = (camera_matrix(x[first : first + INTRINSICS].copy()) for first in (0, INTRINSICS))
     return rig_of(left, right, frames.inverse(transform_of(x[POSE])), image_size)
 
 
 def rig_of(
     left: tuple[Array, Array], right: tuple[Array, Array], left_from_right: Array, image_size: tuple[int, int]
 ) -> StereoRig:
-    """(matrix, distortion) of both eyes and the pose between them (4, 4) mm -> the rig in its cyclopean frame."""
+    """(matrix, distortion) of both cameras and their relative pose (4, 4) mm -> the rig in its cyclopean frame."""
     cyclopean_from_left = frames.inverse(cyclopean_frame(left_from_right))
     return StereoRig(
         Camera(*left, cyclopean_from_left), Camera(*right, cyclopean_from_left @ left_from_right), image_size
@@ -240,7 +240,7 @@ def cyclopean_frame(left_from_right: Array) -> Array:
 
 
 def epipolar_distances(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
-    """(2N,) px: each point's distance from the epipolar line of its partner, in both images, lens distortion undone."""
+    """Distance of each point from the epipolar line of its partner, (2N,) px, undistorted, in both images."""
     right_from_left = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
     essential = frames.cross_matrices(right_from_left[:3, 3]) @ right_from_left[:3, :3]
     a, b = (
@@ -259,8 +259,8 @@ def epipolar_distances(rig: StereoRig, left_px: Array, right_px: Array) -> Array
 def _sigmas(solution: Solution) -> dict[str, float]:
     sigma = np.sqrt(np.diag(solution.covariance))
     named = {
-        f"{eye}.{name}": float(sigma[k + offset])
-        for eye, offset in (("left", 0), ("right", INTRINSICS))
+        f"{side}.{name}": float(sigma[k + offset])
+        for side, offset in (("left", 0), ("right", INTRINSICS))
         for k, name in enumerate(NAMES)
     }
     shift = solution.parameters[POSE][3:]

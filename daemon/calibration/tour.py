@@ -1,7 +1,7 @@
-"""From where to look at the board, so that lens, eyes and hand-eye can be told apart. Pure: poses in, poses out.
+"""Poses from which to view the board, so that the views determine lens, stereo and hand-eye. Pure: poses in, poses out.
 
-Turning about two axes fixes the hand-eye, tilt and distance fix the lens, the board in the corners of the image fixes
-its distortion. Poses are chosen one by one, each as unlike all before as the arm can reach.
+Rotation about two axes determines the hand-eye, tilt and distance the focal length, the board in the image corners the
+distortion. Each pose is the reachable one that differs most from all before.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ HEADINGS = 8
 ROLLS_DEG = (-40.0, -15.0, 15.0, 40.0)
 DISTANCES_MM = (270.0, 330.0, 400.0)
 AIMS_MM = ((0.0, 0.0), (28.0, 20.0), (-28.0, 20.0), (28.0, -20.0), (-28.0, -20.0))
-"""Where the board's centre comes to lie beside the cameras' axis, x and y in the cyclopean frame."""
+"""Offset of the board's centre from the cameras' axis, x and y in the cyclopean frame."""
 MM_A_RADIAN = 300.0
-"""A turn of one radian counts as much as this way: what a point at working distance moves."""
+"""A rotation of one radian counts as this distance: how far a point at working distance moves."""
 
 
 def looks_at(world_from_board: Array, centre: Array, upright: Array) -> list[Array]:
-    """Candidates for world_from_cyclopean (4, 4) that look at the board's centre (3,), board frame, from above it.
+    """Candidate poses world_from_cyclopean (4, 4) above the board that look at its centre (3,), board frame.
 
-    upright: (3,) world direction that the cameras' x axis keeps to, before they are rolled.
+    upright: (3,) world direction of the cameras' x axis before the roll.
     """
     middle = frames.apply(world_from_board, centre)
     normal = -world_from_board[:3, 2]
@@ -50,31 +50,31 @@ def looks_at(world_from_board: Array, centre: Array, upright: Array) -> list[Arr
 
 
 def spread_out(poses: Sequence[Array], count: int, allowed: Callable[[Array], bool], first: Array) -> list[Array]:
-    """At most `count` poses that are allowed, each the farthest from all chosen before and from `first` (farthest-point
-    sampling over way and turn). allowed is asked only of poses that are about to be taken."""
-    left = list(poses)
-    gaps = np.array([_gap(p, first) for p in left])
+    """Farthest-point sampling over translation and rotation: at most `count` allowed poses, each the farthest from
+    `first` and all chosen before. Calls `allowed` only for a pose that it would choose next."""
+    remaining = list(poses)
+    gaps = np.array([_gap(p, first) for p in remaining])
     chosen: list[Array] = []
-    while left and len(chosen) < count:
+    while remaining and len(chosen) < count:
         k = int(np.argmax(gaps))
-        pose = left[k]
+        pose = remaining[k]
         if not allowed(pose):
-            del left[k]
+            del remaining[k]
             gaps = np.delete(gaps, k)
             continue
         chosen.append(pose)
-        gaps = np.minimum(gaps, [_gap(p, pose) for p in left])
-        del left[k]
+        gaps = np.minimum(gaps, [_gap(p, pose) for p in remaining])
+        del remaining[k]
         gaps = np.delete(gaps, k)
     return chosen
 
 
 def in_order(poses: Sequence[Array], start: Array) -> list[Array]:
-    """The same poses so that the way from one to the next is short (nearest next)."""
-    left, ordered, here = list(poses), list[Array](), start
-    while left:
-        k = int(np.argmin([_gap(p, here) for p in left]))
-        here = left.pop(k)
+    """The same poses ordered for short moves: always the nearest next."""
+    remaining, ordered, here = list(poses), list[Array](), start
+    while remaining:
+        k = int(np.argmin([_gap(p, here) for p in remaining]))
+        here = remaining.pop(k)
         ordered.append(here)
     return ordered
 

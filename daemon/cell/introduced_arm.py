@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, settle
+from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, refined
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
 from drivers.val2.acquaintance import Acquaintance, ProbeFinding
@@ -136,7 +136,7 @@ def _like_published(
         a2, a3, d3, d4 = arm.lengths_mm
         for elbow_mm in {a3, -a3}:
             lengths = a2, elbow_mm, float(np.copysign(d3, found.d3_mm)), d4
-            made = settle(found, places, printed, lengths, digits)
+            made = refined(found, places, printed, lengths, digits)
             yield made.misfit, arm, made
 
 

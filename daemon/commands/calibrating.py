@@ -15,7 +15,7 @@ import numpy as np
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.file import Calibration, calibration_text, load_calibration, same_geometry
-from daemon.calibration.hand_eye import ArmDoubt, HandEyeError, HandEyeResult
+from daemon.calibration.hand_eye import ArmError, HandEyeError, HandEyeResult
 from daemon.calibration.session import (
     BoardView,
     CalibrationSession,
@@ -247,7 +247,7 @@ def _hand_eye_lines(result: HandEyeResult) -> list[str]:
     return lines + ([f"  warning: {result.warning}"] if result.warning else [])
 
 
-def arm_line(found: ArmDoubt, reckoned: Doubt) -> str:
+def arm_line(found: ArmError, reckoned: Doubt) -> str:
     """How well the arm keeps its word, beside what the configuration says of it."""
     told = f"arm accuracy: {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
     if found.mm <= ARM_WORSE * reckoned.arm_mm and found.deg <= ARM_WORSE * reckoned.arm_deg:

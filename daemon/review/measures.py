@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.calibration.drift import DriftSettings, fresh, observe
+from daemon.calibration.drift import DriftSettings, observe, unlearnt
 from daemon.events.outcomes import is_success
 from daemon.events.records import Record
 from daemon.review.digest import Digest, eyes_of
@@ -112,10 +112,10 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
 def _drift(run: Digest, zero: float) -> Strip:
     """What the watch for drift made of the looks: by how much the right eye has turned, once it is sure of that. It
     begins anew where the daemon's did: with what is told again (run_start) after a calibration, and with other eyes."""
-    watch, eyes, settings, line = fresh(), "both", DriftSettings(), list[float | None]()
+    watch, eyes, settings, line = unlearnt(), "both", DriftSettings(), list[float | None]()
     for record in run.of("run_start", "look"):
         if record["kind"] == "run_start" or eyes_of(record) != eyes:
-            watch, eyes = fresh(), eyes_of(record)
+            watch, eyes = unlearnt(), eyes_of(record)
         if record["kind"] == "run_start":
             continue
         health = record.get("health") or {}

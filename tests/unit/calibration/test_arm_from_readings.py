@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import ArmFound, NoArmError, find_arm, poses, settle
+from daemon.calibration.arm_from_readings import ArmFound, NoArmError, find_arm, poses, refined
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED, likeness
 from drivers.val2.location import Location, location_from_matrix, matrix_from_location
@@ -97,7 +97,7 @@ def test_steps_of_two_degrees_show_the_convention_and_how_little_they_show_of_th
     np.testing.assert_allclose(found.lengths_mm, (431.8, 20.3, 150.05, 431.8), atol=2.5)
     assert 0.1 < found.sigma["a2"] < 2.0
     assert found.convention.signs == (1.0, -1.0, -1.0, 1.0, -1.0, 1.0)
-    settled = settle(found, places, printed, PUBLISHED[0].lengths_mm)
+    settled = refined(found, places, printed, PUBLISHED[0].lengths_mm)
     far = np.random.default_rng(1).uniform(LOW, HIGH, (20, 6))
     assert np.abs(poses(settled, truth.printed_deg(far))[:, :3, 3] - truth.places(far)[:, :3, 3]).max() < 0.5
 
@@ -116,7 +116,7 @@ def test_an_arm_of_another_kind_is_none() -> None:
     joints = rng.uniform(LOW, HIGH, (12, 6))
     places = truth.places(joints)
     places[:, :3, 3] += 30.0 * np.sin(np.radians(joints[:, :3]) * 3.0)
-    with pytest.raises(NoArmError, match="misses their places by"):
+    with pytest.raises(NoArmError, match="misses their positions by"):
         find_arm(places, truth.printed_deg(joints))
 
 

@@ -48,5 +48,5 @@ def test_of_one_eye_it_is_told_that_it_sits_otherwise_on_the_hand():
         turn = np.radians([0.3 if k > 30 else 0.0, 0.0, 0.0])
         drift = watch.seen(Clue(turn, np.radians([0.02, 0.02, np.inf]), ""), "10:00")
     assert drift is not None
-    assert "left camera no longer as calibrated on the hand" in drift.text
+    assert "left camera no longer as calibrated on the gripper" in drift.text
     assert drift.stops

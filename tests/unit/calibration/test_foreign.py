@@ -157,7 +157,7 @@ def test_a_hand_eye_of_easy_handeye_goes_into_the_calibration_that_is_there(
     }
     (tmp_path / "he.yaml").write_text(yaml.safe_dump(result))
     assert ctl.main(["calibrate", "import", str(tmp_path / "he.yaml"), "--out", str(out)]) == 2
-    assert "import or calibrate them into it first" in capsys.readouterr().err
+    assert "import or calibrate them into this file first" in capsys.readouterr().err
     save_calibration(Calibration(unlike_rig()), out)
     assert ctl.main(["calibrate", "import", str(tmp_path / "he.yaml"), "--out", str(out)]) == 0
     assert "read as easy_handeye result" in capsys.readouterr().out
@@ -175,7 +175,7 @@ def test_a_hand_eye_of_easy_handeye_goes_into_the_calibration_that_is_there(
         ("cam0: {camera_model: pinhole}\n", "camchain of one camera"),
         ("cam0: {camera_model: omni}\ncam1: {camera_model: omni}\n", "cam0: a omni camera"),
         ("transformation: {x: 1}\nparameters: {}\n", "lacks a quaternion"),
-        ("transformation: {x: 1}\nparameters: {eye_on_hand: false}\n", "beside the robot"),
+        ("transformation: {x: 1}\nparameters: {eye_on_hand: false}\n", "fixed in the cell"),
         ("K: [1, 0, 0]\ndistortion_model: plumb_bob\n", "name two files"),
         ("M1: 3\n", "M1: expected 9 numbers"),
     ],

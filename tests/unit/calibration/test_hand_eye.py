@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.hand_eye import (
-    ArmDoubt,
+    ArmError,
     HandEyeError,
     Sample,
     calibrate_hand_eye,
@@ -69,7 +69,7 @@ def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_err
 
 def test_the_jacobian_is_the_slope_of_the_residuals() -> None:
     samples = looks(1, count=2)
-    problem = hand_eye_problem(samples, unlike_rig(), ArmDoubt())
+    problem = hand_eye_problem(samples, unlike_rig(), ArmError())
     arm_errors = [0.001, 0.002, -0.001, 0.1, -0.2, 0.1] * 2
     x = np.array([0.2, -0.1, 1.4, -74.0, 2, -108, 3.0, 0.1, 0.1, 515, 4, -305, *arm_errors])
     jacobian = problem(x)[1]
@@ -93,7 +93,7 @@ def test_turning_about_one_axis_alone_is_refused_with_the_remedy() -> None:
         for k, s in enumerate(samples)
     ]
     assert diversity_deg([s.world_from_tool for s in roll_only]) < 1e-3
-    with pytest.raises(HandEyeError, match="tilt the hand about two directions"):
+    with pytest.raises(HandEyeError, match="tilt the gripper about two directions"):
         calibrate_hand_eye(roll_only, unlike_rig())
 
 

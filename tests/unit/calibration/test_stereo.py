@@ -77,5 +77,5 @@ def test_one_mirrored_eye_is_told_as_such() -> None:
 def test_too_few_or_too_similar_views_are_refused() -> None:
     with pytest.raises(StereoError, match="3 usable pairs, 6 are needed"):
         calibrate_stereo(sights(3)[:3], BOARD, (640, 480))
-    with pytest.raises(StereoError, match="too like each other"):
+    with pytest.raises(StereoError, match="too similar"):
         calibrate_stereo([sights(3)[0]] * 10, BOARD, (640, 480))

@@ -14,7 +14,7 @@ import yaml
 
 from daemon import frames
 from daemon.calibration.file import load_calibration
-from daemon.calibration.hand_eye import ArmDoubt
+from daemon.calibration.hand_eye import ArmError
 from daemon.calibration.session import CalibrationSession
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
@@ -111,8 +111,8 @@ def test_only_the_eyes_that_are_there_are_calibrated(
 
 
 def test_an_arm_that_is_worse_than_the_configuration_has_it_is_told_with_the_line_to_write() -> None:
-    assert "write" not in arm_line(ArmDoubt(0.12, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
-    told = arm_line(ArmDoubt(0.31, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
+    assert "write" not in arm_line(ArmError(0.12, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
+    told = arm_line(ArmError(0.31, 0.02), Doubt(arm_mm=0.1, arm_deg=0.02))
     assert "0.31 mm and 0.020 degrees" in told
     written = yaml.safe_load(told.split("`")[1])
     assert written == {"pick": {"doubt": {"arm_mm": 0.31, "arm_deg": 0.02}}}
