@@ -201,15 +201,15 @@ class Service:
         troubles = Troubles(self._on_trouble)
         make_room(config)
         left = left_behind(config.state / FILE, bool(list_runs(config.runs)))
-        folder, standing = new_folder(config.runs, datetime.now(UTC)), RecoveryFile(config.state / FILE)
+        folder, recovery = new_folder(config.runs, datetime.now(UTC)), RecoveryFile(config.state / FILE)
         if left is None:
-            standing.begin(folder.name)
+            recovery.begin(folder.name)
         loop = asyncio.get_running_loop()
         run_log = self._run_log = RunLog(
             folder,
             fsync_every_s=config.values.log.sync_s,
             on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text and f"log: {text}"),
-            standing=standing,
+            recovery=recovery,
         )
         auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
         if left is not None:

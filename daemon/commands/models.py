@@ -142,10 +142,10 @@ def list_of(store: ModelStore) -> CommandResult:
     current, candidate, before = store.current, store.candidate, store.history[-1:]
     rows, data = [], []
     for version in store.versions():
-        told = store.told(version)
+        summary = store.summary(version)
         state = {current: "in use", candidate: "candidate"}.get(version, "before" if version in before else "")
-        rows.append(f"{version:>4}  {at_utc(told.trained):<16}  {state:<9}  {told.knows}")
-        data.append({"version": version, "trained": told.trained, "state": state, "labels": list(told.labels)})
+        rows.append(f"{version:>4}  {at_utc(summary.trained):<16}  {state:<9}  {summary.knows}")
+        data.append({"version": version, "trained": summary.trained, "state": state, "labels": list(summary.labels)})
     if not rows:
         return CommandResult("No model is trained yet: `teach`, then `train`.", {"models": []})
     return CommandResult("\n".join([f"{'':>4}  {'trained (UTC)':<16}  {'':<9}  knows", *rows]), {"models": data})

@@ -26,7 +26,8 @@ Count = Annotated[int, Meta(ge=-(2**53), le=2**53)] | None
 Text = str | None
 Flag = bool | None
 Row4 = Annotated[list[Finite], Meta(min_length=4, max_length=4)]
-Pose = Annotated[list[Row4], Meta(min_length=4, max_length=4)] | None
+Matrix = Annotated[list[Row4], Meta(min_length=4, max_length=4)]
+Pose = Matrix | None
 Row6 = Annotated[list[Finite], Meta(min_length=6, max_length=6)]
 Covariance = Annotated[list[Row6], Meta(min_length=6, max_length=6)] | None
 Point = Annotated[list[Finite], Meta(min_length=2, max_length=2)]
@@ -98,8 +99,8 @@ class TableRecord(TypedDict):
 
 class MovedPairRecord(TypedDict):
     eye: Literal["left", "right"]
-    left: Pose
-    right: Pose
+    left: Matrix
+    right: Matrix
     arm_mm: Finite
     arm_deg: Finite
 

@@ -1,4 +1,4 @@
-"""What is on disk, read and written so that a crash loses nothing: models, taught views, runs, the run log.
+"""Files on disk, read and written so that a crash loses nothing: models, taught views, calibrations, runs, the run log.
 
-What the values mean is known to the rooms they come from.
+The packages that make the values define what they mean.
 """

@@ -1,7 +1,4 @@
-"""Bytes onto a disk that may be full, slow or pulled: whole lines or none, synced in a thread of their own.
-
-Nothing here knows what the lines mean.
-"""
+"""Write files so that a full, slow or removed disk never leaves half a line: appending, syncing, atomic replacement."""
 
 from __future__ import annotations
 
@@ -17,24 +14,24 @@ from pathlib import Path
 from daemon.errors import FacetdError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-"""What a disk says that is full."""
+"""Errors of a full disk."""
 
 
 class OpenFile:
-    """A file that is written for as long as it is open, and synced from another thread."""
+    """A file that one thread writes and another syncs."""
 
     def __init__(self, path: Path, handle: int) -> None:
         self.path, self._handle = path, handle
         self._closing = threading.Lock()
 
     def sync(self) -> None:
-        """Bring it to the disk. Raises OSError; a closed file is on the disk already."""
+        """Flush it to the disk. Raises OSError; a closed file is on the disk already."""
         with self._closing:
             if self._handle >= 0:
                 os.fsync(self._handle)
 
     def close(self) -> None:
-        """Bring it to the disk and let go; safe to call twice."""
+        """Flush it to the disk and close it; safe to call twice."""
         with contextlib.suppress(OSError):
             self.sync()
         with self._closing:
@@ -44,28 +41,28 @@ class OpenFile:
 
 
 class LineFile(OpenFile):
-    """An append-only file that never keeps half a line: a short write is cut off again."""
+    """An append-only file of whole lines: a line of which only a part was written is removed again."""
 
     def __init__(self, path: Path) -> None:
-        """Create it, and hold it while it is written (`being_written`). Raises OSError, FileExistsError where there is
-        one already."""
+        """Create the file and lock it until it is closed (`being_written`). Raises OSError; FileExistsError where it
+        exists."""
         super().__init__(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC, 0o640))
-        with contextlib.suppress(OSError):  # a file system without locks: readers will take it for ended
+        with contextlib.suppress(OSError):  # a file system without locks: readers take the file for complete
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._length = 0
         self._torn = False
-        """Whether half a line may stand at its end: a full disk may have no room to cut it off either."""
+        """Whether the file may end in half a line: on a full disk even the truncation may fail."""
 
     @property
     def in_place(self) -> bool:
-        """Whether it is still what its name leads to."""
+        """Whether its path still leads to this file."""
         try:
             return self._handle < 0 or os.path.samestat(os.fstat(self._handle), os.stat(self.path))
         except OSError:
             return False
 
     def append(self, content: bytes) -> None:
-        """Add one line. Raises OSError, and then nothing of it is in the file, or will be once it is written again."""
+        """Add one line. Raises OSError: then the file has no part of it, or loses that part before the next line."""
         line = content + b"\n"
         self._cut_off()
         self._torn = True
@@ -85,7 +82,7 @@ class LineFile(OpenFile):
 
 
 def being_written(path: Path) -> bool:
-    """Whether a process still has this LineFile open; however it ends, the kernel lets go of it."""
+    """Whether a process still has this LineFile open. The kernel frees the lock however that process ends."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
     except OSError:
@@ -102,11 +99,11 @@ def being_written(path: Path) -> bool:
 
 
 class Syncer:
-    """Brings lines from the kernel to the disk: at once for urgent kinds, else at most every so often."""
+    """Syncs files to the disk in its own thread: at once on request, else at most every `every_s`."""
 
     def __init__(self, every_s: float, done: Callable[[OpenFile, OSError | None], object] = lambda *_: None) -> None:
-        """done: told of each try, in this thread, and why the disk cannot keep what it took, if so. It has forgotten it
-        then, and says of the next try that all is well."""
+        """done: called after each sync, in the syncer's thread, with the error if it failed. The kernel reports such an
+        error once: the next sync succeeds although the data are lost."""
         self._every_s, self._done, self._stop = every_s, done, False
         self._dirty: set[OpenFile] = set()
         self._wake, self._urgent, self._clean = threading.Event(), threading.Event(), threading.Event()
@@ -116,22 +113,22 @@ class Syncer:
         self._thread.start()
 
     def take(self, file: OpenFile) -> None:
-        """Sync this file some time soon."""
+        """Queue a file for the next sync."""
         with self._lock:
             self._clean.clear()
             self._dirty.add(file)
         self._wake.set()
 
     def hurry(self) -> None:
-        """Sync what was taken now."""
+        """Sync the queued files now."""
         self._urgent.set()
 
     def settled(self, timeout_s: float) -> bool:
-        """Wait until all that was taken is on the disk; False when that took longer."""
+        """Wait until all queued files are on the disk; False on timeout."""
         return self._clean.wait(timeout_s)
 
     def stop(self) -> None:
-        """Sync what was taken and end."""
+        """Sync the queued files and end the thread."""
         self._stop = True
         self._urgent.set()
         self._wake.set()
@@ -158,10 +155,10 @@ class Syncer:
 
 
 def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
-    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary, fsync, rename. Raises
-    OSError, and then the old one is there, also where it is the rename that a disk cannot keep.
+    """Replace a file so that a power cut leaves the old or the new one, never a half: temporary file, fsync, rename.
 
-    Not synced it costs no wait: a reader still meets the whole file or none, but a power cut may leave it empty.
+    synced False: no wait for the disk; readers still find a whole file or none, but a power cut may leave it empty.
+    Raises OSError: then the old file is in place, even where syncing the rename failed.
     """
     with naming(path):
         _write_atomically(path, content, synced)
@@ -169,7 +166,7 @@ def write_atomically(path: Path, content: bytes, synced: bool = True) -> None:
 
 def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    before = _content(path) if synced else None
+    before = path.read_bytes() if synced and path.is_file() else None
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -192,20 +189,15 @@ def _write_atomically(path: Path, content: bytes, synced: bool) -> None:
         raise
 
 
-def _content(path: Path) -> bytes | None:
-    return path.read_bytes() if path.is_file() else None
-
-
 def _put_back(path: Path, before: bytes | None) -> None:
-    """What was there before a write of which the caller is told that it was none. Raises OSError, which says that it
-    stands."""
+    """Restore the file from before a failed write. Raises OSError where that fails too: the new content may remain."""
     try:
         if before is None:
             path.unlink()
         else:
             _write_atomically(path, before, synced=False)
     except OSError as error:
-        why = f"written, and it is not sure that it stays: {error.strerror}"
+        why = f"written, but a power cut may undo it: {error.strerror}"
         raise OSError(error.errno, why, str(path)) from error
     with contextlib.suppress(OSError):
         _sync_folder(path.parent)
@@ -221,7 +213,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """What the operating system says of a full or failing disk names no file: this one it was."""
+    """Add the file's name to an OSError that has none, as that of a full or failing disk."""
     try:
         yield
     except OSError as error:
@@ -230,23 +222,32 @@ def naming(path: Path) -> Iterator[None]:
         raise
 
 
+@contextlib.contextmanager
+def failing_as(kind: type[FacetdError], what: str) -> Iterator[None]:
+    """Turn an OSError into an error for people: `what: reason`."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {error.strerror or error}") from error
+
+
 LAST_NUMBER = 999_999_999
-"""Of anything that is numbered here. Nobody counted that far: what says so counts as not numbered, as nothing could
-come behind it."""
+"""Largest number of a version, view or calibration. A file with this number counts as not numbered: no number could
+follow it."""
 
 
 def number_of(name: str) -> int | None:
-    """The number that something is named by; None where its name is none of ours."""
+    """The number that a file is named by; None for a name that facetd does not give."""
     ours = name.isascii() and name.isdecimal() and len(name) < 10
     return int(name) if ours and int(name) < LAST_NUMBER else None
 
 
 class InUseError(FacetdError):
-    """A folder belongs to another process at present: which folder, which process."""
+    """Another process uses a folder: which folder, which process."""
 
 
 def hold(folder: Path) -> int:
-    """Claim a folder for this process until it ends, however it ends; gives the lock's handle, to be kept open.
+    """Lock a folder for this process until it ends; returns the lock's handle, to be left open.
 
     Raises InUseError, OSError.
     """
@@ -258,16 +259,16 @@ def hold(folder: Path) -> int:
     except BlockingIOError:
         holder = os.read(handle, 20).decode("ascii", "replace").strip() or "unknown"
         os.close(handle)
-        raise InUseError(f"{folder}: another facetd (process {holder}) works in it; stop that one first") from None
-    with contextlib.suppress(OSError):  # on a full disk it is held all the same
+        raise InUseError(f"{folder}: another facetd (process {holder}) uses it; stop that one first") from None
+    with contextlib.suppress(OSError):  # on a full disk the lock holds all the same
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
     return handle
 
 
 def plain(error: BaseException) -> str:
-    """An error for people, on one line; those of the operating system as `file: what is wrong`, and what to do where
-    the disk is full."""
+    """Text of an error for people, on one line: an OSError as `file: what is wrong`, with the remedy for a full
+    disk."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         remedy = "; free some space there" if error.errno in NO_ROOM else ""
         return f"{error.filename}: {error.strerror}{remedy}"

@@ -1,7 +1,6 @@
-"""etc/facets.yaml and etc/parts.yaml -> the facet library and the parts' names.
+"""Read etc/facets.yaml and etc/parts.yaml: the facet library, and the parts' names and grasps.
 
-In: paths. Out: values that vision takes, or a ConfigError that names file, line and key. What a type means is said in
-daemon/vision/model/facet_types.py.
+Errors are ConfigErrors that name file, line and key. daemon/vision/model/facet_types.py defines the types.
 """
 
 from __future__ import annotations
@@ -42,14 +41,14 @@ class _Facets(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Grasp(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Where and how a person says a part is best taken; lengths in mm."""
+    """How a part should be grasped, as a person wrote it; lengths in mm."""
 
     width_mm: Length | None = None
     along: str | None = None
 
 
 class PartEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """One named part: what to call it to people, its ART-b code, hints for the gripper."""
+    """One named part: its name for people, its ART-b code, hints for the gripper."""
 
     name: str
     code: str
@@ -92,9 +91,8 @@ def load_parts(path: Path = PARTS) -> dict[str, PartEntry]:
 
 
 def library_digest(library: FacetLibrary) -> str:
-    """sha256 over what the library says, the same on every machine."""
-    text = msgspec.json.encode(library_plain(library))
-    return hashlib.sha256(text).hexdigest()
+    """sha256 of the library's content, the same on every machine."""
+    return hashlib.sha256(msgspec.json.encode(library_plain(library))).hexdigest()
 
 
 def library_plain(library: FacetLibrary) -> dict[str, Any]:
@@ -113,8 +111,8 @@ def _facet_type(document: Document, index: int, facet: _Facet) -> FacetType:
             f"expected as many as angles and at least 3, found {len(facet.side_ratios)} and {len(facet.angles_deg)}",
         )
     angles: tuple[Value, ...] = tuple(a if isinstance(a, str) else float(np.deg2rad(a)) for a in facet.angles_deg)
-    known = [a for a in angles if not isinstance(a, str)]
-    if len(known) == len(angles) and abs(sum(known) - np.pi * (len(angles) - 2)) > 0.01:
+    fixed = [a for a in angles if not isinstance(a, str)]
+    if len(fixed) == len(angles) and abs(sum(fixed) - np.pi * (len(angles) - 2)) > 0.01:
         total = 180 * (len(angles) - 2)
         raise document.error(("facets", index, "angles_deg"), f"expected a sum of {total} for {len(angles)} sides")
     return FacetType(facet.name, facet.type_number, angles, tuple(facet.side_ratios))

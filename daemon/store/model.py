@@ -1,7 +1,6 @@
-"""The trained model on disk: one .npz of plain arrays with a JSON header. Never pickled.
+"""Save and load a trained model: one .npz of plain arrays with a JSON header, never a pickle.
 
-In: a path and a Model. Out: the same Model, or a ModelError that says what is wrong and where. What a model means is
-said in daemon/vision/model/model.py.
+daemon/vision/model/model.py defines the values. Every error is a ModelError that says what is wrong and where.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from msgspec import Meta
 from daemon.arrays import Array
 from daemon.art import ArtError, RelationARTMAP
 from daemon.errors import spelt_throughout
-from daemon.store.files import write_atomically
+from daemon.store.files import failing_as, write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.store.outside import FileError, read_file
@@ -39,16 +38,16 @@ from daemon.vision.settings import MemorySettings
 FORMAT = "facetd-model"
 VERSION = 2
 LARGEST_MM = 1e5
-"""From a part's middle; its corners are known to a fraction of a millimetre."""
+"""Farthest corner from a part's centre."""
 LARGEST_FILE = 32_000_000
 LARGEST_UNFOLDED = 256_000_000
 """Bytes of all arrays together. Ten parts of ten views each are 0.4 MB, a thousand drawn ones 20 MB."""
 LARGEST_MEMORY = 1_000_000_000
-"""Bytes of all nodes' matrices, which a file tells by their filled elements alone; a thousand drawn parts are 50 MB."""
+"""Bytes of all nodes' matrices, of which a file has only the filled elements; a thousand drawn parts need 50 MB."""
 
 
 class ModelError(FileError):
-    """A model file cannot be used, or not be written: the message is one line, path first, then what is wrong."""
+    """A model file cannot be read or written: one line, path first, then what is wrong."""
 
 
 class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -93,7 +92,7 @@ class _LibraryHeader(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class _AnyHeader(msgspec.Struct, forbid_unknown_fields=True):
-    """What files of every version say."""
+    """The header fields of every version."""
 
     format: str
     version: int
@@ -112,7 +111,7 @@ class _ModelHeader(_AnyHeader, forbid_unknown_fields=True):
 
 
 class _FirstHeader(_AnyHeader, forbid_unknown_fields=True):
-    """Of a file of version 1: its nodes knew types alone, and its views are learnt again."""
+    """Header of version 1, whose nodes have types only: its views are learnt again."""
 
     parameters: dict[str, Annotated[float, Meta(ge=0, le=1000)] | bool]
     views: list[_FirstViewHeader]
@@ -120,7 +119,7 @@ class _FirstHeader(_AnyHeader, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model with what the file says about its making: trained (ISO UTC, or empty), codes {label: ART-b bits}."""
+    """A model and the rest of its file. trained: ISO time, UTC, or empty; codes: {label: ART-b bits}."""
 
     model: Model
     trained: str
@@ -134,19 +133,18 @@ def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] |
     trained: when and by whom, for people; codes: each part's ART-b bits.
     """
     content = to_bytes(model, trained=trained, codes=codes)
-    try:
+    with failing_as(ModelError, f"{path}: cannot be written"):
         write_atomically(path, content)
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def load(path: Path) -> Model:
-    """The model in a file. FileError: it cannot be read; ModelError: it is cut short, altered, foreign or newer."""
+    """Read a model. Raises FileError where the file cannot be read, ModelError where it is cut short, altered, foreign
+    or newer."""
     return load_file(path).model
 
 
 def load_file(path: Path) -> ModelFile:
-    """As `load`, with what the file says about its making."""
+    """As `load`, with the rest of the file."""
     content = read_file(path, LARGEST_FILE)
     try:
         return from_bytes(content)
@@ -155,7 +153,7 @@ def load_file(path: Path) -> ModelFile:
 
 
 def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = None) -> bytes:
-    """The file's content; the same model gives the same bytes."""
+    """Encode a model as the file's content; the same model gives the same bytes."""
     arrays = _arrays(model)
     header = {
         "format": FORMAT,
@@ -179,7 +177,7 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
 
 
 def from_bytes(content: bytes) -> ModelFile:
-    """Check and read a file's content. Raises ModelError without the path."""
+    """Check and decode a file's content. Raises ModelError, without the path."""
     try:
         arrays = unpack(content, LARGEST_UNFOLDED)
     except ArchiveError as error:
@@ -192,27 +190,26 @@ def from_bytes(content: bytes) -> ModelFile:
     except (msgspec.MsgspecError, RecursionError, ValueError):
         raise ModelError("not a facetd model: its header is not JSON") from None
     if not isinstance(plain, dict) or plain.get("format") != FORMAT:
-        raise ModelError("not a facetd model: its header does not say so")
+        raise ModelError("not a facetd model: its header names another format")
     if plain.get("version") not in (1, VERSION):
         raise ModelError(
             f"version {plain.get('version')!r:.40}, this facetd reads versions 1 and {VERSION}: train anew or update"
         )
-    told = plain.pop("sha256", None)
-    if told != _checksum(plain, arrays):
-        raise ModelError("altered or damaged: its checksum does not fit its content")
+    checksum = plain.pop("sha256", None)
+    if checksum != _checksum(plain, arrays):
+        raise ModelError("altered or damaged: its checksum does not match its content")
     try:
         if plain["version"] == 1:
-            first = msgspec.convert({**plain, "sha256": told}, _FirstHeader)
-            return ModelFile(_first_model(first, arrays), first.trained, first.codes, str(told))
-        header = msgspec.convert({**plain, "sha256": told}, _ModelHeader)
-        return ModelFile(_model(header, arrays), header.trained, header.codes, str(told))
+            first = msgspec.convert({**plain, "sha256": checksum}, _FirstHeader)
+            return ModelFile(_first_model(first, arrays), first.trained, first.codes, str(checksum))
+        header = msgspec.convert({**plain, "sha256": checksum}, _ModelHeader)
+        return ModelFile(_model(header, arrays), header.trained, header.codes, str(checksum))
     except (msgspec.ValidationError, ArtError, ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise ModelError(f"does not hold together: {one_line(error)}") from None
+        raise ModelError(f"inconsistent: {one_line(error)}") from None
 
 
 def _arrays(model: Model) -> Arrays:
-    """The memory's nodes, of each only the elements that something was taught of; and the corners of all solids, one
-    after the other: of the views, then of the parts."""
+    """The memory's nodes, only their taught elements; and the corners of all solids in a row: views, then parts."""
     node, a, b = np.nonzero(model.artmap.upper[:, 0] > 0)
     solids = [v.solid for v in model.views if v.solid is not None] + [m.solid for m in model.metric.values()]
     return {
@@ -249,7 +246,7 @@ def _library_header(library: FacetLibrary) -> dict[str, Any]:
 
 def _library(header: _LibraryHeader) -> FacetLibrary:
     if any(len(t.angles_rad) < 3 or len(t.angles_rad) != len(t.ratios) for t in header.types):
-        raise ValueError("a facet type of other ratios than angles, or fewer than three")
+        raise ValueError("a facet type with fewer than three angles, or another number of ratios")
     types = tuple(FacetType(t.name, t.number, tuple(t.angles_rad), tuple(t.ratios)) for t in header.types)
     return FacetLibrary(types, header.angle_tolerance_rad, header.ratio_tolerance)
 
@@ -263,7 +260,7 @@ def _model(header: _ModelHeader, arrays: Arrays) -> Model:
         or any(n < 0 for n in arrays["corners"].tolist())
         or (ends and ends[-1] != len(arrays["corners_mm"]))
     ):
-        raise ValueError("its corners are not those of its views and parts")
+        raise ValueError("the number of corners is not that of its views and parts")
     every = np.split(np.asarray(arrays["corners_mm"], float), ends)[:-1]
     spreads = np.split(np.asarray(arrays["covariance_mm2"], float), ends)[:-1]
     solids = iter([_solid("solid", *one) for one in zip(headers, every, spreads, strict=True)])
@@ -279,14 +276,13 @@ def _model(header: _ModelHeader, arrays: Arrays) -> Model:
 
 def _memory(header: _ModelHeader, parameters: MemorySettings, arrays: Arrays) -> RelationARTMAP:
     relations, counts = np.asarray(arrays["relations"], np.intp), np.asarray(arrays["counts"], np.int64)
-    features = FEATURES
-    size = len(counts), 1 + features, header.matrix_size, header.matrix_size
+    size = len(counts), 1 + FEATURES, header.matrix_size, header.matrix_size
     if relations.shape != (len(relations), 3) or not all(
-        arrays[name].shape == (len(relations), 1 + features) for name in ("lower", "upper")
+        arrays[name].shape == (len(relations), 1 + FEATURES) for name in ("lower", "upper")
     ):
-        raise ValueError(f"nodes: expected {1 + features} values of each relation, found {arrays['lower'].shape}")
+        raise ValueError(f"nodes: expected {1 + FEATURES} values of each relation, found {arrays['lower'].shape}")
     if len(relations) and not ((relations >= 0).all() and (relations < [size[0], size[2], size[3]]).all()):
-        raise ValueError("nodes: a relation of a node or slot that is not there")
+        raise ValueError("nodes: a relation of a node or slot that does not exist")
     _bounded(len(counts), header.matrix_size)
     lower, upper = np.zeros((2, *size))
     for end, name in ((lower, "lower"), (upper, "upper")):
@@ -296,19 +292,19 @@ def _memory(header: _ModelHeader, parameters: MemorySettings, arrays: Arrays) ->
 
 
 def _bounded(nodes: int, slots: int) -> None:
-    """Raises ValueError where the matrices of so many nodes would not fit into memory."""
+    """Check that the matrices of so many nodes fit into memory. Raises ValueError."""
     if 2 * 8 * nodes * (1 + FEATURES) * slots**2 > LARGEST_MEMORY:
-        raise ValueError(f"nodes: {nodes} of {slots} slots come to more than a memory may")
+        raise ValueError(f"nodes: {nodes} of {slots} slots need more than {LARGEST_MEMORY // 1_000_000} MB")
 
 
 def _first_model(header: _FirstHeader, arrays: Arrays) -> Model:
-    """Of a file of version 1: its views learnt again, its shapes as they were."""
-    told = {name: float(value) for name, value in header.parameters.items() if name != "complement"}
-    parameters = MemorySettings(**{**told, "vigilance": MemorySettings().vigilance})  # which decided nothing then
+    """Convert a file of version 1: learn its views again; shapes stay as they are."""
+    given = {name: float(value) for name, value in header.parameters.items() if name != "complement"}
+    parameters = MemorySettings(**{**given, "vigilance": MemorySettings().vigilance})  # version 1 did not use it
 
-    def solid(name: str, known: _SolidHeader) -> Polyhedron:
+    def solid(name: str, shape: _SolidHeader) -> Polyhedron:
         corners, covariance = arrays[f"{name}_corners_mm"], arrays[f"{name}_covariance_mm2"]
-        return _solid(name, known, np.asarray(corners, float), np.asarray(covariance, float))
+        return _solid(name, shape, np.asarray(corners, float), np.asarray(covariance, float))
 
     views = tuple(
         TaughtView(v.label, (-1,) * len(v.solid.facets), v.node, (), v.source, solid(f"view{i}", v.solid))
@@ -321,16 +317,16 @@ def _first_model(header: _FirstHeader, arrays: Arrays) -> Model:
 
 
 def _check_labels(header: _AnyHeader, views: tuple[TaughtView, ...]) -> None:
-    """Raises ValueError where views are of other parts than those that the file knows, or it knows one twice."""
+    """Check that views and parts have the same labels, each part once. Raises ValueError."""
     known = {metric.label for metric in header.metric}
     if {view.label for view in views} != known or len(header.metric) != len(known) or known != set(header.parts):
-        raise ValueError("its views are of other parts than those that it knows")
+        raise ValueError("its views and its parts have different labels")
 
 
 def _check_parts(
     header: _ModelHeader, views: tuple[TaughtView, ...], metric: dict[str, MetricModel], artmap: RelationARTMAP
 ) -> None:
-    """Raises ValueError where views, parts and nodes do not belong to each other: each look would find it out."""
+    """Check that views, parts and nodes fit each other, before a look fails on it. Raises ValueError."""
     _check_labels(header, views)
     for view in views:
         facets = len(view.sides if view.solid is None else view.solid.facets)
@@ -342,9 +338,9 @@ def _check_parts(
             or not all(0 <= slot < artmap.slots for slot in view.slots)
             or not 0 <= view.node < len(artmap.lower)
         ):
-            raise ValueError(f"{view.label}: a view's pattern is not one of its facets")
+            raise ValueError(f"{view.label}: a view's pattern does not match its facets")
     if any(not 0 <= k < len(views) for m in metric.values() for k in m.joined):
-        raise ValueError("a part is made of a view that is not there")
+        raise ValueError("a part is made of a view that does not exist")
 
 
 def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -> Polyhedron:
@@ -352,13 +348,13 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
         raise ValueError(f"{name}: corners {corners.shape}, covariance {covariance.shape}")
     facets = tuple(tuple(f) for f in header.facets)
     if any(not 0 <= k < len(corners) for f in facets for k in f):
-        raise ValueError(f"{name}: a facet names a corner that is not there")
+        raise ValueError(f"{name}: a facet names a corner that does not exist")
     if len(facets) < 2 or any(len(set(f)) < 3 for f in facets) or len(header.types) != len(facets):
         raise ValueError(f"{name}: fewer than two facets, or one without three corners or a type")
     if not (np.abs(corners).max(initial=0.0) <= LARGEST_MM and np.abs(covariance).max(initial=0.0) <= LARGEST_MM**2):
-        raise ValueError(f"{name}: corners, or what is not known of them, beyond {LARGEST_MM:g} mm")
+        raise ValueError(f"{name}: corners, or their uncertainty, beyond {LARGEST_MM:g} mm")
     if len(corners) and np.linalg.eigvalsh(covariance).min() < -1e-6:
-        raise ValueError(f"{name}: a covariance below nothing")
+        raise ValueError(f"{name}: a covariance that is not positive semi-definite")
     return Polyhedron(corners, facets, covariance, tuple(header.types))
 
 

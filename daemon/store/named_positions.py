@@ -1,8 +1,8 @@
-"""Positions of the arm that operators have named: places.jsonl, a line for each time one was kept or dropped.
+"""Positions of the arm that operators have named: places.jsonl, a line for each time one was stored or dropped.
 
-The last line of a name is the one that counts; those before it are its history, of which the older half goes when the
-file has become large. A line that lost its end when the power failed is passed over. A name whose last line holds no
-position any more has none. The file keeps the name that earlier releases gave it.
+The last line of a name counts; earlier ones are its history, whose older half is removed once the file is large.
+Readers skip a line that a power failure cut short. A name whose last line has no position is dropped. The file
+keeps the name that earlier releases gave it.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from msgspec import Meta
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, open_to_append, read_file
+from daemon.store.files import failing_as, write_atomically
+from daemon.store.outside import JSON_ERRORS, FileError, open_to_append, read_file
 
 LARGEST_BYTES = 4_000_000
 
@@ -43,7 +43,8 @@ class _PositionLine(msgspec.Struct):
 
 @dataclass(frozen=True, eq=False)
 class NamedPosition:
-    """When, by whom, and where: world_from_tool (4, 4) mm; None where the name was dropped."""
+    """A position: its name, when and by whom it was stored, world_from_tool (4, 4) mm; None where the name was
+    dropped."""
 
     name: str
     kept: str
@@ -58,7 +59,7 @@ class NamedPositions:
         self.path = folder / "places.jsonl"
 
     def history(self, name: str | None = None) -> list[NamedPosition]:
-        """Everything that was kept and dropped, oldest first. Raises FileError."""
+        """Every position stored or dropped, oldest first. name: of this name only. Raises FileError."""
         try:
             lines = read_file(self.path, LARGEST_BYTES).splitlines()
         except FileError:
@@ -69,12 +70,12 @@ class NamedPositions:
         return [one for one in read if name in (None, one.name)]
 
     def now(self) -> dict[str, Array]:
-        """Name -> world_from_tool (4, 4) mm. Raises FileError."""
+        """The valid positions: name -> world_from_tool (4, 4) mm. Raises FileError."""
         last = {one.name: one.world_from_tool for one in self.history()}
         return {name: pose for name, pose in last.items() if pose is not None}
 
     def keep(self, name: str, world_from_tool: Array | None, who: str) -> None:
-        """Give a position its name, from now on; None: drop the name. Raises NamedPositionsError."""
+        """Store a position under a name; None: drop the name. Raises NamedPositionsError."""
         line = {
             "v": 1,
             "t": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -82,14 +83,14 @@ class NamedPositions:
             "name": name,
             "world_from_tool": None if world_from_tool is None else np.asarray(world_from_tool, float).tolist(),
         }
-        try:
+        with failing_as(NamedPositionsError, f"{self.path}: not kept"):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and self.path.stat().st_size > LARGEST_BYTES // 2:
                 self._shorten()
             with open(self.path, "ab", buffering=0, opener=open_to_append) as file:
                 length = file.tell()
                 try:
-                    torn = length > 0 and not self._ends_whole()
+                    torn = length > 0 and not self._ends_in_newline()
                     content = (b"\n" if torn else b"") + json.dumps(line).encode() + b"\n"
                     if file.write(content) != len(content):
                         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -97,11 +98,9 @@ class NamedPositions:
                 except OSError:
                     file.truncate(length)
                     raise
-        except OSError as error:
-            raise NamedPositionsError(f"{self.path}: not kept: {error.strerror or error}") from None
 
     def _shorten(self) -> None:
-        """Long before it is too large to be read: what counts stays, and the newer half of the rest."""
+        """Keep the lines that count and the newer half of the others, long before the file is too large to read."""
         lines = read_file(self.path, LARGEST_BYTES).splitlines()
         read = [(line, one) for line in lines if (one := _read(line)) is not None]
         last = {one.name: k for k, (_, one) in enumerate(read)}
@@ -109,7 +108,7 @@ class NamedPositions:
         kept = [line for k, (line, _) in enumerate(read) if k in counts or k >= len(read) // 2]
         write_atomically(self.path, b"".join(line + b"\n" for line in kept))
 
-    def _ends_whole(self) -> bool:
+    def _ends_in_newline(self) -> bool:
         with self.path.open("rb") as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) == b"\n"
@@ -118,9 +117,9 @@ class NamedPositions:
 def _read(line: bytes) -> NamedPosition | None:
     try:
         one = msgspec.json.decode(line, type=_PositionLine)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+    except JSON_ERRORS:
         return None
     pose = None if one.world_from_tool is None else np.array(one.world_from_tool, float)
     if pose is not None and frames.not_rigid(pose) is not None:
-        pose = None  # what is damaged on the disk is no position to go to
+        pose = None  # damaged on the disk: never a target for the arm
     return NamedPosition(one.name, one.t, one.who, pose)

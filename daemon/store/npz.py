@@ -1,7 +1,4 @@
-"""Arrays in one .npz, the same bytes for the same arrays, and never a pickle.
-
-In: arrays by name. Out: bytes, and back. What the arrays mean is said by whoever packs them.
-"""
+"""Pack arrays into the bytes of an .npz, the same bytes for the same arrays, and unpack them; never a pickle."""
 
 from __future__ import annotations
 
@@ -31,15 +28,15 @@ UNREADABLE = (
     TypeError,
     ValueError,
 )
-EPOCH = (1980, 1, 1, 0, 0, 0)  # every member's time stamp: the same model is the same bytes
+EPOCH = (1980, 1, 1, 0, 0, 0)  # time stamp of every member, so that equal models give equal bytes
 
 
 class ArchiveError(ValueError):
-    """The bytes are not such an archive, or not a whole one: one line."""
+    """The bytes are not an archive of arrays, or not a complete one: one line."""
 
 
 def pack(arrays: Arrays) -> bytes:
-    """The arrays as numpy.savez_compressed writes them, but with fixed time stamps and in order of name."""
+    """Encode arrays as numpy.savez_compressed does, but with fixed time stamps and in order of name."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(arrays):
@@ -52,14 +49,14 @@ def pack(arrays: Arrays) -> bytes:
 
 
 def unpack(content: bytes, most_bytes: int) -> Arrays:
-    """The arrays in an archive, no more than most_bytes together. Raises ArchiveError; object arrays (pickles) are
-    refused unopened."""
+    """Decode an archive of at most most_bytes of arrays. Raises ArchiveError, also for object arrays (pickles), which
+    it never loads."""
     if not zipfile.is_zipfile(io.BytesIO(content)):
         raise ArchiveError("not an archive of arrays, or cut short")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if sum(member.file_size for member in archive.infolist()) > most_bytes:
-                raise ArchiveError(f"unfolds to more than {most_bytes / 1e6:.3g} MB")
+                raise ArchiveError(f"expands to more than {most_bytes / 1e6:.3g} MB")
             return {member.filename.removesuffix(".npy"): _array(archive, member) for member in archive.infolist()}
     except ArchiveError:
         raise
@@ -68,19 +65,20 @@ def unpack(content: bytes, most_bytes: int) -> Arrays:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """One member. What it says of its size is no promise: no more is unfolded, and no array larger than its bytes."""
+    """Decode one member, without trust in the sizes that it declares: no more bytes, and no larger array, than
+    these."""
     with archive.open(member) as file:
         content = file.read(member.file_size + 1)
     if len(content) != member.file_size:
-        raise ArchiveError("a member has not the size it says")
-    told = io.BytesIO(content)
-    version = np.lib.format.read_magic(told)
+        raise ArchiveError("a member does not have its declared size")
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, kind = header(told)
-    if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - told.tell():
-        raise ArchiveError("an array of objects, or not as large as it says")
-    told.seek(0)
-    found: NDArray[Any] = np.lib.format.read_array(told, allow_pickle=False)
+    shape, _, kind = header(stream)
+    if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - stream.tell():
+        raise ArchiveError("an array of objects, or not of its declared size")
+    stream.seek(0)
+    found: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     return found
 
 

@@ -1,5 +1,4 @@
-"""Pictures from the disk: a file in, pixels out, or an error. What is in the picture, and in which words a damaged one
-is told of, is the caller's."""
+"""Read images from disk: a file in, pixels out, or an error. Size limits apply before anything is decoded."""
 
 from __future__ import annotations
 
@@ -17,12 +16,12 @@ from daemon.store.outside import FileError, read_below, read_file
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""A JPEG's markers before its size."""
+"""JPEG markers whose segment holds the size."""
 ALONE, NO_SEGMENT = frozenset({0x01, *range(0xD0, 0xD8)}), frozenset({0x00, 0xD8, 0xD9, 0xDA})
-"""Its markers with no length behind them (T.81 B.1.1.3), and what may not stand before its size."""
+"""Markers without a length field (T.81 B.1.1.3), and markers that may not precede the size."""
 SCAN = b"\xff\xda"
 NETPBM = re.compile(rb"P[2356](?:\s|#[^\r\n]*[\r\n])+(\d{1,9})\s(?:\s|#[^\r\n]*[\r\n])*(\d{1,9})\s")
-"""As OpenCV reads it, which takes the character behind a number for a space."""
+"""As OpenCV reads it, which takes the character after a number for a space."""
 CORE_HEADER = 12
 """Bytes of a bitmap's older header, whose sides are 16 bits."""
 _AROUND = 12
@@ -31,28 +30,30 @@ _AROUND = 12
 
 LARGEST_BYTES = 50_000_000
 MOST_PIXELS = 20_000_000
-"""A picture may be unfolded to; a file of 1 MB can claim a thousand million."""
+"""Largest decoded image; a file of 1 MB can declare a thousand million pixels."""
 MOST_SCANS = 100
-"""In a JPEG: each goes over all pixels and may be some thirty bytes; progressive ones have about ten."""
+"""Most scans of a JPEG: each costs a pass over all pixels, of as few as thirty bytes; progressive files have ten."""
 
 
 class PictureError(FileError):
-    """A file could be read, but is no picture, or not a whole one, or too large a one: which file."""
+    """A file is not an image, is cut short, or too large: which file."""
 
 
 def read_grey(path: Path, folder: Path | None = None) -> NDArray[np.uint8]:
-    """(H, W) grey, whatever is stored: colours are weighed, 16 bits become 8. folder: path is relative to it, and must
-    not lead out of it. Raises FileError, PictureError."""
+    """Read an image as (H, W) grey of 8 bits. folder: path is relative to it and must stay inside.
+
+    Raises FileError, PictureError.
+    """
     return np.asarray(_decoded(path, folder, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
 def read_as_stored(path: Path, folder: Path | None = None) -> NDArray[Any]:
-    """(H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA, of as many bits as the file has; else as read_grey."""
+    """Read an image as (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA, in the file's bit depth; else as read_grey."""
     return _decoded(path, folder, cv2.IMREAD_UNCHANGED)
 
 
 def _decoded(path: Path, folder: Path | None, flags: int) -> NDArray[Any]:
-    """cv2.imread would say on stderr what is missing; and libpng what is damaged, so that a PNG is checked first."""
+    """Decode with cv2.imdecode. libpng reports damage on stderr, so that a PNG is checked first."""
     content = read_file(path, LARGEST_BYTES) if folder is None else read_below(folder, str(path), LARGEST_BYTES)
     pixels = claimed_pixels(content)
     if pixels is not None and pixels > MOST_PIXELS:
@@ -60,17 +61,17 @@ def _decoded(path: Path, folder: Path | None, flags: int) -> NDArray[Any]:
     if content.startswith(JPEG) and content.count(SCAN) > MOST_SCANS:
         raise PictureError(f"{path}: {content.count(SCAN)} scans, at most {MOST_SCANS} are read")
     try:
-        whole = pixels is not None and not (content.startswith(PNG) and _is_damaged(content))
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if whole else None
+        complete = pixels is not None and not (content.startswith(PNG) and _is_damaged(content))
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if complete else None
     except cv2.error:
         image = None
     if image is None:
-        raise PictureError(f"{path}: not a picture, or cut short")
+        raise PictureError(f"{path}: not an image, or cut short")
     return image
 
 
 def claimed_pixels(content: bytes) -> int | None:
-    """How many pixels a picture says it has, before any of them is unfolded; None: none of the kinds known here.
+    """Number of pixels that an image file declares, without decoding it; None: not PNG, JPEG, BMP or netpbm.
 
     Sources: PNG 11.2.2 (IHDR), JPEG B.2.2 (frame header), BITMAPCOREHEADER and BITMAPINFOHEADER, netpbm's pgm(5).
     """
@@ -104,7 +105,7 @@ def _of_jpeg(content: bytes) -> int | None:
 
 
 def _is_damaged(png: bytes) -> bool:
-    """Whether a chunk does not have the checksum it says, or the last one is missing."""
+    """Whether a chunk has a wrong checksum, or the last one is missing."""
     at = len(PNG)
     while at + _AROUND <= len(png):
         end = at + _AROUND + int.from_bytes(png[at : at + 4], "big")

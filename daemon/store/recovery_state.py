@@ -1,8 +1,8 @@
-"""The recovery state: what the daemon must know after a restart, in one small file. Where a pick was cut off, whether a
-part is in the gripper, what `auto` had still to bring, and which fault was active.
+"""Recovery state: what the daemon must know after a restart, in one small file: where a pick was interrupted, whether
+the gripper holds a part, what `auto` has still to pick, and which fault was active.
 
-Two slots are written in turn, into space taken when the file was made: a power cut spoils the one that is being written
-and no other, and a full disk takes it all the same. A counter says which is the newer: neither clocks nor names do.
+Two slots are written in turn, into space allocated when the file was made: a power cut damages only the slot that is
+being written, and a full disk does not matter. A counter shows which slot is newer, independent of clocks.
 
 The file and the key in it keep the name `standing` that earlier releases gave them.
 """
@@ -24,27 +24,27 @@ from daemon.store.outside import FileError, read_file
 SLOT = 4096
 LONGEST_TEXT = 200
 FILE = "standing"
-"""Its name in the state folder."""
+"""Name of the file in the state folder."""
 
 
 class Auto(msgspec.Struct, frozen=True):
-    """What an `auto on` has still to bring; count None: until the table is empty."""
+    """What an `auto on` has still to pick; count None: until the table is empty."""
 
     count: int | None
     every_s: float | None
 
     def one_less(self) -> Auto | None:
-        """After a part was put into the bin; None: nothing is left."""
+        """The rest after a part was put into the bin; None: nothing is left."""
         if self.count is None:
             return self
         return Auto(self.count - 1, self.every_s) if self.count > 1 else None
 
 
 class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The state of a run: cycle and state of the pick, the last gripper command, which part it was.
+    """The state of a run: cycle and state of the pick, the last gripper command, the part.
 
-    in_doubt: what an earlier daemon left was not resolved, or it ended with a part perhaps in the gripper; ended: in
-    order; damage: what is wrong with the file that this was read from.
+    in_doubt: nobody resolved what an earlier daemon left, or it ended with a part perhaps in the gripper; ended: the
+    run ended in order; damage: what is wrong with the file that this was read from.
     """
 
     run: str
@@ -59,8 +59,8 @@ class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
     damage: str = ""
 
     @property
-    def to_be_told(self) -> bool:
-        """Whether somebody must look at the cell before anything moves."""
+    def needs_attention(self) -> bool:
+        """Whether a person must check the cell before anything moves."""
         cut_off = self.cycle is not None or self.hand_closed or self.auto is not None
         return self.in_doubt or self.fault is not None or (cut_off and not self.ended)
 
@@ -70,15 +70,15 @@ class _Slot(msgspec.Struct):
     standing: RecoveryState
 
 
-def after(standing: RecoveryState, kind: str, fields: Mapping[str, Any]) -> RecoveryState:
-    """The recovery state after a record of the run log (daemon/events/records.py). A doubt from before (`left`) stays
-    until an operator's `resume`."""
+def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> RecoveryState:
+    """The recovery state after a record of the run log. A doubt from an earlier daemon (`left`) stays until an
+    operator's `resume`."""
     change: dict[str, Any] = {}
     match kind:
         case "left":
             change = {name: fields.get(name) for name in ("cycle", "state", "label", "fault")}
             auto = fields.get("auto")
-            change |= {"run": fields.get("run") or standing.run, "in_doubt": True,
+            change |= {"run": fields.get("run") or before.run, "in_doubt": True,
                        "hand_closed": bool(fields.get("hand_closed")), "auto": auto and Auto(**auto)}  # fmt: skip
         case "cycle_start" | "cycle_end":
             begins = kind == "cycle_start"
@@ -92,8 +92,8 @@ def after(standing: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Reco
             change = {"state": fields.get("to")}
             if fields.get("from") == "fault" and fields.get("event") == "resume":
                 change |= {"cycle": None, "in_doubt": False, "fault": None}
-            if fields.get("event") == "binned" and standing.auto is not None:
-                change["auto"] = standing.auto.one_less()
+            if fields.get("event") == "binned" and before.auto is not None:
+                change["auto"] = before.auto.one_less()
         case "auto":
             change = {"auto": Auto(fields.get("count"), fields.get("every_s")) if fields.get("on") else None}
         case "hand" if fields.get("sent") is not False:
@@ -102,13 +102,13 @@ def after(standing: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Reco
             change = {"hand_closed": fields.get("held") is not False}
         case "run_end" if "holding" in fields:
             holding = fields["holding"] is not False
-            change = {"ended": True, "in_doubt": standing.in_doubt or holding, "hand_closed": holding}
+            change = {"ended": True, "in_doubt": before.in_doubt or holding, "hand_closed": holding}
     cut = {name: spelt(value[:LONGEST_TEXT]) if isinstance(value, str) else value for name, value in change.items()}
-    return msgspec.structs.replace(standing, **cut)
+    return msgspec.structs.replace(before, **cut)
 
 
 class RecoveryFile(OpenFile):
-    """The file, open for writing: one process has it. Raises OSError."""
+    """The recovery file, open for writing by one process. Raises OSError."""
 
     def __init__(self, path: Path) -> None:
         with naming(path):
@@ -123,15 +123,14 @@ class RecoveryFile(OpenFile):
         self._counter = max((slot.counter for slot in slots), default=0)
 
     def begin(self, run: str) -> None:
-        """Where nothing was ever written, write that nothing stands: from then on a file that says nothing is one that
-        was lost. Raises OSError."""
+        """Write an empty state into a new file: from then on an empty file means a lost state. Raises OSError."""
         if self._counter == 0:
             self.write(RecoveryState(run))
             self.sync()
 
-    def write(self, standing: RecoveryState) -> None:
-        """Put it into the older slot. Raises OSError."""
-        content = msgspec.json.encode(_Slot(self._counter + 1, standing))
+    def write(self, state: RecoveryState) -> None:
+        """Write a state into the older slot. Raises OSError."""
+        content = msgspec.json.encode(_Slot(self._counter + 1, state))
         slot = f"{zlib.crc32(content):08x} ".encode() + content
         with naming(self.path):
             os.pwrite(self._handle, slot.ljust(SLOT - 1) + b"\n", SLOT * ((self._counter + 1) % 2))
@@ -139,39 +138,43 @@ class RecoveryFile(OpenFile):
 
 
 def left_behind(path: Path, ran_before: bool) -> RecoveryState | None:
-    """What the last daemon left that somebody must look at; else None. A file that cannot be believed, or is missing or
-    says nothing where there were runs before, is such a thing: then nobody knows what the gripper holds."""
+    """The state that the last daemon left where a person must check the cell; else None.
+
+    A damaged file, or a missing or empty one although there were runs before, counts as such a state: the gripper may
+    hold a part.
+    """
     try:
         content = read_file(path, 2 * SLOT)
     except FileError as error:
         missing = not os.path.lexists(path)
         if missing and not ran_before:
             return None
-        return _unknown(f"{path}: missing, though there were runs before" if missing else str(error))
+        return _in_doubt(f"{path}: missing, although there were runs before" if missing else str(error))
     slots, damaged = _slots(content)
     newest = max(slots, key=lambda slot: slot.counter, default=None)
     if damaged:
-        return _unknown(f"{path}: damaged", None if newest is None else newest.standing)
+        return _in_doubt(f"{path}: damaged", None if newest is None else newest.standing)
     if newest is None:
-        return _unknown(f"{path}: says nothing, though there were runs before") if ran_before else None
-    return newest.standing if newest.standing.to_be_told else None
+        return _in_doubt(f"{path}: empty, although there were runs before") if ran_before else None
+    return newest.standing if newest.standing.needs_attention else None
 
 
-def _unknown(damage: str, known: RecoveryState | None = None) -> RecoveryState:
-    known = known or RecoveryState(run="before")
-    return msgspec.structs.replace(known, in_doubt=True, hand_closed=True, damage=damage)
+def _in_doubt(damage: str, newest: RecoveryState | None = None) -> RecoveryState:
+    return msgspec.structs.replace(
+        newest or RecoveryState(run="before"), in_doubt=True, hand_closed=True, damage=damage
+    )
 
 
 def _slots(content: bytes) -> tuple[list[_Slot], bool]:
-    """The slots that hold together, and whether one does not. One that was never written is none."""
+    """The intact slots, and whether one is damaged. A slot that was never written is neither."""
     found, damaged = [], len(content) not in (0, 2 * SLOT)
     for start in (0, SLOT):
         slot = content[start : start + SLOT]
-        told, _, text = slot.rstrip().partition(b" ")
+        checksum, _, text = slot.rstrip().partition(b" ")
         if not slot.strip(b"\0"):
             continue
         try:
-            if int(told, 16) != zlib.crc32(text):
+            if int(checksum, 16) != zlib.crc32(text):
                 raise ValueError
             found.append(msgspec.json.decode(text, type=_Slot))
         except (ValueError, msgspec.MsgspecError):

@@ -1,11 +1,11 @@
-"""What happened, written so that a crash loses nothing: one folder a run, one JSON object a line. Writing only.
+"""Write the log of a run so that a crash loses nothing: one folder a run, one JSON object a line.
 
-`record` returns once its line is in the kernel's hands (kill -9 then loses at most a line being written). It waits once
-`patience_s` for a stalled disk, and no more until the disk has caught up: a log may not delay moves. Reading and
-quotas are in daemon/store/runs.py.
+`record` returns once the kernel has its line (kill -9 then loses at most a line being written). It waits once, for
+`patience_s`, for a stalled disk, and not again until the disk has caught up: the log may not delay moves.
+daemon/store/runs.py reads runs and removes old ones.
 
 Lines are {"v": 2, "seq": n, "t": ISO UTC ms, "mono_s": ..., "kind": ..., more by kind}; daemon/events/records.py has
-kinds and fields. wire.jsonl beside it holds the serial line's ledger: there each line carries its forerunner's hash.
+kinds and fields. wire.jsonl is the serial line's ledger: each of its lines has the hash of the line before.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ URGENT = frozenset({"run_start", "left", "holding", "fault", "hand", "cycle_star
 
 
 class RunLog:
-    """The log of the present run. Safe to call from any thread.
+    """The log of the current run. Safe to call from any thread.
 
-    `trouble` says in one line why the disk does not take it, or None; on_trouble(trouble) is called (from the writer's
-    thread) when that changes.
+    trouble: why the disk does not take it, in one line, or None; on_trouble(trouble) is called, from the writer's
+    thread, when that changes.
     """
 
     def __init__(
@@ -57,18 +57,18 @@ class RunLog:
         fsync_every_s: float = 1.0,
         patience_s: float = PATIENCE_S,
         on_trouble: Callable[[str | None], object] = lambda _: None,
-        standing: RecoveryFile | None = None,
+        recovery: RecoveryFile | None = None,
     ) -> None:
-        """Start a run in `folder` (made if need be). standing: where it is kept what the next start must know; it is
-        closed with the log. Raises OSError; FileExistsError where a run is in it already."""
+        """Start a run in `folder`, which is made if absent. recovery: the recovery file to keep up to date; the log
+        closes it. Raises OSError; FileExistsError where the folder has a run."""
         self.trouble: str | None = None
         self._troubles: dict[str, str] = {}
-        """By what the disk does not take."""
+        """Trouble by what the disk does not take."""
         self._refused: deque[Callable[[], None]] = deque()
-        """The pictures that there is no room for: written once the disk takes lines again."""
+        """Pictures that a full disk refused: written once the disk takes lines again."""
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
-        self._standing, self._stands = standing, RecoveryState(folder.name)
+        self._recovery, self._state = recovery, RecoveryState(folder.name)
         self._lock, self._telling = threading.Lock(), threading.Lock()
         self._lost = 0
         self._behind = False
@@ -78,18 +78,18 @@ class RunLog:
 
     @property
     def folder(self) -> Path:
-        """The folder of the present run."""
+        """The folder of the current run."""
         return self._run.folder
 
     @property
     def removed(self) -> bool:
-        """Whether somebody took the run's folder away: what is written then is nowhere to be found."""
+        """Whether somebody removed the run's folder: what is written since is lost."""
         return not self._run.lines.in_place
 
     def record(self, kind: str, /, **fields: Any) -> None:
         """Append one line. Arrays, numpy scalars and paths become plain JSON, nan becomes null.
 
-        Under the name `images`, a dict of name -> (H, W) uint8 array is kept as images/<seq>-<name>.png.
+        images: {name: (H, W) uint8}, written as images/<seq>-<name>.png.
         """
         written = threading.Event()
         with self._lock:
@@ -98,9 +98,9 @@ class RunLog:
             for name, file in pictures.items():
                 self._put_picture(run.folder / file, fields["images"][name])
             line = {**self._head(seq, kind), **fields, **({"images": pictures} if pictures else {})}
-            before, self._stands = self._stands, after(self._stands, kind, fields)
-            if self._standing is not None and self._stands != before:
-                self._lines.do(partial(self._write_standing, self._standing, self._stands))
+            before, self._state = self._state, after(self._state, kind, fields)
+            if self._recovery is not None and self._state != before:
+                self._lines.do(partial(self._write_recovery, self._recovery, self._state))
             self._put(run.lines, encode(line), written)
         if "lines" not in self._troubles and not self._behind:
             self._behind = not written.wait(self._patience_s)
@@ -115,7 +115,8 @@ class RunLog:
             self._put(self._run.wire, content, threading.Event())
 
     def keep(self, path: Path) -> str:
-        """Copy a file into kept/ by the hash of its content; gives kept/<sha256><suffix>. Raises FileError, OSError."""
+        """Copy a file into kept/ by the hash of its content; returns kept/<sha256><suffix>. Raises FileError,
+        OSError."""
         content = read_file(path, LARGEST_KEPT)
         name = f"kept/{hashlib.sha256(content).hexdigest()}{path.suffix}"
         target = self.folder / name
@@ -124,16 +125,17 @@ class RunLog:
         return name
 
     def roll(self, folder: Path) -> None:
-        """End this run and go on in a new folder; the caller records its run_start. OSError: nothing changed."""
+        """End this run and continue in a new folder; the caller records its run_start. Raises OSError, nothing
+        changed."""
         fresh = _Run(folder)
         self.record("run_end", why=f"continues in {folder.name}")
         with self._lock:
             before, self._run = self._run, fresh
-            self._stands = msgspec.structs.replace(self._stands, run=folder.name)
-            self._lines.do(partial(self._let_go, before))
+            self._state = msgspec.structs.replace(self._state, run=folder.name)
+            self._lines.do(partial(self._close_finished, before))
 
     def settle(self, timeout_s: float = 5.0) -> bool:
-        """Wait until all recorded so far, pictures too, is on the disk; False when that took longer."""
+        """Wait until all records and pictures so far are on the disk; False on timeout."""
         through = (threading.Event(), threading.Event())
         self._lines.do(through[0].set)
         self._pictures.do(through[1].set)
@@ -143,19 +145,19 @@ class RunLog:
         return done and self._syncer.settled(max(0.0, deadline - time.monotonic()))
 
     def close(self, why: str = "stopped", **fields: Any) -> None:
-        """Write run_end and let go of the files, within some seconds even when the disk hangs; safe to call twice."""
+        """Write run_end and close the files, within seconds even where the disk hangs; safe to call twice."""
         if self._closed:
             return
-        shown = self._pictures.end(1.5)
+        pictures_written = self._pictures.end(1.5)
         self._lost += len(self._refused)
         self.record("run_end", why=why, **fields)
         self._closed = True
-        told = self._lines.end(1.5)
+        lines_written = self._lines.end(1.5)
         self._syncer.stop()
-        if shown and told:
+        if pictures_written and lines_written:
             self._run.close()
-            if self._standing is not None:
-                self._standing.close()
+            if self._recovery is not None:
+                self._recovery.close()
 
     def _head(self, seq: int, kind: str) -> dict[str, Any]:
         now = self._wall().strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
@@ -189,25 +191,25 @@ class RunLog:
         self._syncer.take(file)
 
     def _catch_up(self) -> None:
-        """The disk takes lines: perhaps it takes by now what else it refused."""
-        if self._standing is not None and {"standing", str(self._standing.path)} & self._troubles.keys():
-            self._write_standing(self._standing, self._stands)
+        """Retry what the disk refused before, now that it takes lines."""
+        if self._recovery is not None and {"recovery", str(self._recovery.path)} & self._troubles.keys():
+            self._write_recovery(self._recovery, self._state)
         if self._refused:
             self._pictures.do(self._refused.popleft())
 
-    def _write_standing(self, file: RecoveryFile, standing: RecoveryState) -> None:
+    def _write_recovery(self, file: RecoveryFile, state: RecoveryState) -> None:
         try:
-            file.write(standing)
-            self._tell("standing", None)
+            file.write(state)
+            self._tell("recovery", None)
         except OSError as error:
-            self._tell("standing", f"{file.path}: {error.strerror}")
+            self._tell("recovery", f"{file.path}: {error.strerror}")
         self._syncer.take(file)
 
     def _synced(self, file: OpenFile, error: OSError | None) -> None:
         self._tell(str(file.path), None if error is None else f"{file.path}: not kept: {error.strerror}")
 
-    def _let_go(self, run: _Run) -> None:
-        """What of it is not on the disk by now is not to be mended."""
+    def _close_finished(self, run: _Run) -> None:
+        """Close a finished run; its troubles end with it, as nothing can mend them now."""
         run.close()
         for file in (run.lines, run.wire):
             self._tell(str(file.path), None)
@@ -245,14 +247,14 @@ class RunLog:
                 self._troubles.pop(of, None)
             else:
                 self._troubles[of] = trouble
-            told = next(iter(self._troubles.values()), None)
-            if told != self.trouble:
-                self.trouble = told
-                self._on_trouble(told)
+            first = next(iter(self._troubles.values()), None)
+            if first != self.trouble:
+                self.trouble = first
+                self._on_trouble(first)
 
 
 class _Worker:
-    """A thread that does what it is given, one after the other."""
+    """A thread that runs its jobs in order."""
 
     def __init__(self, name: str) -> None:
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -261,15 +263,15 @@ class _Worker:
 
     @property
     def waiting(self) -> int:
-        """How many jobs are not begun yet."""
+        """Number of jobs not begun."""
         return self._jobs.qsize()
 
     def do(self, job: Callable[[], None]) -> None:
-        """Do it once all before it is done."""
+        """Queue a job."""
         self._jobs.put(job)
 
     def end(self, timeout_s: float) -> bool:
-        """Do what was given and end; False when that takes longer."""
+        """Finish the queued jobs and end the thread; False on timeout."""
         self._jobs.put(None)
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -278,12 +280,12 @@ class _Worker:
         while (job := self._jobs.get()) is not None:
             try:
                 job()
-            except Exception:  # whatever one cannot be written for, the next one is
-                logging.getLogger(__name__).exception("the run log")
+            except Exception:  # one failed job must not stop the next
+                logging.getLogger(__name__).exception("run log: a job failed")
 
 
 class _Run:
-    """One run folder, open for writing, and the counters that belong to it."""
+    """One run folder, open for writing, with its counters."""
 
     def __init__(self, folder: Path) -> None:
         for name in ("images", "kept"):
@@ -304,10 +306,10 @@ class _Run:
 
 
 def encode(content: Mapping[str, Any]) -> bytes:
-    """One JSON object without newlines."""
+    """Encode one JSON object on one line."""
     try:
         return msgspec.json.encode(content, enc_hook=_plain)
-    except UnicodeEncodeError:  # a file's name that is no UTF-8 is in it
+    except UnicodeEncodeError:  # it has a file name that is not UTF-8
         return msgspec.json.encode(spelt_throughout(content), enc_hook=lambda value: spelt_throughout(_plain(value)))
 
 

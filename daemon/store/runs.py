@@ -1,6 +1,6 @@
-"""Reading run folders: find them, read their lines past a torn end, check the ledger, keep the disk within its quota.
+"""Find and read run folders, check the wire ledger, and remove old runs to stay within the disk quota.
 
-Nothing here writes into a run; `enforce_quota` removes whole runs.
+Nothing here writes into a run.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ import msgspec
 
 from daemon.events.records import LONGEST_LINE, Record, record_of
 from daemon.store.files import LAST_NUMBER
-from daemon.store.outside import PIECE, FileError, open_below, read_below
+from daemon.store.outside import JSON_ERRORS, PIECE, FileError, open_below, read_below
 from daemon.store.runlog import LARGEST_KEPT
 
 RUN = "run.jsonl"
 LARGEST_RUN = 256_000_000
-"""Of the lines in one run: a run goes on in a new folder long before (log.roll_mb counts its pictures, too)."""
+"""Bytes read of one run.jsonl. The daemon starts a new run folder long before (log.roll_mb, which counts pictures
+too)."""
 MOST_RUNS = 5_000
-"""However small they are: each is looked through at every start and every minute."""
+"""Most runs kept, however small: each one is scanned at every start and every minute."""
 RUN_NAME = re.compile(r"\d{8}T\d{6}Z(-\d{1,9})?", re.ASCII)
 FAILURE_MARKS = (b'"kind":"fault"', b'"kind":"refusal"', b'"outcome":"missed"', b'"outcome":"failed"')
 PICKED_MARK = b'"outcome":"picked"'
 
 
 class RunError(FileError):
-    """A run folder that cannot be read: the message says which and why."""
+    """A run folder cannot be read: which, and why."""
 
 
 @dataclass(frozen=True)
 class RunRecords:
-    """A run as read: its records in order, and one line for each thing that was skipped (a torn end, a bad line)."""
+    """A run as read: its records in order, and one line of text for each line that was skipped (torn, unreadable)."""
 
     folder: Path
     records: tuple[Record, ...]
@@ -48,8 +49,8 @@ class RunRecords:
 
 
 def new_folder(runs: Path, now: datetime) -> Path:
-    """A name for a run that starts now (UTC), behind all that are in `runs`: names sort by which run was made first.
-    Where the clock was set back, a run is numbered after the last one."""
+    """Path for a run that starts at `now` (UTC). Names sort in the order of creation: where the clock was set back, the
+    name is that of the last run with a number added."""
     began = now.strftime("%Y%m%dT%H%M%SZ"), 0
     made = (_age_key(f) for f in runs.glob("*") if RUN_NAME.fullmatch(f.name))
     last, number = max((key for key in made if key[1] < LAST_NUMBER), default=("", 0))
@@ -58,20 +59,20 @@ def new_folder(runs: Path, now: datetime) -> Path:
 
 
 def list_runs(runs: Path) -> list[Path]:
-    """Every run folder in `runs`, oldest first; one that cannot be looked into is none."""
+    """All run folders in `runs`, oldest first, without those that cannot be opened."""
     if not runs.is_dir():
         return []
     return sorted((f for f in runs.iterdir() if os.path.isfile(f / RUN)), key=_age_key)
 
 
 def find_run(runs: Path, name: str) -> Path:
-    """`latest`, a folder's name in `runs`, or a path (`.`, too) -> the run folder. Of those that somebody named
-    otherwise none is the latest as long as there are others. Raises RunError."""
-    known = list_runs(runs)
+    """Find a run by `latest`, by its name in `runs`, or by a path (`.` included). `latest` prefers folders that have
+    the name of a run. Raises RunError."""
     if name == "latest":
-        if not known:
+        found = list_runs(runs)
+        if not found:
             raise RunError(f"{runs}: no run in it yet")
-        return max(known, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, _age_key(f)))
+        return max(found, key=lambda f: (RUN_NAME.fullmatch(f.name) is not None, _age_key(f)))
     for folder in (runs / name, Path(name)):
         if os.path.isfile(folder / RUN):
             return folder if folder.name not in ("", "..") else folder.resolve()
@@ -79,12 +80,14 @@ def find_run(runs: Path, name: str) -> Path:
 
 
 def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecords:
-    """All records of a run; what cannot be read is skipped and named. scenes_of: the looks, by seq, that keep their
-    scene, which is nine tenths of a record (None: all). Raises RunError where there is no run."""
+    """Read all records of a run; unreadable lines are skipped and reported.
+
+    scenes_of: the looks, by seq, that keep their scene, nine tenths of a record (None: all). Raises FileError.
+    """
     records: list[Record] = []
     skipped: list[str] = []
     with open_below(folder, RUN) as file:
-        for number, line, whole in lines_of(file):
+        for number, line, complete in lines_of(file):
             try:
                 record = record_of(line)
                 if scenes_of is not None and record["kind"] == "look" and record["seq"] not in scenes_of:
@@ -92,16 +95,16 @@ def read_run(folder: Path, scenes_of: Container[int] | None = None) -> RunRecord
                 records.append(record)
             except ValueError as error:
                 long = len(line) > LONGEST_LINE
-                what = f"unreadable line ({error})" if whole or long else "torn last line"
+                what = f"unreadable line ({error})" if complete or long else "torn last line"
                 count = f"more than {LONGEST_LINE}" if long else len(line)
                 skipped.append(f"{folder}/{RUN}:{number}: {what}, {count} bytes skipped")
         if file.tell() >= LARGEST_RUN:
-            skipped.append(f"{folder}/{RUN}: too large: only {LARGEST_RUN // 1_000_000} MB of it are read")
+            skipped.append(f"{folder}/{RUN}: too large: only its first {LARGEST_RUN // 1_000_000} MB are read")
     return RunRecords(folder, tuple(records), tuple(skipped))
 
 
 def follow(folder: Path, going_on: Callable[[], bool]) -> Iterator[Record]:
-    """Records of a run as they are written, until run_end; where nothing goes on any more, those that are there."""
+    """Yield the records of a run as they are written, until run_end, or until its writer has ended (going_on)."""
     with open_below(folder, RUN) as file:
         rest = b""
         while True:
@@ -124,11 +127,11 @@ def follow(folder: Path, going_on: Callable[[], bool]) -> Iterator[Record]:
 
 
 def kept_file(folder: Path, name: object) -> Path:
-    """A file that was kept with the run, which must still be what its name says. Raises FileError, RunError."""
+    """The path of a file in kept/, checked against the hash in its name. Raises FileError, RunError."""
     content = read_below(folder, name, LARGEST_KEPT)
     path = folder / str(name)
     if hashlib.sha256(content).hexdigest() != path.name.split(".")[0]:
-        raise RunError(f"{path}: changed since it was kept: its content does not have the hash in its name")
+        raise RunError(f"{path}: changed: its content does not have the hash in its name")
     return path
 
 
@@ -138,7 +141,7 @@ class _WireEntry(msgspec.Struct):
 
 
 def check_wire(folder: Path) -> list[str]:
-    """Walk the ledger's chain of hashes; one line for each place where it does not hold, none when it is whole."""
+    """Check the hash chain of the wire ledger; returns one line of text for each break."""
     problems: list[str] = []
     chain, before = "", None
     try:
@@ -146,7 +149,7 @@ def check_wire(folder: Path) -> list[str]:
             for number, line, _ in lines_of(file):
                 try:
                     entry = msgspec.json.decode(line, type=_WireEntry)
-                except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+                except JSON_ERRORS:
                     problems.append(f"wire.jsonl:{number}: torn or unreadable line")
                     continue
                 missing = 0 if before is None or entry.seq is None else entry.seq - before - 1
@@ -167,11 +170,11 @@ def enforce_quota(
     min_free_bytes: int = 0,
     stuck: Callable[[Path, str], object] = lambda _, __: None,
 ) -> list[Path]:
-    """Remove runs until the rest fits: oldest first, runs in which something failed last, never the current one.
+    """Remove runs until the rest fits: oldest first, runs with a failure last, never the current one.
 
-    Also when the disk has less than min_free_bytes left, or there are more than MOST_RUNS. Returns what was removed.
-    One that cannot be removed is given to `stuck` with the reason and counts no more: the others would all go for it.
-    Nor does a link count, which is somebody's way to a run elsewhere.
+    It also removes runs while the disk has less than min_free_bytes free, or there are more than MOST_RUNS. Returns the
+    removed folders. A run that cannot be removed goes to `stuck` with the reason and counts no longer: otherwise all
+    others would be removed for it. Links do not count: they lead to runs elsewhere.
     """
     if not runs.is_dir():
         return []
@@ -195,43 +198,39 @@ def enforce_quota(
         except (OSError, RecursionError) as error:
             stuck(folder, getattr(error, "strerror", None) or str(error))
         total -= sizes.pop(folder)
-        _forget_below(folder)
+        for below in [below for below in _SCANNED if below.startswith(f"{folder}{os.sep}")]:
+            del _SCANNED[below]
     return removed
 
 
 def run_bytes(folder: Path) -> int:
-    """Bytes on disk of a run; a file that goes away meanwhile counts nothing. Its pictures are looked through only
-    once one was put in or taken away: the run that is written may have thousands, and is asked every minute."""
+    """Bytes on disk of a run. Its folders of pictures are scanned again only when one has changed: the current run may
+    have thousands of pictures, and its size is read every minute."""
     size, folders = _bytes_in(str(folder))
-    return size + sum(_bytes_then(below, changed_ns) for below, changed_ns in folders)
+    return size + sum(_bytes_below(below, changed_ns) for below, changed_ns in folders)
 
 
-_KNOWN: dict[str, tuple[int, int]] = {}
-"""Of folders of pictures: when they were changed, and the bytes below them then."""
+_SCANNED: dict[str, tuple[int, int]] = {}
+"""Folder -> its time of change when it was scanned, and the bytes below it."""
 
 
-def _bytes_then(folder: str, changed_ns: int) -> int:
-    known = _KNOWN.get(folder)
-    if known is not None and known[0] == changed_ns:
-        return known[1]
-    if len(_KNOWN) >= 2 * MOST_RUNS:
-        _KNOWN.clear()
+def _bytes_below(folder: str, changed_ns: int) -> int:
+    scanned = _SCANNED.get(folder)
+    if scanned is not None and scanned[0] == changed_ns:
+        return scanned[1]
+    if len(_SCANNED) >= 2 * MOST_RUNS:
+        _SCANNED.clear()
     size, left = 0, [folder]
     while left:
         more, folders = _bytes_in(left.pop())
         size += more
         left += [below for below, _ in folders]
-    _KNOWN[folder] = changed_ns, size
+    _SCANNED[folder] = changed_ns, size
     return size
 
 
-def _forget_below(folder: Path) -> None:
-    for below in [below for below in _KNOWN if below.startswith(f"{folder}{os.sep}")]:
-        del _KNOWN[below]
-
-
 def _bytes_in(folder: str) -> tuple[int, list[tuple[str, int]]]:
-    """Bytes on disk of what lies in a folder, and the folders among it, each with when it was changed."""
+    """Bytes on disk of the entries of a folder, and its subfolders, each with its time of change."""
     size, folders = 0, []
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -244,7 +243,7 @@ def _bytes_in(folder: str) -> tuple[int, list[tuple[str, int]]]:
 
 
 def has_failure(folder: Path) -> bool:
-    """Whether a run holds a fault, a refusal or a cycle that picked nothing, or has no run_end."""
+    """Whether a run has a fault, a refusal or a cycle without success, or has no run_end."""
     ended = False
     with contextlib.suppress(FileError, OSError), open_below(folder, RUN) as file:
         for _, line, _ in lines_of(file):
@@ -257,7 +256,7 @@ def has_failure(folder: Path) -> bool:
 
 
 def lines_of(file: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:
-    """Number, line, and whether its end is there; of one that is too long the beginning. No more than LARGEST_RUN."""
+    """Yield (number, line, complete) up to LARGEST_RUN bytes; of a line that is too long only the beginning."""
     number, goes_on = 0, False
     while file.tell() < LARGEST_RUN and (line := file.readline(LONGEST_LINE + 2)):
         begins, goes_on = not goes_on, not line.endswith(b"\n")

@@ -1,7 +1,4 @@
-"""YAML on disk <-> typed structures. An error names file, line, key path, what was found and what was expected.
-
-In: paths and msgspec types. Out: values, or one ConfigError. What the keys mean is said where the types are.
-"""
+"""Read YAML files into typed structures. An error names file, line, key path, what was expected and what was found."""
 
 from __future__ import annotations
 
@@ -31,33 +28,33 @@ PLAIN = {
     "array": "a list",
     "object": "keys and values",
 }
-"""What people call the types of the structures."""
+"""Names of the types for people."""
 UNIONS = (typing.Union, types.UnionType)
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
-"""What YAML 1.1 takes for octal or for minutes and seconds, where a person means a number with zeros, or a time."""
+"""What YAML 1.1 reads as octal or in base 60, where a person means a number with zeros, or a time."""
 BASE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""libyaml's where there is one (PyYAML's own packages have it): a tenth of the time."""
+"""libyaml's where available (PyYAML's own packages have it): ten times as fast."""
 FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+$")
-"""Numbers of YAML 1.2 (10.3.2) that YAML 1.1, which PyYAML reads, takes for text: 4e-04, 7.5e1."""
+"""Numbers of YAML 1.2 (10.3.2) that YAML 1.1, and so PyYAML, reads as text: 4e-04, 7.5e1."""
 
 
 class LOADER(BASE_LOADER):  # type: ignore[misc]
-    """What reads every YAML file of facetd's."""
+    """The loader for every YAML file."""
 
 
 LOADER.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 LARGEST_BYTES = 1_000_000
 MOST_VALUES, DEEPEST = 50_000, 40
-"""Values that a file may come to with its aliases written out, and lists within lists."""
+"""Most values of a file with its aliases expanded, and its deepest nesting."""
 
 
 class ConfigError(FileError):
-    """A file that people write cannot be used. The message is one line: file:line: key: expected, found."""
+    """A file that people write cannot be used: one line, file:line: key: expected, found."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """One parsed file: where it is, the plain values in it, and the nodes that know their line numbers."""
+    """One parsed file: its path, its plain values, and the YAML nodes with their line numbers."""
 
     path: Path
     data: Any
@@ -71,9 +68,9 @@ class Document:
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
     def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
-        """The document as `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are refused.
+        """Convert to `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are errors.
 
-        at: only the section there; an absent one is an empty one. Raises ConfigError.
+        at: only this section; an absent one counts as empty. Raises ConfigError.
         """
         data = _value(self.data, at) or {} if at else self.data
         if data is None:
@@ -85,24 +82,24 @@ class Document:
         except msgspec.ValidationError as error:
             raise self._explain(error, kind, data, at) from None
 
-    def without(self, gone: Mapping[str, str]) -> tuple[Document, list[str]]:
-        """The document without keys that are no longer any, and a line for each that was there.
+    def without(self, obsolete: Mapping[str, str]) -> tuple[Document, list[str]]:
+        """Remove obsolete keys; returns the document and a line of text for each key removed.
 
-        gone: dotted key -> what replaced it, or why there is no such key any more.
+        obsolete: dotted key -> what replaced it, or why it was removed.
         """
         data, notes = self.data, []
-        for name, why in gone.items():
+        for name, why in obsolete.items():
             keys: tuple[Key, ...] = tuple(name.split("."))
             section = _value(data, keys[:-1])
             if isinstance(section, dict) and keys[-1] in section:
                 data = _put(data, keys[:-1], {key: section[key] for key in section if key != keys[-1]})
-                notes.append(str(self.error(keys, f"no longer a key, and not looked at: {why}")))
+                notes.append(str(self.error(keys, f"no longer a key, and ignored: {why}")))
         return dataclasses.replace(self, data=data), notes
 
     def _explain(self, error: msgspec.ValidationError, kind: type[Any], data: Any, at: tuple[Key, ...]) -> ConfigError:
-        """msgspec's complaint of the data at a place, for the person who wrote the file."""
+        """msgspec's error in the words of the person who wrote the file."""
         problem, keys = _split(str(error))
-        keys = _settle_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
+        keys = _resolve_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
         where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
@@ -121,13 +118,13 @@ class Document:
 
 
 def read(path: Path) -> Document:
-    """Parse one file. Raises FileError where it cannot be read, and as parse does."""
+    """Parse one file. Raises FileError where it cannot be read, and ConfigError as parse does."""
     return parse(path, read_file(path, LARGEST_BYTES))
 
 
 def parse(path: Path, content: bytes) -> Document:
-    """The content of a file. Raises ConfigError where it is not YAML, is too large or too deep, says a key twice, or
-    has a number that YAML reads otherwise than people do."""
+    """Parse the content of a file. Raises ConfigError where it is not YAML, too large, too deep, repeats a key, or has
+    a number that YAML reads otherwise than people do."""
     try:
         text = content.decode()
     except UnicodeDecodeError:
@@ -137,7 +134,7 @@ def parse(path: Path, content: bytes) -> Document:
         loader = LOADER(text)
         try:
             root = loader.get_single_node()
-            _refuse_pitfalls(path, root, ())
+            _refuse_ambiguous(path, root, ())
             return Document(path, None if root is None else loader.construct_document(root), root)
         finally:
             loader.dispose()
@@ -150,7 +147,7 @@ def parse(path: Path, content: bytes) -> Document:
 
 
 def load(path: Path, kind: type[T]) -> T:
-    """Read and convert in one go."""
+    """Read and convert a file. Raises FileError, ConfigError."""
     return read(path).convert(kind)
 
 
@@ -172,7 +169,7 @@ def _fields_of(kind: type[Any]) -> Mapping[str, Any]:
 
 
 def _without_empty_sections(data: Any, kind: Any) -> Any:
-    """A section in which every key is commented out is an empty one, and means its defaults."""
+    """Replace empty sections (every key commented out) by {}, so that they mean their defaults."""
     fields = _field_types(kind)
     if data is None and fields:
         return {}
@@ -183,7 +180,7 @@ def _without_empty_sections(data: Any, kind: Any) -> Any:
 
 
 def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
-    """The type that holds at a key path, bounds and all."""
+    """The type at a key path, with its bounds."""
     if not keys:
         return kind
     kind = _bare(kind)
@@ -213,7 +210,7 @@ def _bounds(kind: Any) -> str | None:
 
 
 def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], list[str]]]:
-    """Keys that no field takes (msgspec passes over them in dataclasses), each with the keys known at its place."""
+    """Yield the keys that no field takes (msgspec ignores them in dataclasses), each with the valid keys there."""
     kind = _bare(kind)
     options = [o for o in typing.get_args(kind) or (kind,) if o is not type(None)]
     if isinstance(data, dict):
@@ -239,7 +236,7 @@ def _suggestion(word: str, known: list[str]) -> str:
     close = difflib.get_close_matches(word, known, 1)
     if close:
         return f"; did you mean `{close[0]}`?"
-    return f" (known here: {', '.join(known)})" if known else ""
+    return f" (valid here: {', '.join(known)})" if known else ""
 
 
 def _split(message: str) -> tuple[str, tuple[Key, ...]]:
@@ -249,10 +246,11 @@ def _split(message: str) -> tuple[str, tuple[Key, ...]]:
     return problem, tuple(name or ("*" if index == "..." else int(index)) for name, index in steps)
 
 
-def _settle_wildcards(
+def _resolve_wildcards(
     keys: tuple[Key, ...], data: Any, problem: str, convert: Callable[[Any], object]
 ) -> tuple[Key, ...]:
-    """msgspec does not say which key of a mapping failed: try them one at a time until the same problem comes back."""
+    """Find which key of a mapping failed, which msgspec does not report: convert one key at a time until the same
+    problem occurs."""
     if "*" not in keys:
         return keys
     place = keys.index("*")
@@ -262,12 +260,12 @@ def _settle_wildcards(
             convert(_put(data, keys[:place], {key: mapping[key]}))
         except msgspec.ValidationError as error:
             if _split(str(error))[0] == problem:
-                return _settle_wildcards((*keys[:place], key, *keys[place + 1 :]), data, problem, convert)
+                return _resolve_wildcards((*keys[:place], key, *keys[place + 1 :]), data, problem, convert)
     return keys
 
 
 def _put(data: Any, keys: tuple[Key, ...], value: Any) -> Any:
-    """A copy of data in which this value is at `keys`."""
+    """A copy of data with this value at `keys`."""
     if not keys:
         return value
     if isinstance(data, list):
@@ -306,8 +304,8 @@ def _find(node: yaml.Node | None, keys: tuple[Key, ...]) -> yaml.Node | None:
 
 
 def _refuse_bombs(path: Path, text: str) -> None:
-    """Raise ConfigError for a file that says little and comes to much: aliases of aliases, lists within lists. Looked
-    through as it is parsed, before anything is made of it."""
+    """Refuse a short file that expands to very many values (aliases of aliases) or nests too deep, from its parse
+    events, before any value is made. Raises ConfigError."""
     weights: dict[str, int] = {}
     open_from: list[tuple[str | None, int]] = []
     count = 0
@@ -323,14 +321,14 @@ def _refuse_bombs(path: Path, text: str) -> None:
         if count > MOST_VALUES or len(open_from) > DEEPEST:
             what = f"more than {MOST_VALUES} values" if count > MOST_VALUES else f"lists or keys {DEEPEST} deep"
             line = f":{event.start_mark.line + 1}" if event.start_mark else ""
-            raise ConfigError(f"{path}{line}: {what}: no file of facetd's is like that")
+            raise ConfigError(f"{path}{line}: {what}, more than any file of facetd needs")
 
 
-def _refuse_pitfalls(
+def _refuse_ambiguous(
     path: Path, node: yaml.Node | None, keys: tuple[Key, ...], above: tuple[yaml.Node, ...] = ()
 ) -> None:
-    """Raise ConfigError for a key said twice, a key that is not a word, a file that contains itself, and numbers that
-    old YAML reads in another base."""
+    """Refuse a repeated key, a key that is not a word, an anchor inside itself, and numbers that YAML 1.1 reads in
+    another base. Raises ConfigError."""
     if node is None:
         return
     if isinstance(node, yaml.ScalarNode):
@@ -349,6 +347,6 @@ def _refuse_pitfalls(
             if not isinstance(key, yaml.ScalarNode):
                 raise ConfigError(f"{where}: expected a word as key, found a list or mapping")
             if key.value in seen:
-                raise ConfigError(f"{where}: {key.value}: said twice")
+                raise ConfigError(f"{where}: {key.value}: the key occurs twice")
             seen.add(key.value)
-        _refuse_pitfalls(path, value, (*keys, place if key is None else key.value), (*above, node))
+        _refuse_ambiguous(path, value, (*keys, place if key is None else key.value), (*above, node))

@@ -115,7 +115,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ),
         ("version: 1\narm:\n  dialect: {boud: 9600}\n", ":3: arm.dialect.boud: unknown key; did you mean `baud`?"),
         ("version: 1\narm: {flange_from_tool: [[1]]}\n", ":2: arm.flange_from_tool: expected a list of length 4"),
-        ("version: 1\nversion: 1\n", ":2: version: said twice"),
+        ("version: 1\nversion: 1\n", ":2: version: the key occurs twice"),
         (
             "version: 1\npick:\n  limits: {table_z_mm: -0300}\n",
             ":3: pick.limits.table_z_mm: -0300 is read as -192 (base 8); write the number in plain digits",
@@ -193,7 +193,7 @@ def test_check_tells_of_keys_that_are_gone_and_is_content(path: Path, capsys: py
     path.write_text("version: 1\ncameras: {left: a, right: b}\nvision:\n  min_seen: 0.5\n")
     assert main(["--config", str(path), "--check"]) == 0
     told = capsys.readouterr().err
-    assert told == f"facetd: {path}:4: vision.min_seen: no longer a key, and not looked at: it is fixed now; " + (
+    assert told == f"facetd: {path}:4: vision.min_seen: no longer a key, and ignored: it is fixed now; " + (
         "delete the line\n"
     )
 

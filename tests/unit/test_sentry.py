@@ -57,7 +57,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 def left_behind(daemon: Sentry) -> Path:
     """A run as a kill leaves it, in the middle of a pick, with one line torn."""
-    log = RunLog(new_folder(daemon.runs, NOW), standing=RecoveryFile(daemon.folder / "state" / FILE))
+    log = RunLog(new_folder(daemon.runs, NOW), recovery=RecoveryFile(daemon.folder / "state" / FILE))
     log.record("run_start")
     log.record("command", who="bench", text="auto on")
     log.record("cycle_start", cycle=1)

@@ -86,7 +86,7 @@ def test_a_file_that_is_not_yaml_names_the_line(tmp_path: Path) -> None:
         ("-30.0]", "-.inf]", "left.cyclopean_from_camera: expected finite numbers"),
         ("-30.0]", "130.0]", "exchange the two"),
         ("-30.0]", "30.0]", "less than 1 mm apart"),
-        ("version: 1", "version: 1\nversion: 1", ":3: version: said twice"),
+        ("version: 1", "version: 1\nversion: 1", ":3: version: the key occurs twice"),
     ],
 )
 def test_each_fault_is_one_line_that_says_where_and_what(path: Path, old: str, new: str, want: str) -> None:

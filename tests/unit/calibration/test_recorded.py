@@ -33,7 +33,7 @@ def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Pat
     with pytest.raises(BoardError, match=r"right\.png: cannot be read: No such file or directory"):
         read_pairs([(left, right)], BOARD)
     right.write_bytes(left.read_bytes()[:-20])
-    with pytest.raises(BoardError, match=r"right\.png: not a picture, or cut short"):
+    with pytest.raises(BoardError, match=r"right\.png: not an image, or cut short"):
         read_pairs([(left, right)], BOARD)
 
 

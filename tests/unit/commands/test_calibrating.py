@@ -69,7 +69,7 @@ def test_where_the_result_could_not_be_kept_no_tour_is_begun(context: Any, tmp_p
     (tmp_path / "calibration").write_text("in the way")
     answer = say(context, f"calibrate {kind}")
     assert answer.status == 1
-    assert "a calibration could not be kept here" in answer.text
+    assert "a calibration cannot be stored here" in answer.text
     assert context.cycle.told == []
 
 

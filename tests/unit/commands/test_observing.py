@@ -51,7 +51,7 @@ def test_tables_of_views_and_parts_fit_the_terminal(tmp_path: Path, columns: int
         (
             "ControllerError: *Arm power off*",
             False,
-            ["to do     switch arm power on at the controller, see what cut it, then `resume`"],
+            ["to do     find out what cut it, switch arm power on at the controller, then `resume`"],
         ),
     ],
 )

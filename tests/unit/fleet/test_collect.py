@@ -111,7 +111,7 @@ def damaged(run: Path, how: str) -> None:
         ("a line is gone", "after record 2 comes 4"),
         ("a line is garbled", "run.jsonl:4: unreadable line"),
         ("the ledger was altered", "wire.jsonl:2: does not follow from the line before it"),
-        ("a kept file was changed", "changed since it was kept"),
+        ("a kept file was changed", "changed: its content"),
         ("a picture was cut short", "not a whole picture"),
         ("a picture is gone", "the picture is not"),
     ],

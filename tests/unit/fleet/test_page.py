@@ -105,7 +105,7 @@ def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, 
     assert (north["state"], north["told"]) == ("one camera", [["one camera", f"3 looks with one camera; {told}"]])
 
 
-def test_less_than_others_by_chance_is_nothing_to_be_told() -> None:
+def test_less_than_others_by_chance_is_nothing_needs_attention() -> None:
     assert not _worse([95, 100], [970, 1000])
     assert _worse([80, 100], [970, 1000])
     assert not _worse([99_000, 100_000], [991_000, 1_000_000])

@@ -55,7 +55,7 @@ def test_what_says_that_it_is_as_large_as_no_disk_is_read_no_further_than_a_run_
         os.truncate(tmp_path / name, 10**13)
     with patch("daemon.store.runs.LARGEST_RUN", 3_000_000):
         assert read_brief(tmp_path).records == ()
-        assert "run.jsonl: too large: only 3 MB of it are read" in damages(tmp_path, read_run(tmp_path))
+        assert "run.jsonl: too large: only its first 3 MB are read" in damages(tmp_path, read_run(tmp_path))
 
 
 def test_a_manifest_that_is_no_text_is_one_line(tmp_path: Path) -> None:

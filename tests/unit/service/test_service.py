@@ -169,7 +169,7 @@ def test_a_second_daemon_on_the_same_state_is_refused_and_the_first_goes_on(
     )  # fmt: skip
     assert second.returncode == 2
     assert second.stderr.count("\n") == 1
-    assert f"another facetd (process {daemon.process.pid}) works in it; stop that one first" in second.stderr
+    assert f"another facetd (process {daemon.process.pid}) uses it; stop that one first" in second.stderr
     assert daemon.do("status")["status"] == 0
     assert len(list_runs(folder / "state" / "runs")) == 1
 

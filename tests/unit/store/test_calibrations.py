@@ -42,7 +42,7 @@ def test_where_nothing_can_be_kept_is_known_before(kept: Calibrations) -> None:
     kept.check()
     kept.folder.rmdir()
     kept.folder.write_text("in the way")
-    with pytest.raises(CalibrationsError, match="could not be kept here"):
+    with pytest.raises(CalibrationsError, match="a calibration cannot be stored here"):
         kept.check()
 
 

@@ -63,7 +63,7 @@ def test_what_cannot_be_put_back_either_is_told_as_written(tmp_path: Path, monke
         sync(handle)
 
     monkeypatch.setattr("os.fsync", fsync)
-    with pytest.raises(OSError, match="written, and it is not sure that it stays"):
+    with pytest.raises(OSError, match="written, but a power cut may undo it"):
         write_atomically(tmp_path / "file", b"new")
     monkeypatch.setattr("os.replace", replace)
     assert (tmp_path / "file").read_bytes() == b"new"
@@ -223,9 +223,7 @@ def test_errors_are_one_line_for_people() -> None:
 def test_a_folder_is_held_by_one_and_the_other_is_told_by_whom(tmp_path: Path) -> None:
     lock = hold(tmp_path / "state")
     assert (tmp_path / "state/lock").read_text() == f"{os.getpid()}\n"
-    with pytest.raises(
-        InUseError, match=rf"state: another facetd \(process {os.getpid()}\) works in it; stop that one"
-    ):
+    with pytest.raises(InUseError, match=rf"state: another facetd \(process {os.getpid()}\) uses it; stop that one"):
         hold(tmp_path / "state")
     (tmp_path / "state/lock").write_text("")
     with pytest.raises(InUseError, match=r"process unknown"):

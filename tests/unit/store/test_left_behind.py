@@ -37,7 +37,7 @@ def left_behind(runs: Path) -> RecoveryState | None:
 
 def ran(runs: Path, *records: Record, end: dict[str, Any] | None = None) -> None:
     """A run with these records; without `end` it was killed."""
-    log = RunLog(new_folder(runs, NOW), standing=RecoveryFile(runs.parent / "standing"))
+    log = RunLog(new_folder(runs, NOW), recovery=RecoveryFile(runs.parent / "standing"))
     for kind, fields in records:
         log.record(kind, **fields)
     assert log.settle()

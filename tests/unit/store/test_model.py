@@ -235,8 +235,8 @@ def _first_point(_: dict[str, Any], arrays: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
-        (_other_first_part, "of other parts than those that it knows"),
-        (_first_corners, "view1: corners, or what is not known of them, beyond"),
+        (_other_first_part, "its views and its parts have different labels"),
+        (_first_corners, "view1: corners, or their uncertainty, beyond"),
         (_first_without, "view0_corners_mm"),
         (_first_point, "Singular matrix"),
     ],
@@ -247,7 +247,7 @@ def test_of_the_version_before_as_well_what_its_checksum_fits_must_hold_together
     header, arrays = _first_parts()
     assert from_bytes(fitting(header, arrays)).model.labels == load(FIRST).labels
     spoil(header, arrays)
-    with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
+    with pytest.raises(ModelError, match=f"inconsistent: .*{word}"):
         from_bytes(fitting(header, arrays))
 
 
@@ -333,22 +333,22 @@ def _ratios(header: dict[str, Any], _: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
-        (_ratios, "a facet type of other ratios than angles"),
-        (_without_metric, "its corners are not those of its views and parts"),
-        (_other_part, "of other parts than those that it knows"),
+        (_ratios, "a facet type with fewer than three angles"),
+        (_without_metric, "the number of corners is not that of its views and parts"),
+        (_other_part, "its views and its parts have different labels"),
         (_flat_facet, "solid: fewer than two facets, or one without three corners"),
-        (_no_corners, "solid: corners, or what is not known of them, beyond"),
-        (_below_nothing, "solid: a covariance below nothing"),
-        (_fewer_slots, "cube: a view's pattern is not one of its facets"),
-        (_a_slot_twice, "cube: a view's pattern is not one of its facets"),
-        (_no_such_slot, "cube: a view's pattern is not one of its facets"),
-        (_no_such_side, "cube: a view's pattern is not one of its facets"),
-        (_node, "cube: a view's pattern is not one of its facets"),
-        (_no_such_node, "nodes: a relation of a node or slot that is not there"),
+        (_no_corners, "solid: corners, or their uncertainty, beyond"),
+        (_below_nothing, "solid: a covariance that is not positive semi-definite"),
+        (_fewer_slots, "cube: a view's pattern does not match its facets"),
+        (_a_slot_twice, "cube: a view's pattern does not match its facets"),
+        (_no_such_slot, "cube: a view's pattern does not match its facets"),
+        (_no_such_side, "cube: a view's pattern does not match its facets"),
+        (_node, "cube: a view's pattern does not match its facets"),
+        (_no_such_node, "nodes: a relation of a node or slot that does not exist"),
         (_fewer_features, "nodes: expected 7 values of each relation"),
         (_ends_swapped, "nodes: a lower end above its upper end"),
         (_never_resonated, "nodes: 3, counts"),
-        (_joined, "a view that is not there"),
+        (_joined, "a view that does not exist"),
         (_large, "Expected `float` <= 1000"),
         (_no_tolerance, "Expected `float` > 1e-06"),
     ],
@@ -360,7 +360,7 @@ def test_what_its_checksum_fits_must_hold_together_as_well(
     header, arrays = _parts()
     assert from_bytes(fitting(header, arrays)).model.labels == trained().labels
     spoil(header, arrays)
-    with pytest.raises(ModelError, match=f"does not hold together: .*{word}"):
+    with pytest.raises(ModelError, match=f"inconsistent: .*{word}"):
         from_bytes(fitting(header, arrays))
 
 

@@ -81,7 +81,7 @@ def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_s
     assert model_store.accept(model_store.candidate)[0] == 1
     assert model_store.put_candidate(model) == 2
     assert model_store.put_candidate(model) == 3
-    with pytest.raises(ModelStoreError, match="the candidate is version 3 by now"):
+    with pytest.raises(ModelStoreError, match="the candidate is now version 3"):
         model_store.accept(2)
     assert model_store.current == 1
     assert model_store.accept(model_store.candidate)[0] == 3
@@ -150,11 +150,11 @@ def test_who_was_halted_in_the_middle_is_not_waited_for_for_ever(
     model_store: ModelStore, model: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another process that changes models, and stands still (control-Z): `train` and `accept` never came back."""
-    monkeypatch.setattr("daemon.store.model_store.ALONE_S", 0.3)
+    monkeypatch.setattr("daemon.store.model_store.LOCK_WAIT_S", 0.3)
     model_store.put_candidate(model)
     halted = os.open(model_store.folder / "models" / "lock", os.O_RDONLY)
     fcntl.flock(halted, fcntl.LOCK_EX)
-    with pytest.raises(ModelStoreError, match=r"models: another process has been at work there; try again"):
+    with pytest.raises(ModelStoreError, match=r"models: another process is changing it; try again"):
         model_store.accept(model_store.candidate)
     os.close(halted)
     assert model_store.accept(model_store.candidate)[0] == 1
@@ -218,14 +218,14 @@ def test_a_model_is_named_by_its_file_its_number_or_as_the_latest(
     monkeypatch.setenv("STATE_DIRECTORY", str(model_store.folder))
     monkeypatch.chdir(tmp_path)
     for word in ("latest", "1"):
-        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(there: none\)$"):
+        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(stored: none\)$"):
             model_file(Path(word))
     for _ in range(2):
         model_store.put_candidate(model)
     assert model_file(Path("latest")) == model_store.path(2)
     assert model_file(Path("1")) == model_store.path(1)
     for word in ("3", "0"):
-        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(there: 1, 2\)$"):
+        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(stored: 1, 2\)$"):
             model_file(Path(word))
     assert model_file(Path("some.npz")) == Path("some.npz")
     (tmp_path / "2").touch()

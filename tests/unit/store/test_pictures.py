@@ -92,7 +92,7 @@ def test_what_is_no_whole_picture_is_named_and_nothing_is_said_on_stderr(
 ) -> None:
     path = tmp_path / "bad.png"
     path.write_bytes(content)
-    with pytest.raises(PictureError, match=r"bad\.png: not a picture, or cut short"):
+    with pytest.raises(PictureError, match=r"bad\.png: not an image, or cut short"):
         read(path)
     assert capfd.readouterr() == ("", "")
 

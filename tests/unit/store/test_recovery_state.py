@@ -41,7 +41,7 @@ def test_where_the_daemon_never_ran_nothing_is_asked_and_where_the_file_went_awa
     assert left is not None
     assert left.in_doubt
     assert left.hand_closed
-    assert left.damage == f"{path}: missing, though there were runs before"
+    assert left.damage == f"{path}: missing, although there were runs before"
 
 
 @pytest.mark.parametrize("at", [0, 9, SLOT, SLOT + 40])
@@ -81,7 +81,7 @@ def test_a_power_cut_at_any_byte_of_a_write_leaves_the_old_or_the_new_or_asks(pa
 
 def test_a_full_disk_still_takes_what_the_hand_did(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str | None] = []
-    log = RunLog(tmp_path / "run", standing=RecoveryFile(path), on_trouble=told.append)
+    log = RunLog(tmp_path / "run", recovery=RecoveryFile(path), on_trouble=told.append)
 
     def full(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -103,7 +103,7 @@ def test_that_it_cannot_be_kept_is_told_until_it_can(
     """However many lines the log takes meanwhile: the next of them said that all was well again. Once it can, the next
     line has it kept, not the next change."""
     told: list[str | None] = []
-    log = RunLog(tmp_path / "run", standing=RecoveryFile(path), on_trouble=told.append)
+    log = RunLog(tmp_path / "run", recovery=RecoveryFile(path), on_trouble=told.append)
 
     def failing(*_: object) -> int:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -135,7 +135,7 @@ def test_the_file_of_an_older_release_is_read_where_it_wrote(path: Path) -> None
 
 
 def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "run", standing=RecoveryFile(path))
+    log = RunLog(tmp_path / "run", recovery=RecoveryFile(path))
     log.record("cycle_start", cycle=7, target="cube")
     left = left_behind(path, ran_before=True)
     log.close("killed, as far as this file knows")
@@ -144,7 +144,7 @@ def test_it_is_in_the_file_before_the_next_move_may_leave(path: Path, tmp_path: 
 
 
 def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "one", standing=RecoveryFile(path))
+    log = RunLog(tmp_path / "one", recovery=RecoveryFile(path))
     log.record("auto", on=True, count=5, every_s=None)
     log.roll(tmp_path / "two")
     log.record("hand", closed=True)
@@ -157,11 +157,11 @@ def test_a_run_that_goes_on_in_another_folder_keeps_what_stands(path: Path, tmp_
 
 def test_a_fault_that_stood_when_the_daemon_ended_or_was_killed_is_told_and_one_that_was_resumed_is_not() -> None:
     faulty = after(after(RecoveryState("a"), "fault", {"text": "the cable"}), "state", {"from": "idle", "to": "fault"})
-    assert (faulty.fault, faulty.to_be_told) == ("the cable", True)
+    assert (faulty.fault, faulty.needs_attention) == ("the cable", True)
     resumed = after(faulty, "state", {"from": "fault", "event": "resume", "to": "idle"})
-    assert not resumed.to_be_told
-    assert after(faulty, "run_end", {"holding": False}).to_be_told, "no end of a daemon is a resume"
-    assert not after(resumed, "run_end", {"holding": False}).to_be_told
+    assert not resumed.needs_attention
+    assert after(faulty, "run_end", {"holding": False}).needs_attention, "no end of a daemon is a resume"
+    assert not after(resumed, "run_end", {"holding": False}).needs_attention
 
 
 def test_a_text_of_any_length_fits(path: Path) -> None:
@@ -202,7 +202,7 @@ def test_a_file_that_says_nothing_is_not_believed_where_there_were_runs(path: Pa
     left = left_behind(path, ran_before=True)
     assert left is not None
     assert (left.hand_closed, left.in_doubt) == (True, True)
-    assert left.damage == f"{path}: says nothing, though there were runs before"
+    assert left.damage == f"{path}: empty, although there were runs before"
 
 
 def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(path: Path) -> None:
@@ -290,7 +290,7 @@ def test_an_auto_counts_down_to_nothing() -> None:
 def test_somebody_is_asked_where_something_was_cut_off_in_doubt_or_at_fault(
     standing: RecoveryState, told: bool
 ) -> None:
-    assert standing.to_be_told is told
+    assert standing.needs_attention is told
 
 
 def test_who_opens_it_again_writes_over_the_older_slot(path: Path) -> None:

@@ -26,7 +26,7 @@ OLDER = {
     "bba350d": "the one that asks of a command's arguments whether it only looks",
 }
 PROGRAM = """
-import json, sys
+import inspect, json, sys
 from pathlib import Path
 import numpy as np
 from daemon.store.library import load_facets
@@ -41,6 +41,7 @@ except ImportError:
 from daemon.vision.model import empty_model
 
 what, folder = sys.argv[1], Path(sys.argv[2])
+recovery = "recovery" if "recovery" in inspect.signature(RunLog).parameters else "standing"
 store, runs = ModelStore(folder), folder / "runs"
 try:
     from daemon.store.named_positions import NamedPositions
@@ -64,7 +65,7 @@ elif what != "read":
         store.accept(store.candidate)
     except TypeError:  # an older one takes whichever there is
         store.accept()
-    log = RunLog(runs / f"2026010{len(list_runs(runs)) + 1}T000000Z", standing=RecoveryFile(folder / FILE))
+    log = RunLog(runs / f"2026010{len(list_runs(runs)) + 1}T000000Z", **{recovery: RecoveryFile(folder / FILE)})
     log.record("run_start", config=log.keep(Path(__file__)))
     log.record("cycle_start", cycle=4, target="cube")
     log.record("auto", on=True, count=3, every_s=None)

@@ -323,7 +323,7 @@ def test_what_a_full_disk_refused_is_written_once_it_has_room_and_the_trouble_en
     """It stood until the next look, hours after room had been made; and the pictures were gone."""
     standing = RecoveryFile(tmp_path / "standing")
     standing.begin("run")
-    log = RunLog(tmp_path / "run", standing=standing)
+    log = RunLog(tmp_path / "run", recovery=standing)
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -354,7 +354,7 @@ def test_a_disk_that_takes_a_line_and_then_cannot_keep_it_is_told_until_it_can(
     written again: a second try to bring the same bytes to the disk says that they are there, and they are not."""
     told: list[str | None] = []
     standing = RecoveryFile(tmp_path / "standing")
-    log = RunLog(tmp_path / "run", standing=standing, on_trouble=told.append)
+    log = RunLog(tmp_path / "run", recovery=standing, on_trouble=told.append)
 
     def failing(_: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -403,7 +403,7 @@ def test_what_was_not_kept_of_a_run_is_no_trouble_of_the_next_one(
 def test_a_file_s_name_that_is_no_utf_8_does_not_keep_a_fault_out_of_the_log(tmp_path: Path) -> None:
     """Nor does it end the thread that writes, and with it every record after."""
     odd = os.fsdecode(b"/media/caf\xe9.yaml")
-    log = RunLog(tmp_path / "run", standing=RecoveryFile(tmp_path / "standing"))
+    log = RunLog(tmp_path / "run", recovery=RecoveryFile(tmp_path / "standing"))
     log.record("fault", code="files", text=f"{odd}: cannot be read", more={"files": [Path(odd), odd]})
     log.record("decision", text="goes on")
     assert log.settle()
@@ -477,7 +477,7 @@ def test_a_run_is_its_owners_to_write_and_its_groups_to_read(log: RunLog) -> Non
 
 def test_a_log_that_ends_lets_go_of_what_a_restart_must_know(tmp_path: Path) -> None:
     standing = RecoveryFile(tmp_path / "standing")
-    log = RunLog(tmp_path / "run", standing=standing)
+    log = RunLog(tmp_path / "run", recovery=standing)
     log.close()
     assert standing._handle < 0
 

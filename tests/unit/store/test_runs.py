@@ -17,7 +17,7 @@ import pytest
 
 from daemon.store.runlog import RunLog
 from daemon.store.runs import (
-    _KNOWN,
+    _SCANNED,
     RunError,
     _age_key,
     _bytes_in,
@@ -171,18 +171,18 @@ def test_pictures_are_looked_through_once_and_again_where_one_was_put_in(tmp_pat
 def test_of_folders_looked_through_before_nothing_is_known_once_they_are_gone(tmp_path: Path) -> None:
     """What the quota remembers grows neither with the pictures of a run nor with the runs there ever were."""
     run = run_with(tmp_path / "20260101T000000Z", size=0)
-    _KNOWN.clear()
+    _SCANNED.clear()
     for k in range(20):
         os.utime(run / "images", ns=(k, k))
         assert enforce_quota(tmp_path, 10**9, None) == []
-    assert sorted(_KNOWN) == [f"{run}/images", f"{run}/kept"]
+    assert sorted(_SCANNED) == [f"{run}/images", f"{run}/kept"]
     other = run_with(tmp_path / "20260101T000000Z-1", size=0)
     assert enforce_quota(tmp_path, 0, other) == [run]
-    assert sorted(_KNOWN) == [f"{other}/images", f"{other}/kept"]
+    assert sorted(_SCANNED) == [f"{other}/images", f"{other}/kept"]
     with patch("daemon.store.runs.MOST_RUNS", 1):
         run_with(tmp_path / "20260101T000000Z-2", size=0)
         run_bytes(tmp_path / "20260101T000000Z-2")
-    assert len(_KNOWN) <= 2, "whoever else removes runs tells nobody"
+    assert len(_SCANNED) <= 2, "whoever else removes runs tells nobody"
 
 
 @pytest.fixture
@@ -280,7 +280,7 @@ def test_a_kept_file_must_be_what_its_name_says(tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"x")
     assert kept_file(tmp_path, name) == tmp_path / name
     (tmp_path / name).write_bytes(b"y")
-    with pytest.raises(RunError, match="changed since it was kept"):
+    with pytest.raises(RunError, match="changed: its content"):
         kept_file(tmp_path, name)
 
 
@@ -327,7 +327,7 @@ def test_what_was_skipped_is_named_by_its_line_and_the_last_may_be_torn(tmp_path
     with patch("daemon.store.runs.LARGEST_RUN", len(line)):
         cut = read_run(tmp_path)
     assert len(cut.records) == 1
-    assert "too large: only 0 MB of it are read" in cut.skipped[0]
+    assert "too large: only its first 0 MB are read" in cut.skipped[0]
     with patch("daemon.store.runs.LARGEST_RUN", 2 * len(line) + 1):
         assert read_run(tmp_path).skipped == ()
 
