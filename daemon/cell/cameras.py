@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from daemon.arm import EyeName
+from drivers.camera.find import device_rows as device_rows
 from drivers.camera.pair import CameraError, Frame, StereoPair
 from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.recorded import RecordedCamera
-from drivers.camera.report import device_rows as device_rows
-from drivers.camera.report import eye_rows as eye_rows
+from drivers.camera.stereo import camera_rows as camera_rows
 
 
 class ThreadedEyes:

@@ -149,7 +149,7 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
     """Grab for a while: how many pairs a second, how far apart and how old, and what each eye lost."""
-    from daemon.cell.cameras import eye_rows
+    from daemon.cell.cameras import camera_rows
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
@@ -164,7 +164,7 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
     return {
         "cameras": camera.describe(), "seconds": took_s, "pairs": len(skews), "rate_hz": len(skews) / took_s,
         "skew_ms": sorted(skews)[middle], "worst_skew_ms": max(skews), "age_ms": sorted(ages)[middle],
-        "eyes": eye_rows(camera),
+        "eyes": camera_rows(camera),
     }  # fmt: skip
 
 

@@ -1,4 +1,1 @@
-"""V4L2 stereo pairs, live and recorded: fresh pairs of one moment, or a CameraError that says what to do.
-
-What is in the pictures is nobody's business here.
-"""
+"""V4L2 stereo camera, live and recorded: synchronous pairs of fresh frames, or a CameraError that says what to do."""

@@ -1,7 +1,4 @@
-"""Exposure, gain, white balance, focus and the other controls: list, set, read back, hold the automatic ones still.
-
-Belongs here: V4L2 controls. Not here: streaming, formats, which values are good.
-"""
+"""V4L2 controls (exposure, gain, white balance, focus and others): list, set, read back, freeze automatic ones."""
 
 from __future__ import annotations
 
@@ -16,10 +13,8 @@ from drivers.camera.settings import Wish
 
 @dataclass(frozen=True)
 class KnownControl:
-    """A wish with a unit of its own: the control's id, its unit in that of the wish, and the automatism to turn off.
-
-    off, on: values of the automatism's control.
-    """
+    """A control that facetd names with a unit: its V4L2 id, the device's unit in ours, its automatic control's id, and
+    the values of that for off and on."""
 
     control: int
     unit: float
@@ -46,18 +41,18 @@ RENAMED = {
     "focus_auto": "focus_automatic_continuous",
     "hue_auto": "hue_automatic",
 }
-"""Controls of UVC cameras as Linux before 5.16 named them -> as it names them since."""
+"""Names of UVC controls before Linux 5.16 -> since."""
 
 
 def renamed(wishes: Mapping[str, Wish], offered: Container[str]) -> dict[str, str]:
-    """Wished names that are now, or were, another: wished name -> the name that this device offers."""
+    """Wished names that this device offers under their older or newer name: wished name -> its name here."""
     both = RENAMED | {new: old for old, new in RENAMED.items()}
     return {name: both[name] for name in wishes if name not in offered and both.get(name) in offered}
 
 
 @dataclass(frozen=True)
 class Control:
-    """One control as the device describes it now. value is None where it cannot be read; menu: value -> words."""
+    """One control as the device reports it. value: None where it cannot be read; menu: text by value."""
 
     id: int
     name: str
@@ -109,7 +104,7 @@ def _describe(node: v4l2.Node, entry: v4l2.QueryControl, menu: Mapping[int, str]
 
 
 def list_controls(node: v4l2.Node) -> list[Control]:
-    """All controls with a number for a value. Raises OSError."""
+    """All numeric controls of a device. Raises OSError."""
     found = []
     for entry in v4l2.enumerate_controls(node):
         if entry.type in (v4l2.STRING, v4l2.INTEGER64) or entry.type > v4l2.INTEGER_MENU:
@@ -119,25 +114,29 @@ def list_controls(node: v4l2.Node) -> list[Control]:
     return found
 
 
-def _wished(name: str, wish: Wish, offered: Mapping[str, Control], eye: str) -> tuple[Control, int]:
-    """The control a wish means and the value to set. Raises CameraError where the device does not offer it."""
+def _wished(name: str, wish: Wish, offered: Mapping[str, Control], camera: str) -> tuple[Control, int]:
+    """The control of a wish and the value to set, in the device's unit. Raises CameraError where the device lacks
+    it."""
     known = KNOWN.get(name)
     name_here = renamed({name: wish}, offered).get(name, name)
     control = next((c for c in offered.values() if known and c.id == known.control), offered.get(name_here))
     if control is None:
         have = "; ".join(map(str, offered.values())) or "no controls at all"
-        raise CameraError(f"{eye} camera: cannot set {name}: the device does not offer it. It offers: {have}")
+        raise CameraError(f"{camera} camera: cannot set {name}: the device does not offer it. It offers: {have}")
     if isinstance(wish, str):
-        raise CameraError(f"{eye} camera: {name}: expected a number or, where the camera has an automatism, `auto`")
+        raise CameraError(
+            f"{camera} camera: {name}: expected a number, or `auto` where the camera has an automatic control"
+        )
     value = round(wish / known.unit) if known else round(wish)
     if (control.menu and value not in control.menu) or not control.minimum <= value <= control.maximum:
-        asked = f"{wish:g}" if not known or known.unit == 1.0 else f"{wish:g} ({value} in the device's unit)"
-        raise CameraError(f"{eye} camera: cannot set {name} to {asked}: the device offers {control}")
+        requested = f"{wish:g}" if not known or known.unit == 1.0 else f"{wish:g} ({value} in the device's unit)"
+        raise CameraError(f"{camera} camera: cannot set {name} to {requested}: the device offers {control}")
     return control, value
 
 
 def _on(node: v4l2.Node, known: KnownControl) -> int:
-    """The value that starts the automatism: exposure has two kinds, and a camera may offer only the full one (0)."""
+    """The value that turns an automatic control on: exposure has two modes, and a camera may offer only the full one
+    (0)."""
     if known.on > 1:
         try:
             v4l2.menu_item(node, known.automatic, known.on)
@@ -146,22 +145,24 @@ def _on(node: v4l2.Node, known: KnownControl) -> int:
     return known.on
 
 
-def _set(node: v4l2.Node, eye: str, control: Control, value: int) -> int:
-    """Set one control and read it back; up to one step beside the wish is the device's rounding."""
+def _set(node: v4l2.Node, camera: str, control: Control, value: int) -> int:
+    """Set one control and read it back; a difference of less than a step is rounding."""
     try:
         v4l2.set_control(node, control.id, value)
         took = v4l2.get_control(node, control.id)
     except OSError as error:
-        raise CameraError(f"{eye} camera: cannot set {control.name} to {value}: {error.strerror}") from error
+        raise CameraError(f"{camera} camera: cannot set {control.name} to {value}: {error.strerror}") from error
     if abs(took - value) >= max(control.step, 1):
-        raise CameraError(f"{eye} camera: {control.name} was set to {value} but reads back {took}; it offers {control}")
+        raise CameraError(
+            f"{camera} camera: {control.name} was set to {value} but reads back {took}; it offers {control}"
+        )
     return took
 
 
-def apply(node: v4l2.Node, eye: str, wishes: Mapping[str, Wish]) -> dict[str, int]:
-    """Make the wishes true and read them back: control name -> the device's own value. Raises CameraError.
+def apply(node: v4l2.Node, camera: str, wishes: Mapping[str, Wish]) -> dict[str, int]:
+    """Set the wished controls and read them back: control name -> value in the device's unit. Raises CameraError.
 
-    An automatism that would override a wished value is switched off first; for the wish `auto` it is switched on.
+    An automatic control that would override a wished value is turned off first; for the wish `auto` it is turned on.
     """
     took: dict[str, int] = {}
     for name, wish in wishes.items():
@@ -169,18 +170,18 @@ def apply(node: v4l2.Node, eye: str, wishes: Mapping[str, Wish]) -> dict[str, in
         known = KNOWN.get(name)
         automatism = next((c for c in offered.values() if known and c.id == known.automatic), None)
         if known and automatism:
-            took[automatism.name] = _set(node, eye, automatism, _on(node, known) if wish == "auto" else known.off)
+            took[automatism.name] = _set(node, camera, automatism, _on(node, known) if wish == "auto" else known.off)
             if wish == "auto":
                 continue
-        control, value = _wished(name, wish, offered, eye)
-        took[control.name] = _set(node, eye, control, value)
+        control, value = _wished(name, wish, offered, camera)
+        took[control.name] = _set(node, camera, control, value)
     return took
 
 
-def brighten(node: v4l2.Node, eye: str, factor: float, longest_s: float) -> float | None:
-    """Gather so many times as much light, by exposure, at most longest_s, or by gain where there is no exposure to set.
+def brighten(node: v4l2.Node, camera: str, factor: float, longest_s: float) -> float | None:
+    """Multiply the exposure time (at most longest_s), or the gain where there is no exposure control, by a factor.
 
-    The automatism of that is switched off. What the device took as a factor of what it had; None where it has neither.
+    Turns off the automatic control. Returns the factor that the device accepted; None where it has neither control.
     Raises CameraError, OSError.
     """
     offered = {c.id: c for c in list_controls(node) if c.writable}
@@ -190,14 +191,14 @@ def brighten(node: v4l2.Node, eye: str, factor: float, longest_s: float) -> floa
             continue
         longest = longest_s * 1e6 / known.unit if known is KNOWN["exposure_us"] else control.maximum
         if known.automatic in offered:
-            _set(node, eye, offered[known.automatic], known.off)
+            _set(node, camera, offered[known.automatic], known.off)
         value = min(max(control.value * factor, control.minimum, control.step), control.maximum, longest)
-        return _set(node, eye, control, round(value)) / control.value
+        return _set(node, camera, control, round(value)) / control.value
     return None
 
 
 def hold(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
-    """Before a look: stop every automatism wished `auto` at the value it has reached. Raises OSError."""
+    """Freeze every control wished `auto` at its present value, before a look. Raises OSError."""
     for name, wish in wishes.items():
         if wish == "auto":
             reached = v4l2.get_control(node, KNOWN[name].control)
@@ -206,14 +207,14 @@ def hold(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
 
 
 def release(node: v4l2.Node, wishes: Mapping[str, Wish]) -> None:
-    """After a look: let every automatism wished `auto` go on. Raises OSError."""
+    """Turn every control wished `auto` on again, after a look. Raises OSError."""
     for name, wish in wishes.items():
         if wish == "auto":
             v4l2.set_control(node, KNOWN[name].automatic, _on(node, KNOWN[name]))
 
 
 def exposure_s(node: v4l2.Node) -> float:
-    """How long the sensor gathers light, s; 0 where the device does not say."""
+    """Exposure time, s; 0 where the device does not report it."""
     known = KNOWN["exposure_us"]
     try:
         return v4l2.get_control(node, known.control) * known.unit * 1e-6

@@ -1,6 +1,6 @@
-"""Which device a name means, and what each device is and offers. Reads devices, changes nothing.
+"""Find camera devices by name and list what they offer. Reads devices, changes nothing.
 
-A number is only good until the next boot; by-id and by-path links and card names survive unplugging.
+Numbers change at boot; by-id and by-path links and card names survive unplugging.
 """
 
 from __future__ import annotations
@@ -9,16 +9,17 @@ import errno
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 from drivers.camera import v4l2
 from drivers.camera.controls import Control, list_controls
-from drivers.camera.node import OpenNode, System
+from drivers.camera.node import LINUX, OpenNode, System
 from drivers.camera.pair import CameraError
 
 
 @dataclass(frozen=True)
 class Offer:
-    """One pixel format: code, the driver's words for it, sizes in words, frame rates of the discrete sizes in words."""
+    """One pixel format: code, the driver's description, sizes as text, with the frame rates of discrete sizes."""
 
     code: str
     description: str
@@ -31,7 +32,7 @@ class Offer:
 
 @dataclass(frozen=True)
 class Device:
-    """One node that captures video: where it is, what it is called, what it offers."""
+    """One node that captures video: path, names, formats, controls."""
 
     path: str
     card: str
@@ -42,31 +43,33 @@ class Device:
     controls: tuple[Control, ...] = ()
 
 
-def trouble(error: OSError, eye: str, path: str, system: System) -> CameraError:
-    """An error of the kernel's as a line for the person who must act."""
-    where = f"{eye} camera {path}"
+def camera_error(error: OSError, camera: str, path: str, system: System) -> CameraError:
+    """The CameraError for an error of the kernel: what happened and what to do."""
+    where = f"{camera} camera {path}"
     if error.errno in (errno.EACCES, errno.EPERM):
         return CameraError(f"{where}: permission denied: add this user to the group `video` (usermod -aG video USER)")
     if error.errno == errno.ENOSPC:
         return CameraError(
-            f"{where}: the USB controller has no room for this stream: lower cameras.fps or the size, put MJPEG first "
-            "in cameras.formats, or plug one camera into another controller"
+            f"{where}: the USB controller lacks the bandwidth for this stream: lower cameras.fps or the size, put "
+            "MJPEG first in cameras.formats, or plug one camera into another controller"
         )
     if error.errno == errno.EBUSY:
         who = ", ".join(system.holders(path)) or "another program"
         return CameraError(f"{where} is busy: {who} has it; stop that first")
     if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.EPROTO, errno.EPIPE):
-        return CameraError(f"{where} is gone ({error.strerror}): unplugged? It is looked for again at the next grab")
+        return CameraError(
+            f"{where} is gone ({error.strerror}): unplugged? facetd looks for it again at the next picture"
+        )
     return CameraError(f"{where}: {error.strerror or error}")
 
 
 @contextmanager
-def words_for_trouble(eye: str, path: str, system: System) -> Iterator[None]:
-    """What the kernel says in here is said as a CameraError."""
+def kernel_errors(camera: str, path: str, system: System) -> Iterator[None]:
+    """Raise errors of the kernel as CameraError."""
     try:
         yield
     except OSError as error:
-        raise trouble(error, eye, path, system) from error
+        raise camera_error(error, camera, path, system) from error
 
 
 def _rates(node: OpenNode, code: int, width: int, height: int) -> str:
@@ -96,8 +99,8 @@ def offers(node: OpenNode) -> tuple[Offer, ...]:
     return tuple(found)
 
 
-def examine(path: str, system: System, whole: bool = True) -> Device | None:
-    """What is at this node; None where it does not capture video. `whole`: formats and controls too. Raises OSError."""
+def examine(path: str, system: System, full: bool = True) -> Device | None:
+    """The device at a node; None where it does not capture video. full: with formats and controls. Raises OSError."""
     node = system.open(path)
     try:
         capability = v4l2.query_capability(node)
@@ -106,17 +109,17 @@ def examine(path: str, system: System, whole: bool = True) -> Device | None:
         named = (capability.card, capability.driver, capability.bus_info)
         card, driver, bus = (name.decode("utf-8", "replace") for name in named)
         found = Device(path, card, driver, bus, tuple(system.links(path)))
-        return replace(found, formats=offers(node), controls=tuple(list_controls(node))) if whole else found
+        return replace(found, formats=offers(node), controls=tuple(list_controls(node))) if full else found
     finally:
         node.close()
 
 
-def list_devices(system: System, whole: bool = True) -> tuple[list[Device], list[str]]:
-    """Every node that captures video, and a line for each that could not be looked at."""
+def list_devices(system: System, full: bool = True) -> tuple[list[Device], list[str]]:
+    """Every node that captures video, and a line for each that could not be read."""
     devices, notes = [], []
     for path in system.nodes():
         try:
-            device = examine(path, system, whole)
+            device = examine(path, system, full)
         except OSError as error:
             notes.append(f"{path}: {error.strerror}")
             continue
@@ -125,24 +128,39 @@ def list_devices(system: System, whole: bool = True) -> tuple[list[Device], list
     return devices, notes
 
 
+def device_rows(system: System = LINUX) -> tuple[list[dict[str, Any]], list[str]]:
+    """Every capture device as a row for listings and machines, and a line for each node that cannot be read."""
+    devices, notes = list_devices(system)
+    rows = [
+        {
+            "path": device.path, "card": device.card, "driver": device.driver, "bus": device.bus,
+            "links": list(device.links), "formats": [f"{o}  {o.description}" for o in device.formats],
+            "controls": [str(control) for control in device.controls],
+        }
+        for device in devices
+    ]  # fmt: skip
+    return rows, notes
+
+
 def _choices(devices: Iterable[Device], notes: Iterable[str], nodes: Sequence[str] = ()) -> str:
     lines = [f"{d.path} `{d.card}`{''.join(f' {link}' for link in d.links)}" for d in devices]
     idle = f"only {', '.join(nodes)}, which capture no video" if nodes else "no video device at all"
     return "; ".join([*lines, *notes]) or idle
 
 
-def find(name: str, eye: str, system: System) -> str:
-    """The node a name means now (see CameraSettings). Raises CameraError with what there is instead."""
+def find(name: str, camera: str, system: System) -> str:
+    """The node of a device name (see CameraSettings). Raises CameraError, which lists the devices there are."""
     path = system.resolve(f"/dev/video{name}" if name.isdigit() else name)
     if path is not None:
         return path
-    devices, notes = list_devices(system, whole=False)
-    linked = [d for d in devices if any(link == name or link.endswith(f"/{name}") for link in d.links)]
-    called = linked or [d for d in devices if d.card == name]
-    if len(called) == 1:
-        return called[0].path
-    if called:
+    devices, notes = list_devices(system, full=False)
+    by_link = [d for d in devices if any(link == name or link.endswith(f"/{name}") for link in d.links)]
+    matching = by_link or [d for d in devices if d.card == name]
+    if len(matching) == 1:
+        return matching[0].path
+    if matching:
         raise CameraError(
-            f"{eye} camera: {len(called)} devices are called `{name}`; name one by its path: {_choices(called, [])}"
+            f"{camera} camera: {len(matching)} devices are called `{name}`; "
+            f"name one by its path: {_choices(matching, [])}"
         )
-    raise CameraError(f"{eye} camera `{name}` is not there; there is: {_choices(devices, notes, system.nodes())}")
+    raise CameraError(f"{camera} camera `{name}` is not there; there is: {_choices(devices, notes, system.nodes())}")

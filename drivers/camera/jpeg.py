@@ -1,7 +1,7 @@
-"""Whether the bytes of a baseline JPEG are a whole picture. Pure: the scan is walked through, no pixel is made.
+"""Check that a baseline JPEG is complete, without decoding its pixels. Pure.
 
-libjpeg fills in what is missing and says so on stderr only; here the scan must hold exactly as many blocks as the
-header says, each of codes that its tables have, with brightnesses that 8 bits can have.
+libjpeg fills in missing data and reports it on stderr only. Here the scan must contain exactly the blocks that the
+header announces, with valid Huffman codes and brightnesses within 8 bits.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 START, END, SCAN, TABLES, RESTART_INTERVAL, QUANTISATION = 0xD8, 0xD9, 0xDA, 0xC4, 0xDD, 0xDB
 BASELINE = (0xC0, 0xC1)
 ALONE = (0x01, *range(0xD0, 0xDA))
-"""Markers without a length behind them."""
+"""Markers without a length field."""
 BLOCK = 64
 PADDING = (0x00, 0xFF)
-"""Bytes that cameras put between the scan and its end mark."""
+"""Bytes that cameras insert between the scan and the end marker."""
 LARGEST_DC, LARGEST_DC_BITS = 1024, 11
 NO_CODE = 0
 STANDARD_BITS = {
@@ -38,16 +38,16 @@ STANDARD_VALUES = {
     "3738393a434445464748494a535455565758595a636465666768696a737475767778797a82838485868788898a92939495969798999a"
     "a2a3a4a5a6a7a8a9aab2b3b4b5b6b7b8b9bac2c3c4c5c6c7c8c9cad2d3d4d5d6d7d8d9dae2e3e4e5e6e7e8e9eaf2f3f4f5f6f7f8f9fa",
 }
-"""Huffman tables of annex K.3 (T.81), which cameras leave out: codes by length, then their values."""
+"""Huffman tables of annex K.3 (T.81), which cameras omit: number of codes by length, then their values."""
 
 
 class JpegError(Exception):
-    """The bytes are no whole picture; the message says how."""
+    """The bytes are not a complete picture; the message says why."""
 
 
 @dataclass(frozen=True)
 class _Component:
-    """A plane: number, blocks in one MCU, its quantisation table."""
+    """A colour plane: number, blocks in one MCU, number of its quantisation table."""
 
     number: int
     blocks: int
@@ -56,7 +56,7 @@ class _Component:
 
 @dataclass
 class _Header:
-    """What stands before the scan. width, height px; largest sampling factors across and down."""
+    """The frame header: width, height px; across, down: largest sampling factors; restart: interval in MCUs."""
 
     width: int = 0
     height: int = 0
@@ -67,9 +67,9 @@ class _Header:
 
 
 def check_whole(data: bytes) -> int:
-    """Walk through a baseline JPEG; gives how many bytes it has, its end mark included: what follows is padding.
+    """Check a baseline JPEG. Returns its length in bytes, end marker included: what follows is padding.
 
-    Raises JpegError: cut off, bytes lost inside, no JPEG, or not baseline.
+    Raises JpegError: cut off, bytes lost, not a JPEG, or not baseline.
     """
     if data[:2] != b"\xff\xd8":
         raise JpegError(f"no JPEG: {len(data)} bytes that begin with {data[:2].hex() or 'nothing'}")
@@ -135,8 +135,7 @@ def _read_frame(body: bytes, header: _Header) -> None:
 
 @lru_cache(maxsize=32)
 def _codes(counts: bytes, values: bytes) -> tuple[int, ...]:
-    """By the next 16 bits: the symbol's value * 256 + the bits that it takes with its amplitude; NO_CODE where there is
-    no such code."""
+    """Look-up table by the next 16 bits: value * 256 + number of bits of code and amplitude, or NO_CODE."""
     table = [NO_CODE] * 65536
     code = index = 0
     for length, count in enumerate(counts, start=1):
@@ -165,9 +164,9 @@ def _scan(
     tables: dict[int, tuple[int, ...]],
     steps: dict[int, int],
 ) -> int:
-    """Where the picture ends. Raises JpegError."""
+    """Check the scan. Returns the offset of the picture's end. Raises JpegError."""
     if not header.components or not header.width or not header.height:
-        raise JpegError("bytes lost in its header: it says nothing of its size")
+        raise JpegError("bytes lost in its header: the size is missing")
     if len(body) < 1 + 2 * len(header.components) or body[0] != len(header.components):
         raise JpegError("not one scan of all its planes, which every camera of this kind sends")
     chosen = {body[1 + 2 * k]: body[2 + 2 * k] for k in range(body[0])}
@@ -197,7 +196,7 @@ def _scan(
 
 
 def _pieces(data: bytes, at: int) -> tuple[list[NDArray[np.uint8]], int]:
-    """The scan between its restart marks, stuffing taken out, and where its end mark ends."""
+    """The scan split at its restart markers, stuffing removed, and the offset behind the end marker."""
     raw = np.frombuffer(data, np.uint8)
     marks = np.flatnonzero((raw[at:-1] == 0xFF) & (raw[at + 1 :] != 0) & (raw[at + 1 :] != 0xFF)) + at
     pieces: list[NDArray[np.uint8]] = []
@@ -224,8 +223,8 @@ def _walk(
     plan: Sequence[tuple[int, tuple[int, ...], tuple[int, ...], int]],
     planes: int,
 ) -> None:
-    """Follow the codes of so many MCUs; plan: of each block in one its plane, tables, and largest DC. Raises JpegError
-    where the bytes end before or after."""
+    """Follow the codes of so many MCUs; plan: plane, tables and largest DC of each block in one. Raises JpegError where
+    the bytes end before or after."""
     wide = np.concatenate([piece, np.full(8, 0xFF, np.uint8)]).astype(np.uint32)
     three = (wide[:-2] << 16) | (wide[1:-1] << 8) | wide[2:]
     windows: list[int] = ((three[:, None] >> np.arange(8, 0, -1, dtype=np.uint32)) & 0xFFFF).ravel().tolist()
@@ -243,7 +242,7 @@ def _walk(
                 amplitude = windows[at + (entry & 255) - size] >> (16 - size)
                 level[plane] += amplitude if amplitude >> (size - 1) else amplitude - (1 << size) + 1
                 if not -most <= level[plane] <= most:
-                    raise JpegError(f"bytes lost: a brightness that none is, {unit} of {units} parts into it")
+                    raise JpegError(f"bytes lost: a brightness out of range, {unit} of {units} parts into it")
             at += entry & 255
             k = 1
             while k < BLOCK:

@@ -1,6 +1,6 @@
-"""Device nodes as the operating system hands them out: list, open, map, wait. The only module here that touches /dev.
+"""Video device nodes of the operating system: list, open, map, wait. The only module here that touches /dev.
 
-`LINUX` is the real thing; tests put a made-up machine in its place (the `System` protocol).
+Tests replace `LINUX` by a fake `System`.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from drivers.camera import v4l2
 
 
 class OpenNode(v4l2.Node, Protocol):
-    """A device node held open."""
+    """An open device node."""
 
     def map(self, offset: int, length: int) -> mmap.mmap:
         """Map one driver buffer. Raises OSError."""
 
     def close(self) -> None:
-        """Let go; safe to call twice."""
+        """Close; safe to call twice."""
 
 
 class System(Protocol):
-    """What the camera driver needs of a machine."""
+    """The operating system as the camera driver uses it."""
 
     def nodes(self) -> list[str]:
         """Paths of all video nodes, by number."""
 
     def resolve(self, name: str) -> str | None:
-        """The node that an absolute path, link or not, leads to now; None where it leads nowhere or is no path."""
+        """The node of an absolute path or link; None where there is none."""
 
     def links(self, path: str) -> list[str]:
-        """Stable names (paths under /dev/v4l) that lead to this node now."""
+        """Stable names (paths under /dev/v4l) of this node."""
 
     def holders(self, path: str) -> list[str]:
-        """Programs that hold the node open, as far as this process may see."""
+        """Programs that have the node open, as far as this process may see."""
 
     def open(self, path: str) -> OpenNode:
         """Open for capture. Raises OSError."""
 
     def wait(self, nodes: Sequence[OpenNode], timeout_s: float) -> bool:
-        """Sleep until one of the nodes has a frame or trouble; False when the time ran out."""
+        """Wait until one of the nodes has a frame or an error; False on timeout."""
 
 
 class FileNode:
-    """A /dev/videoN held open without blocking."""
+    """An open, non-blocking /dev/videoN."""
 
     def __init__(self, path: str) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -60,7 +60,7 @@ class FileNode:
         return self._fd
 
     def ioctl(self, request: int, argument: ctypes.Structure | ctypes.c_int32) -> None:
-        """One request, again when a signal broke it off."""
+        """One request, repeated when a signal interrupted it."""
         while True:
             try:
                 fcntl.ioctl(self._fd, request, argument)
@@ -73,7 +73,7 @@ class FileNode:
         return mmap.mmap(self._fd, length, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE, offset=offset)
 
     def close(self) -> None:
-        """Let go; safe to call twice."""
+        """Close; safe to call twice."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -88,15 +88,15 @@ class Linux:
         return [f"/dev/video{n}" for n in sorted(int(n) for n in numbers if n.isdigit())]
 
     def resolve(self, name: str) -> str | None:
-        """Where an absolute path leads now: a node itself, or a link of udev's."""
+        """See System."""
         return os.path.realpath(name) if name.startswith("/") and os.path.exists(name) else None
 
     def links(self, path: str) -> list[str]:
-        """Stable names that lead to this node now: by-id before by-path."""
+        """Stable names of this node: by-id before by-path."""
         return [str(link) for link in sorted(Path("/dev/v4l").glob("by-*/*")) if os.path.realpath(link) == path]
 
     def holders(self, path: str) -> list[str]:
-        """Programs that hold the node open, as `name (pid)`; those of other users stay unseen without root."""
+        """Programs that have the node open, as `name (pid)`; those of other users only for root."""
         found = []
         for process in Path("/proc").glob("[0-9]*"):
             try:
@@ -111,7 +111,7 @@ class Linux:
         return FileNode(path)
 
     def wait(self, nodes: Sequence[OpenNode], timeout_s: float) -> bool:
-        """Sleep until one of the nodes has a frame or trouble."""
+        """See System."""
         poll = select.poll()
         for node in nodes:
             if isinstance(node, FileNode):

@@ -1,4 +1,4 @@
-"""What a stereo camera gives: two frames of one moment. The one protocol every camera honours, and its errors."""
+"""Stereo pairs, and the protocol and error of every stereo camera."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ EyeName = Literal["left", "right"]
 
 
 class CameraError(Exception):
-    """A camera cannot deliver: the message says which one, what happened and what to do."""
+    """A camera cannot deliver; the message says which one, what happened and what to do."""
 
     code = "camera_lost"
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One image: pixels (H, W) uint8 grey; taken_s on the cell's monotonic clock at mid-exposure; its number."""
+    """One image: pixels (H, W) grey; taken_s: mid-exposure on the cell's monotonic clock; sequence: the driver's
+    number."""
 
     pixels: NDArray[np.uint8]
     taken_s: float
@@ -28,7 +29,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """Two frames of one moment."""
+    """Two frames exposed at the same time."""
 
     left: Frame
     right: Frame
@@ -40,24 +41,24 @@ class StereoPair:
 
 
 class StereoCamera(Protocol):
-    """The protocol. Blocking calls: the service runs them in a thread."""
+    """A stereo camera. Its calls block: the service runs them in a thread."""
 
     def use(self, alone: EyeName | None) -> None:
-        """Look with one eye from now on, both frames of a pair being its one, or with both (None). Raises CameraError
-        where there is no such eye."""
+        """Use one camera, whose frame is then both frames of a pair, or both cameras (None). Raises CameraError where
+        there is no such camera."""
 
     def open(self) -> None:
         """Claim the devices. Raises CameraError."""
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The newest pair whose frames were both exposed wholly after not_before_s. Raises CameraError on timeout."""
+        """The newest pair with both exposures entirely after not_before_s. Raises CameraError on timeout."""
 
     def expose(self, left: float, right: float) -> tuple[float, float] | None:
-        """Gather so many times as much light with each eye from now on; what was taken, None where that is not to be
-        set: the operator has set it, or there is nothing to set. Raises CameraError."""
+        """Multiply each camera's exposure by a factor. Returns the factors that the devices accepted; None where the
+        operator has set the exposure, or the device has no control for it. Raises CameraError."""
 
     def close(self) -> None:
         """Release the devices; safe to call twice."""
 
     def describe(self) -> str:
-        """One line for people: which devices, format, rate."""
+        """One line for people: devices, format, rate."""

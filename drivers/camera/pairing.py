@@ -1,6 +1,6 @@
-"""Which two frames are of one moment. Pure: time stamps in, indices out.
+"""Synchronise two cameras: which two frames were exposed at the same time. Pure: time stamps in, indices out.
 
-All times in seconds on the monotonic clock. A frame's exposure lies between `start_s` and its stamp or shortly after.
+Times are in seconds on the monotonic clock.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FrameExposure:
-    """When a frame was exposed: the earliest moment any of its light can be from, and the middle."""
+    """When a frame was exposed: the earliest possible start, and the middle."""
 
     start_s: float
     middle_s: float
 
 
 def exposure_of(stamp_s: float, stamped_at_start: bool, period_s: float, exposure_s: float) -> FrameExposure:
-    """Exposure of a frame from its driver's stamp.
+    """Exposure of a frame from its driver's stamp, at the start of exposure or the end of read-out.
 
-    Drivers stamp either the start of exposure or the end of read-out (V4L2_BUF_FLAG_TSTAMP_SRC_*). Read-out of a
-    rolling shutter takes up to a period, so in the second case the first row's light may be period + exposure old.
+    Source: V4L2_BUF_FLAG_TSTAMP_SRC_*. The read-out of a rolling shutter takes up to a period, so that at its end the
+    first row's exposure began up to period + exposure ago.
     """
     if stamped_at_start:
         return FrameExposure(stamp_s, stamp_s + exposure_s / 2)
@@ -31,9 +31,8 @@ def exposure_of(stamp_s: float, stamped_at_start: bool, period_s: float, exposur
 def newest_pair(
     left: Sequence[FrameExposure], right: Sequence[FrameExposure], not_before_s: float, max_skew_s: float
 ) -> tuple[int, int] | None:
-    """Indices of the newest two frames that are each other's nearest in time, both fresh, at most max_skew_s apart.
-
-    Fresh: exposed wholly after not_before_s. None where there is no such pair (yet).
+    """Indices of the newest two frames that are each other's nearest in time, at most max_skew_s apart, and both
+    exposed entirely after not_before_s. None where there is no such pair yet.
     """
     if not left or not right:
         return None
@@ -60,25 +59,25 @@ def why_no_pair(
     silent_since_s: float,
     names: tuple[str, str] = ("left", "right"),
 ) -> str:
-    """In words, what stands between these frames and a pair. The sequences hold whole frames only.
+    """A message that says why undamaged frames make no pair.
 
-    silent_since_s: a camera whose newest frame is older than that has fallen silent; names: of the eyes, one twice
-    where it looks alone.
+    silent_since_s: a camera whose newest frame is older than that counts as silent; names: of the cameras, one twice
+    where it is used alone.
     """
     both = dict(zip(names, (left, right), strict=True))
-    silent = [eye for eye, frames in both.items() if not frames or frames[-1].middle_s < silent_since_s]
+    silent = [name for name, frames in both.items() if not frames or frames[-1].middle_s < silent_since_s]
     if silent:
-        return f"no frame {'any more ' if any(both[eye] for eye in silent) else ''}from the {_cameras(silent)}"
+        return f"no frame {'any more ' if any(both[name] for name in silent) else ''}from the {_cameras(silent)}"
     fresh = [[m for m in frames if m.start_s >= not_before_s] for frames in (left, right)]
     if not all(fresh):
         late_ms = (not_before_s - min(max(m.start_s for m in frames) for frames in (left, right))) * 1000.0
-        return f"the newest frames are {late_ms:.0f} ms too old (exposed before the arm had come to rest)"
+        return f"the newest frames are {late_ms:.0f} ms too old (exposed before the arm came to rest)"
     skew_ms = min(abs(a.middle_s - b.middle_s) for a in fresh[0] for b in fresh[1]) * 1000.0
     return (
         f"the frames are {skew_ms:.1f} ms apart, more than max_skew_ms {max_skew_s * 1000.0:g}: "
-        "raise the frame rate, synchronise the cameras, or allow more"
+        "raise the frame rate, synchronise the cameras, or raise the limit"
     )
 
 
-def _cameras(eyes: Sequence[str]) -> str:
-    return " and the ".join(eyes) + " camera"
+def _cameras(names: Sequence[str]) -> str:
+    return " and the ".join(names) + " camera"

@@ -1,7 +1,4 @@
-"""Bytes of a V4L2 buffer -> grey image. Pure; one table of pixel formats, and what a whole frame must measure.
-
-Belongs here: layouts. Not here: where the bytes come from, or what to do when they are short.
-"""
+"""Decode the bytes of a V4L2 buffer to a grey image: pixel formats and frame sizes. Pure."""
 
 from __future__ import annotations
 
@@ -17,12 +14,12 @@ Image = NDArray[np.uint8]
 
 
 class DamagedFrameError(Exception):
-    """The bytes are no whole frame; the message says how."""
+    """The bytes are not a complete frame; the message says why."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What the driver agreed to: format code, width and height px, bytes from one row to the next (0 for MJPEG)."""
+    """The format that the driver granted: code, width and height px, stride in bytes (0 for MJPEG)."""
 
     code: str
     width: int
@@ -32,7 +29,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class PixelEncoding:
-    """A pixel format: V4L2's code; bytes per pixel of its first plane (0: compressed); which of these is the luma."""
+    """A pixel format: V4L2's code; bytes per pixel of the first plane (0: compressed); offset of the luma byte."""
 
     code: str
     bytes_per_pixel: int
@@ -41,12 +38,12 @@ class PixelEncoding:
 
 FORMATS = {
     "GREY": PixelEncoding("GREY", 1),
-    "Y16": PixelEncoding("Y16", 2, luma=1),  # little-endian 16 bit, the upper eight kept
-    "YUYV": PixelEncoding("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) stays the camera's
+    "Y16": PixelEncoding("Y16", 2, luma=1),  # little-endian 16 bit, of which the upper eight are used
+    "YUYV": PixelEncoding("YUYV", 2),  # Y0 U Y1 V; the luma scale (16..235 or 0..255) is the camera's
     "NV12": PixelEncoding("NV12", 1),
     "MJPEG": PixelEncoding("MJPG", 0),
 }
-"""By our names, best first: plain grey, then what carries colour nobody looks at, then compressed."""
+"""By our names, in order of preference: grey, then colour (which is dropped), then compressed."""
 
 
 def _mjpeg(data: bytes, layout: Layout) -> Image:
@@ -63,7 +60,7 @@ def _mjpeg(data: bytes, layout: Layout) -> Image:
 
 
 def stride(code: str, width: int, granted: int) -> int:
-    """Bytes from row to row: what the driver granted, at least a row's own; 0 for MJPEG, which has no rows."""
+    """Bytes from row to row: as the driver granted, at least one row's; 0 for MJPEG, which has no rows."""
     row = FORMATS[code].bytes_per_pixel * width
     return max(granted, row) if row else 0
 
@@ -75,7 +72,7 @@ def whole_frame_bytes(layout: Layout) -> int:
 
 
 def read_grey(data: bytes, layout: Layout) -> Image:
-    """One buffer as a grey image (height, width), bit for bit the format's luma. Raises DamagedFrameError."""
+    """Decode one buffer to a grey image (height, width): the luma, unchanged. Raises DamagedFrameError."""
     expected = whole_frame_bytes(layout)
     if len(data) < expected:
         raise DamagedFrameError(f"{len(data)} of {expected} bytes")

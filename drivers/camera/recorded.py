@@ -1,7 +1,7 @@
-"""A folder of recorded pairs as a stereo camera: for replay, for trying settings, for a machine without cameras.
+"""Recorded stereo pairs as a camera: for replay, for trying settings, for a computer without cameras.
 
-Two layouts: folders that hold left.png and right.png each (what `facetctl snap` writes), or one folder of
-NAME-left.png and NAME-right.png (a run's images). Pairs come in the order of their names.
+Two layouts: folders with left.png and right.png each (as `facetctl snap` writes), or one folder of NAME-left.png and
+NAME-right.png (a run's images). Pairs are in the order of their names.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ def _order(path: Path) -> list[tuple[int, str]]:
 def recorded_pairs(folder: Path) -> list[tuple[Path, Path]]:
     """The (left, right) files of a folder, in order. Raises CameraError where there is none, or half of one."""
     if not folder.is_dir():
-        raise CameraError(f"recorded pairs: {folder} is no folder")
+        raise CameraError(f"recorded pairs: {folder} is not a folder")
     lefts = [p for pattern in ("left.png", "*-left.png", "*/left.png") for p in folder.glob(pattern)]
     pairs = [(p, p.with_name(p.name.removesuffix("left.png") + "right.png")) for p in sorted(set(lefts), key=_order)]
     if not pairs:
-        raise CameraError(f"recorded pairs: {folder} holds neither PAIR/left.png nor PAIR-left.png")
+        raise CameraError(f"recorded pairs: {folder} contains neither PAIR/left.png nor PAIR-left.png")
     missing = next((right for _, right in pairs if not right.is_file()), None)
     if missing:
         raise CameraError(f"recorded pairs: {missing} is missing")
@@ -45,12 +45,12 @@ def read_image(path: Path) -> Image:
         raise CameraError(f"recorded pairs: {path}: {error.strerror}") from error
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
     if image is None:
-        raise CameraError(f"recorded pairs: {path} is no image")
+        raise CameraError(f"recorded pairs: {path} is not an image")
     return np.asarray(image, np.uint8)
 
 
 class RecordedCamera:
-    """Honours drivers/camera/pair.py StereoCamera: each grab is the next recorded pair, stamped as taken now.
+    """A StereoCamera (pair.py) whose grabs return the next recorded pair, stamped with the present time.
 
     After the last pair it begins again where `again` is set, else it raises CameraError.
     """
@@ -78,12 +78,12 @@ class RecordedCamera:
         return pair
 
     def use(self, alone: EyeName | None) -> None:
-        """What is recorded are pairs of both. Raises CameraError for one eye."""
+        """Both cameras only: raises CameraError for one."""
         if alone is not None:
             raise CameraError("recorded pairs are of both cameras")
 
     def expose(self, left: float, right: float) -> None:
-        """What is recorded stays as it is."""
+        """Recorded pictures have no exposure to change."""
 
     def close(self) -> None:
         """Forget the folder; safe to call twice."""

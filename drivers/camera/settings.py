@@ -1,4 +1,4 @@
-"""What an operator can wish of the camera pair. Values only."""
+"""Settings of the cameras (the section `cameras` of facetd.yaml)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.camera.pixels import FORMATS
 Device = Annotated[str, Meta(min_length=1, max_length=4096)]
 Side = Annotated[int, Meta(ge=16, le=20_000)]
 Wish = Annotated[float, Meta(ge=-1e10, le=1e10)] | str
-"""A number, or `auto`: the camera's own automatism runs between looks and is held still during one."""
+"""A number, or `auto`: the camera's automatic control, frozen during a look."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class CameraSettings:
     the exposure where neither exposure_us nor gain is named."""
 
     def __post_init__(self) -> None:
-        """Refuse what no camera could do. Raises ValueError."""
+        """Raise ValueError for settings that no camera could have."""
         if self.left is None and self.right is None:
             raise ValueError("left: expected a camera, found none")
         unknown = [name for name in self.formats if name not in FORMATS]
@@ -54,6 +54,6 @@ class CameraSettings:
 
     @property
     def devices(self) -> dict[EyeName, Device]:
-        """The devices there are, by eye."""
+        """The configured devices by camera."""
         both: dict[EyeName, Device | None] = {"left": self.left, "right": self.right}
         return {name: device for name, device in both.items() if device is not None}

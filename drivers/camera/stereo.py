@@ -1,8 +1,7 @@
-"""One or two V4L2 cameras as one stereo camera: pairs of one moment, never stale, and its own recovery from trouble.
+"""One or two V4L2 cameras as a stereo camera: synchronous pairs, never stale, with recovery from errors.
 
-Belongs here: the pair's life. A look drains what the drivers queued since the last one and waits for light that fell
-after `not_before`; no thread runs between looks. Whatever goes wrong closes both streams and is said as a CameraError;
-the next grab looks the devices up again by name and starts afresh.
+A grab drains the frames queued since the last one and waits for exposures after `not_before`; no thread runs between
+grabs. Any error closes both streams and raises CameraError; the next grab finds the devices by name and starts again.
 """
 
 from __future__ import annotations
@@ -10,25 +9,26 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.camera import stream
 from drivers.camera.node import LINUX, System
-from drivers.camera.pair import CameraError, EyeName, Frame, StereoPair
+from drivers.camera.pair import CameraError, EyeName, Frame, StereoCamera, StereoPair
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
 from drivers.camera.settings import CameraSettings
 from drivers.camera.stream import CameraStream, RawFrame, StreamTally
 
 KEEP = 4
-"""Frames remembered of each eye while looking for a pair."""
+"""Frames kept of each camera while waiting for a pair."""
 SILENT_PERIODS = 10
-"""A camera without a frame for as many frame periods has fallen silent."""
+"""A camera without a frame for so many periods counts as silent."""
 
 
 @dataclass(frozen=True)
 class CameraReport:
-    """One eye for people and metrics: its line, what it took of the wished controls, names of controls that are others
-    here, what it delivered."""
+    """State of one camera for people and metrics: its line, the controls set, those with another name here, frame
+    counts."""
 
     line: str
     controls: dict[str, int]
@@ -37,13 +37,13 @@ class CameraReport:
 
 
 class V4L2StereoCamera:
-    """Honours drivers/camera/pair.py StereoCamera. One caller at a time."""
+    """A StereoCamera (pair.py) of V4L2 devices. One caller at a time."""
 
     def __init__(
         self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: System = LINUX
     ) -> None:
         self._settings, self._clock, self._system = settings, clock, system
-        self._eyes: tuple[CameraStream, ...] = ()
+        self._streams: tuple[CameraStream, ...] = ()
         self._used = settings.devices
 
     def use(self, alone: EyeName | None) -> None:
@@ -51,122 +51,134 @@ class V4L2StereoCamera:
         devices = self._settings.devices
         used = devices if alone is None else {name: device for name, device in devices.items() if name == alone}
         if len(used) < (2 if alone is None else 1):
-            raise CameraError(f"there is no such camera: the configuration names {' and '.join(devices)} only")
+            raise CameraError(f"no such camera: the configuration names only {' and '.join(devices)}")
         if used != self._used:
             self.close()
         self._used = used
 
     def open(self) -> None:
-        """Claim the devices that are looked with. Raises CameraError; then none is held."""
-        if self._eyes:
+        """Open the devices in use. Raises CameraError, with none left open."""
+        if self._streams:
             return
         started: list[CameraStream] = []
         try:
             for name, device in self._used.items():
                 started.append(stream.start(name, device, self._settings, self._system, self._clock))
         except CameraError:
-            for eye in started:
-                eye.stop()
+            for camera in started:
+                camera.stop()
             raise
-        self._eyes = tuple(started)
+        self._streams = tuple(started)
 
     def close(self) -> None:
         """Release the devices; safe to call twice."""
-        started, self._eyes = self._eyes, ()
-        for eye in started:
-            eye.stop()
+        started, self._streams = self._streams, ()
+        for camera in started:
+            camera.stop()
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The newest pair exposed wholly after not_before_s, skew within max_skew_ms.
+        """The newest pair exposed entirely after not_before_s, skew within max_skew_ms.
 
-        Opens the devices where they are not (any more). Raises CameraError when they cannot be had, are lost meanwhile,
-        or give no such pair within timeout_s; the devices are let go then.
+        Opens the devices where they are closed. Raises CameraError where they cannot be opened, are lost, or give no
+        such pair within timeout_s; the devices are closed then.
         """
         deadline_s = self._clock() + timeout_s
         try:
             self.open()
-            for eye in self._eyes:
-                eye.hold(self._settings)
-            pair = self._await_pair(self._eyes, not_before_s, deadline_s, timeout_s)
-            for eye in self._eyes:
-                eye.release(self._settings)
+            for camera in self._streams:
+                camera.hold(self._settings)
+            pair = self._await_pair(self._streams, not_before_s, deadline_s, timeout_s)
+            for camera in self._streams:
+                camera.release(self._settings)
             return pair
         except CameraError:
             self.close()
             raise
 
     def expose(self, left: float, right: float) -> tuple[float, float] | None:
-        """See StereoCamera. Where the settings name exposure or gain, those are the operator's."""
-        if not self._eyes or {"exposure_us", "gain"} & set(self._settings.controls):
+        """See StereoCamera. None where the settings name exposure or gain."""
+        if not self._streams or {"exposure_us", "gain"} & set(self._settings.controls):
             return None
-        took = [eye.brighten(factor) for eye, factor in zip(self._eyes, (left, right), strict=False)]
+        took = [camera.brighten(factor) for camera, factor in zip(self._streams, (left, right), strict=False)]
         return None if None in took else (took[0] or 1.0, took[-1] or 1.0)
 
     def _await_pair(
-        self, both: tuple[CameraStream, ...], not_before_s: float, deadline_s: float, timeout_s: float
+        self, streams: tuple[CameraStream, ...], not_before_s: float, deadline_s: float, timeout_s: float
     ) -> StereoPair:
-        seen = [eye.waiting() for eye in both]
+        seen = [camera.waiting() for camera in streams]
         woken = False
         while True:
-            came = [eye.take() for eye in both]
+            came = [camera.take() for camera in streams]
             for frames, new in zip(seen, came, strict=True):
                 frames += new
                 del frames[:-KEEP]
-            pair = self._choose(both, seen, not_before_s)
+            pair = self._choose(streams, seen, not_before_s)
             if pair:
                 return pair
             remaining_s = deadline_s - self._clock()
-            if woken and not any(came):  # a driver that reports trouble it does not deliver must not spin us
+            if woken and not any(came):  # do not spin where a driver reports readiness without a frame
                 self._system.wait([], min(remaining_s, 0.005))
-            woken = remaining_s > 0 and self._system.wait([eye.node for eye in both], remaining_s)
+            woken = remaining_s > 0 and self._system.wait([camera.node for camera in streams], remaining_s)
             if not woken:
-                raise CameraError(self._why(both, seen, not_before_s, timeout_s))
+                raise CameraError(self._why(streams, seen, not_before_s, timeout_s))
 
     def _choose(
-        self, both: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float
+        self, streams: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float
     ) -> StereoPair | None:
-        """The best pair among the frames seen, of one eye its frame twice; one that cannot be decoded is counted,
-        forgotten, and looked past."""
+        """The best pair of the frames; with one camera its frame twice. Frames that cannot be decoded are counted and
+        dropped."""
         while True:
             left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
             chosen = newest_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0)
             if chosen is None:
                 return None
             frames = []
-            for eye, raws, k in zip(both, seen, chosen, strict=False):
+            for camera, raws, k in zip(streams, seen, chosen, strict=False):
                 try:
                     frames.append(Frame(raws[k].image(), raws[k].exposure.middle_s, raws[k].sequence))
                 except DamagedFrameError as damage:
-                    eye.tally.damaged += 1
-                    eye.tally.frames -= 1
-                    eye.tally.last_damage = str(damage)
+                    camera.tally.damaged += 1
+                    camera.tally.frames -= 1
+                    camera.tally.last_damage = str(damage)
                     del raws[k]
                     break
-            if len(frames) == len(both):
+            if len(frames) == len(streams):
                 return StereoPair(frames[0], frames[-1])
 
     def _why(
-        self, both: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float
+        self, streams: tuple[CameraStream, ...], seen: list[list[RawFrame]], not_before_s: float, timeout_s: float
     ) -> str:
         left, right = ([f.exposure for f in frames] for frames in (seen[0], seen[-1]))
-        silent_since_s = self._clock() - SILENT_PERIODS * max(eye.period_s for eye in both)
-        names = both[0].name, both[-1].name
+        silent_since_s = self._clock() - SILENT_PERIODS * max(camera.period_s for camera in streams)
+        names = streams[0].name, streams[-1].name
         why = why_no_pair(left, right, not_before_s, self._settings.max_skew_ms / 1000.0, silent_since_s, names)
         damage = [
             f"{e.name}: {e.tally.damaged} damaged frames, the last {e.tally.last_damage} (cable, USB bandwidth?)"
-            for e in both
+            for e in streams
             if e.tally.damaged
         ]
-        where = " and ".join(f"{eye.path} `{eye.card}`" for eye in both)
-        what = "stereo pair" if len(both) > 1 else "picture"
+        where = " and ".join(f"{camera.path} `{camera.card}`" for camera in streams)
+        what = "stereo pair" if len(streams) > 1 else "picture"
         return f"no {what} within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
 
     def reports(self) -> tuple[CameraReport, ...]:
-        """What each open eye is doing."""
-        return tuple(CameraReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._eyes)
+        """The state of each open camera."""
+        return tuple(CameraReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._streams)
 
     def describe(self) -> str:
         """One line for people."""
-        if self._eyes:
-            return "; ".join(eye.describe() for eye in self._eyes)
+        if self._streams:
+            return "; ".join(camera.describe() for camera in self._streams)
         return f"closed: {', '.join(f'{name} `{device}`' for name, device in self._used.items())}"
+
+
+def camera_rows(camera: StereoCamera) -> list[dict[str, Any]]:
+    """Controls and frame counts of each open V4L2 camera, as rows; empty for other kinds of cameras."""
+    reports = camera.reports() if isinstance(camera, V4L2StereoCamera) else ()
+    return [
+        {
+            "line": report.line, "controls": report.controls, "renamed": report.renamed, "frames": report.tally.frames,
+            "dropped": report.tally.dropped, "damaged": report.tally.damaged,
+        }
+        for report in reports
+    ]  # fmt: skip

@@ -1,7 +1,4 @@
-"""One camera, streaming: format agreed, controls set, buffers mapped, frames taken as they come.
-
-Belongs here: the life of one stream. Not here: which device (find.py), which frames make a pair (pairing.py).
-"""
+"""Stream of one V4L2 camera: negotiate the format, set controls, map buffers, take frames."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ STAMPED_TO_S = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class RawFrame:
-    """One buffer as it came: its bytes, how they are laid out, when it was exposed, the driver's number for it."""
+    """One undecoded frame: bytes, layout, exposure, the driver's number."""
 
     data: bytes
     layout: Layout
@@ -38,7 +35,7 @@ class RawFrame:
 
 @dataclass
 class StreamTally:
-    """What one camera delivered since it was opened: whole frames, numbers the driver skipped, frames not whole."""
+    """Frame counts of one camera since it was opened: complete, dropped by the driver, damaged."""
 
     frames: int = 0
     dropped: int = 0
@@ -47,7 +44,7 @@ class StreamTally:
 
 
 class CameraStream:
-    """One open, streaming camera, made by `start`. Any method may raise CameraError; then only stop() is left."""
+    """An open, streaming camera, made by `start`. Any method may raise CameraError; then call stop()."""
 
     def __init__(self, name: str, path: str, node: OpenNode, system: System, clock: Callable[[], float]) -> None:
         self.name, self.path, self.node = name, path, node
@@ -55,7 +52,7 @@ class CameraStream:
         self.tally = StreamTally()
         self.settings_taken: dict[str, int] = {}
         self.renamed: dict[str, str] = {}
-        """Controls that the settings name otherwise than this device: name there -> name here."""
+        """Controls with another name on this device: name in the settings -> name here."""
         self.layout = Layout("GREY", 0, 0, 0)
         self.period_s = 0.0
         self.stamps_are_monotonic = False  # until a frame shows it
@@ -63,17 +60,17 @@ class CameraStream:
         self._maps: list[mmap.mmap] = []
         self._last_sequence: int | None = None
         self._all_stamped = True
-        """Whether every frame that was taken since somebody looked had a stamp that says something."""
+        """Whether every frame taken since the last `waiting` had a usable stamp."""
         self._exposure_s = 0.0
         self._streaming_since_s = 0.0
 
     def begin(self, settings: CameraSettings) -> None:
-        """Agree on everything with the driver and start the stream."""
-        with self._words_for_trouble():
+        """Negotiate format, rate and controls with the driver and start the stream."""
+        with self._kernel_errors():
             capability = v4l2.query_capability(self.node)
             self.card = capability.card.decode("utf-8", "replace")
             if not v4l2.can_capture(capability):
-                raise CameraError(f"{self.name} camera {self.path} `{self.card}` captures no video (now)")
+                raise CameraError(f"{self.name} camera {self.path} `{self.card}` does not capture video")
             self.layout = self._agree_on_format(settings)
             self.period_s = self._agree_on_rate(settings.fps)
             self.settings_taken = controls.apply(self.node, self.name, settings.controls)
@@ -99,7 +96,7 @@ class CameraStream:
         raise CameraError(f"{self.name} camera {self.path} cannot give {wish}; it offers: {offer}")
 
     def _agree_on_rate(self, fps: float) -> float:
-        """Seconds a frame the driver will keep; the wish where it does not say."""
+        """The frame period granted by the driver, s; the wished one where it grants none."""
         try:
             granted = v4l2.set_interval(self.node, v4l2.Fraction(1000, round(fps * 1000)))
         except OSError:
@@ -107,9 +104,9 @@ class CameraStream:
         return granted.numerator / granted.denominator if granted.numerator and granted.denominator else 1.0 / fps
 
     def take(self) -> list[RawFrame]:
-        """Every whole frame that waits, oldest first; damaged ones are counted and left out."""
+        """All complete queued frames, oldest first; damaged ones are counted and left out."""
         frames: list[RawFrame] = []
-        with self._words_for_trouble():
+        with self._kernel_errors():
             while True:
                 try:
                     buffer = v4l2.dequeue_buffer(self.node)
@@ -122,7 +119,7 @@ class CameraStream:
                     self.tally.frames += 1
 
     def _is_whole(self, buffer: v4l2.Buffer) -> bool:
-        """Keep the tally; whether the buffer holds a frame."""
+        """Whether the buffer contains a complete frame; counts it otherwise."""
         if self._last_sequence is not None:
             self.tally.dropped += max(0, buffer.sequence - self._last_sequence - 1)
         self._last_sequence = buffer.sequence
@@ -135,12 +132,12 @@ class CameraStream:
         return True
 
     def _exposure(self, buffer: v4l2.Buffer) -> FrameExposure:
-        """When the frame was exposed. Stamps of another clock say nothing, nor do those ahead of ours, which a driver
-        reckoned wrongly: then the moment of taking stands in."""
+        """When the frame was exposed. Where the stamp is of another clock, or in the future, the time of taking
+        replaces it."""
         at_start = buffer.flags & v4l2.BUFFER_STAMP_MASK == v4l2.BUFFER_STAMP_START_OF_EXPOSURE
         stamp_s, now_s = buffer.seconds + buffer.microseconds * 1e-6, self._clock()
         clock = buffer.flags & v4l2.BUFFER_CLOCK_MASK
-        if clock == v4l2.BUFFER_CLOCK_UNKNOWN:  # v4l2loopback does not say; a stamp of this stream's time shows it
+        if clock == v4l2.BUFFER_CLOCK_UNKNOWN:  # v4l2loopback: a stamp within this stream's time shows the clock
             self.stamps_are_monotonic |= self._streaming_since_s <= stamp_s <= now_s
         else:
             self.stamps_are_monotonic = clock == v4l2.BUFFER_CLOCK_MONOTONIC
@@ -150,31 +147,31 @@ class CameraStream:
         return exposure_of(stamp_s, at_start, self.period_s, self._exposure_s)
 
     def waiting(self) -> list[RawFrame]:
-        """What came since the last look, as far as it is the newest there is.
+        """Frames queued since the last grab, where they are the newest.
 
-        Nothing when every buffer was full (newer frames had nowhere to go), or while it is not known that stamps are
-        usable (nobody can say how old a waiting frame is).
+        Empty where all buffers were full (the driver had to drop newer frames), or stamps are not usable (the age of a
+        queued frame is then unknown).
         """
-        knew, self._all_stamped = self.stamps_are_monotonic, True
+        stamps_were_usable, self._all_stamped = self.stamps_are_monotonic, True
         frames = self.take()
-        return frames if knew and self._all_stamped and len(frames) < BUFFERS else []
+        return frames if stamps_were_usable and self._all_stamped and len(frames) < BUFFERS else []
 
     def brighten(self, factor: float) -> float | None:
-        """See controls.brighten; a frame's period is the longest."""
-        with self._words_for_trouble():
+        """See controls.brighten; the longest exposure is the frame period."""
+        with self._kernel_errors():
             took = controls.brighten(self.node, self.name, factor, self.period_s)
             self._exposure_s = controls.exposure_s(self.node)
             return took
 
     def hold(self, settings: CameraSettings) -> None:
-        """Keep automatic exposure, gain, focus still for a look."""
-        with self._words_for_trouble():
+        """Freeze automatic exposure, gain, focus for a look."""
+        with self._kernel_errors():
             controls.hold(self.node, settings.controls)
             self._exposure_s = controls.exposure_s(self.node) if settings.controls else self._exposure_s
 
     def release(self, settings: CameraSettings) -> None:
-        """Let them go on after it."""
-        with self._words_for_trouble():
+        """Turn automatic exposure, gain, focus on again after a look."""
+        with self._kernel_errors():
             controls.release(self.node, settings.controls)
 
     def describe(self) -> str:
@@ -183,7 +180,7 @@ class CameraStream:
         return f"{self.name} {self.path} `{self.card}` {form}"
 
     def stop(self) -> None:
-        """Give everything back; a device that is gone is let go without a word."""
+        """Stop the stream and close the device, also one that was unplugged."""
         for mapped in self._maps:
             mapped.close()
         self._maps.clear()
@@ -192,19 +189,19 @@ class CameraStream:
             v4l2.request_buffers(self.node, 0)
         self.node.close()
 
-    def _words_for_trouble(self) -> AbstractContextManager[None]:
-        return find.words_for_trouble(self.name, self.path, self._system)
+    def _kernel_errors(self) -> AbstractContextManager[None]:
+        return find.kernel_errors(self.name, self.path, self._system)
 
 
 def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> CameraStream:
-    """Find, open and start one camera. Raises CameraError; nothing stays open then."""
+    """Find, open and start one camera. Raises CameraError, with nothing left open."""
     path = find.find(device, name, system)
-    with find.words_for_trouble(name, path, system):
+    with find.kernel_errors(name, path, system):
         node = system.open(path)
-    eye = CameraStream(name, path, node, system, clock)
+    camera = CameraStream(name, path, node, system, clock)
     try:
-        eye.begin(settings)
+        camera.begin(settings)
     except CameraError:
-        eye.stop()
+        camera.stop()
         raise
-    return eye
+    return camera

@@ -1,7 +1,6 @@
-"""The Video4Linux ioctls we use, one small function each, the open node first. Layouts as in <linux/videodev2.h>.
+"""Video4Linux ioctls, one function each. Structures, request numbers and constants as in <linux/videodev2.h>.
 
-Belongs here: structures, request numbers, constants, and calls that fill and read them. Not here: choices, retries,
-words for people. Every function raises OSError with the kernel's errno.
+Every function raises OSError with the kernel's errno.
 """
 
 from __future__ import annotations
@@ -107,7 +106,7 @@ class RequestBuffers(ctypes.Structure):
 
 
 class Timecode(ctypes.Structure):
-    """struct v4l2_timecode: there for its size."""
+    """struct v4l2_timecode: unused but for its size."""
 
     _fields_ = (("type", c_uint32), ("flags", c_uint32), ("digits", c_uint8 * 4), ("userbits", c_uint8 * 4))
 
@@ -169,17 +168,17 @@ ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS = _request(3, 74, FrameSize), _request(3, 7
 
 
 class Node(Protocol):
-    """An open /dev/videoN (drivers/camera/node.py, or a test's)."""
+    """An open /dev/videoN (drivers/camera/node.py, or a test's fake)."""
 
     def ioctl(self, request: int, argument: ctypes.Structure | c_int32) -> None:
-        """Carry out one request in place. Raises OSError."""
+        """One request, in place. Raises OSError."""
 
 
 Described = TypeVar("Described", FormatDescription, FrameSize, FrameInterval)
 
 
 def _is_there(node: Node, request: int, entry: ctypes.Structure) -> bool:
-    """Have the driver fill in an entry; False where it says there is none."""
+    """Have the driver fill in an entry; False where there is none."""
     try:
         node.ioctl(request, entry)
     except OSError as error:
@@ -190,7 +189,7 @@ def _is_there(node: Node, request: int, entry: ctypes.Structure) -> bool:
 
 
 def _enumerate(node: Node, request: int, make: Callable[[], Described]) -> Iterator[Described]:
-    """Ask for entry 0, 1, 2, ... until the driver says there are no more."""
+    """Entries 0, 1, 2, ... until the driver has no more."""
     for index in count():
         entry = make()
         entry.index = index
@@ -200,14 +199,14 @@ def _enumerate(node: Node, request: int, make: Callable[[], Described]) -> Itera
 
 
 def query_capability(node: Node) -> Capability:
-    """Who the device is and what it can do."""
+    """Identity and capabilities of the device."""
     capability = Capability()
     node.ioctl(QUERYCAP, capability)
     return capability
 
 
 def can_capture(capability: Capability) -> bool:
-    """Whether this very node (not its siblings) streams captured video."""
+    """Whether this node itself (not a sibling of the device) streams captured video."""
     own = capability.device_caps if capability.capabilities & CAP_DEVICE_CAPS else capability.capabilities
     return bool(own & CAP_CAPTURE and own & CAP_STREAMING)
 
@@ -229,7 +228,7 @@ def enumerate_intervals(node: Node, pixelformat: int, width: int, height: int) -
 
 
 def set_format(node: Node, pixelformat: int, width: int, height: int, stream: int = CAPTURE) -> PixelFormat:
-    """Ask for a format; what comes back is what the driver will do, which may be another."""
+    """Request a format; returns the one that the driver grants, which may differ."""
     wish = StreamFormat(type=stream)
     wish.fmt.pix = PixelFormat(width=width, height=height, pixelformat=pixelformat, field=NO_FIELD)
     node.ioctl(S_FMT, wish)
@@ -238,7 +237,7 @@ def set_format(node: Node, pixelformat: int, width: int, height: int, stream: in
 
 
 def set_interval(node: Node, interval: Fraction) -> Fraction:
-    """Ask for a time per frame; what comes back is what the driver will do."""
+    """Request a frame period; returns the one that the driver grants."""
     wish = StreamParameters(type=CAPTURE)
     wish.parm.capture.timeperframe = interval
     node.ioctl(S_PARM, wish)
@@ -247,14 +246,14 @@ def set_interval(node: Node, interval: Fraction) -> Fraction:
 
 
 def request_buffers(node: Node, count: int) -> int:
-    """Have the driver set aside that many buffers (0 frees them); how many it did."""
+    """Request that many buffers (0 frees them); returns how many the driver granted."""
     request = RequestBuffers(count=count, type=CAPTURE, memory=MMAP)
     node.ioctl(REQBUFS, request)
     return int(request.count)
 
 
 def query_buffer(node: Node, index: int) -> Buffer:
-    """Where buffer `index` lies (m.offset, length)."""
+    """Offset (m.offset) and length of a buffer."""
     buffer = Buffer(index=index, type=CAPTURE, memory=MMAP)
     node.ioctl(QUERYBUF, buffer)
     return buffer
@@ -283,7 +282,7 @@ def stream_off(node: Node) -> None:
 
 
 def enumerate_controls(node: Node) -> Iterator[QueryControl]:
-    """Every control of every class, section titles and disabled ones left out."""
+    """All controls without section titles and disabled ones."""
     last = 0
     while _is_there(node, QUERYCTRL, entry := QueryControl(id=last | NEXT_CONTROL)):
         last = entry.id
@@ -299,24 +298,24 @@ def menu_item(node: Node, control: int, index: int) -> QueryMenu:
 
 
 def get_control(node: Node, control: int) -> int:
-    """A control's value now."""
+    """Read a control."""
     value = ControlValue(id=control)
     node.ioctl(G_CTRL, value)
     return int(value.value)
 
 
 def set_control(node: Node, control: int, value: int) -> int:
-    """Set a control; the value the driver says it took."""
+    """Set a control; returns the value that the driver reports."""
     wish = ControlValue(id=control, value=value)
     node.ioctl(S_CTRL, wish)
     return int(wish.value)
 
 
 def fourcc(code: str) -> int:
-    """Four letters, such as `GREY` or `Y16 `, as the number V4L2 uses."""
+    """Pixel format code, such as `GREY` or `Y16 ` -> V4L2's number."""
     return int.from_bytes(code.ljust(4).encode("ascii"), "little")
 
 
 def code_of(number: int) -> str:
-    """The four letters of a pixel format number, trailing blanks off."""
+    """V4L2's number of a pixel format -> its code, without trailing blanks."""
     return (number & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace").rstrip()

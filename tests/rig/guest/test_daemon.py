@@ -41,7 +41,7 @@ from drivers.camera.node import LINUX
 
 def test_systemd_starts_the_daemon_and_hears_when_it_is_ready(person: Person) -> None:
     person.do("clear")
-    until(lambda: len(list_devices(LINUX, whole=False)[0]) == 2)
+    until(lambda: len(list_devices(LINUX, full=False)[0]) == 2)
     started_s = time.monotonic()
     done = run("systemctl", "start", "facetd")
     assert done.returncode == 0, done.stderr + "\n".join(str(r.get("MESSAGE")) for r in journal())

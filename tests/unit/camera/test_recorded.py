@@ -49,13 +49,13 @@ def test_a_recorded_pair_counts_as_taken_after_the_arm_came_to_rest(tmp_path: Pa
 
 
 def test_what_is_missing_or_no_image_is_said_with_its_path(tmp_path: Path) -> None:
-    with pytest.raises(CameraError, match="nowhere is no folder"):
+    with pytest.raises(CameraError, match="nowhere is not a folder"):
         RecordedCamera(tmp_path / "nowhere").open()
-    with pytest.raises(CameraError, match=r"holds neither PAIR/left\.png nor PAIR-left\.png"):
+    with pytest.raises(CameraError, match=r"contains neither PAIR/left\.png nor PAIR-left\.png"):
         RecordedCamera(tmp_path).open()
     save(tmp_path / "left.png", 1)
     with pytest.raises(CameraError, match=r"right\.png is missing"):
         RecordedCamera(tmp_path).open()
     (tmp_path / "right.png").write_bytes(b"rubbish")
-    with pytest.raises(CameraError, match=r"right\.png is no image"):
+    with pytest.raises(CameraError, match=r"right\.png is not an image"):
         RecordedCamera(tmp_path).grab(0.0, 1.0)

@@ -54,11 +54,11 @@ def test_cameras_that_do_not_work_are_one_line_and_status_1(
 ) -> None:
     shutil.rmtree(config.parent / "pairs")
     assert ctl.main(["snap", str(tmp_path / "shot"), "--config", str(config)]) == 1
-    assert "is no folder" in capsys.readouterr().err
+    assert "is not a folder" in capsys.readouterr().err
     assert ctl.main(["--json", "cameras", "--seconds", "1", "--config", str(config)]) == 1
     said = json.loads(capsys.readouterr().out)
     assert said["pair"] is None
-    assert "is no folder" in said["trouble"]
+    assert "is not a folder" in said["trouble"]
 
 
 def test_a_configuration_that_is_not_there_is_one_line_and_status_2(
