@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from daemon.console.aliases import job_words
-from daemon.console.stop_words import takes_leave
+from daemon.console.stop_words import withdraws_permission
 from daemon.errors import DONE as DONE
 from daemon.errors import NOT_DONE as NOT_DONE
 from daemon.errors import NOT_UNDERSTOOD as NOT_UNDERSTOOD
@@ -133,7 +133,7 @@ def _main(arguments: list[str] | None) -> int:
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except DaemonUnreachableError as error:
-        unanswered = isinstance(error, StopUnansweredError) or takes_leave(shlex.join(words))
+        unanswered = isinstance(error, StopUnansweredError) or withdraws_permission(shlex.join(words))
         print(f"facetctl: {stop_unanswered(error) if unanswered else error}", file=sys.stderr)
         return STOP_UNANSWERED if unanswered else NOT_UNDERSTOOD
     except KeyboardInterrupt:

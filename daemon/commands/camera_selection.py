@@ -46,7 +46,7 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
     if wrong is not None:
         raise CommandError(f"the {alone} camera cannot be used: {wrong}", NOT_DONE)
     await context.look_with(alone, "chosen by an operator")
-    context.one_eye_allowed = True
+    context.one_camera_allowed = True
     return CommandResult(f"Using the {alone} camera alone: {COST}. `cameras both` switches back.", {"alone": alone})
 
 
@@ -93,7 +93,7 @@ async def offered(context: CommandContext, fault: str, frontend: Frontend) -> st
             f"The fault is not cleared: {fault}. Repair the {OTHER[alone]} camera, then `resume`.", NOT_DONE
         )
     await context.look_with(alone, f"{OTHER[alone]} camera: {why}")
-    context.one_eye_allowed = True
+    context.one_camera_allowed = True
     return f"Using the {alone} camera alone. Once the {OTHER[alone]} camera is repaired: `cameras both`."
 
 

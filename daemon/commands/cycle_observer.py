@@ -46,7 +46,7 @@ class CycleObserver:
         self._note_truth(end)
         tell_end(context, end)
         context.roll_if_due()
-        allowed = context.one_eye_allowed and context.config.values.pick.auto_degrade
+        allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # by somebody: what the fault asked for is done by now
         if end.outcome == "fault" and allowed and not stopped and context.cycle.pick_order is not None:
             self._beside(self.go_on_with_one_eye(), "one eye")

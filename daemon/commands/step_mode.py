@@ -72,7 +72,7 @@ async def tell_what_waits(context: CommandContext) -> None:
     waits = PendingMoveReminder()
     while True:
         await asyncio.sleep(UNASKED_S)
-        waiting = None if context.notices.asked else context.cycle.supervisor.hold.waiting
+        waiting = None if context.notices.can_ask else context.cycle.supervisor.hold.waiting
         if (line := waits.due(waiting)) is not None:
             context.notices.tell(line)
 

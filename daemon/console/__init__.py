@@ -1,4 +1,4 @@
-"""The operators' language: a line in, the command it means, an answer in words or JSON.
+"""The command language: parse a line, run its command, answer as text or JSON.
 
-What each word does stands in daemon/commands/; how lines get here, in daemon/frontends/.
+daemon/commands/ has the commands, daemon/frontends/ receives the lines.
 """

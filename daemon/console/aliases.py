@@ -1,6 +1,6 @@
-"""Old words that still work: the one table of what people have learnt to type, install and send, and its name today.
+"""Aliases: the table of old names of commands, extras, units and message keys that still work, with today's names.
 
-tests/unit/console/test_aliases.py walks it. What a recorded run calls a thing is the store's (daemon/store/).
+Old names in recorded runs are in daemon/events/upgrade.py.
 """
 
 from __future__ import annotations
@@ -8,9 +8,9 @@ from __future__ import annotations
 COMMANDS = {"eyes": "cameras", "places": "positions"}
 """Commands of the daemon."""
 JOBS = {"hall": "fleet", "live": "dashboard"}
-"""Jobs of `facetctl`."""
+"""Subcommands of `facetctl`."""
 JOB_KINDS = {("arm", "introduce"): "identify"}
-"""What follows a job."""
+"""Arguments behind a subcommand."""
 EXTRAS = {"live": "dashboard"}
 """Extras of the package (pyproject.toml, deploy/install.sh)."""
 UNITS = {"facetd-live.service": "facetd-dashboard.service"}
@@ -25,7 +25,7 @@ def aliases_of(command: str) -> tuple[str, ...]:
 
 
 def job_words(words: list[str]) -> list[str]:
-    """The words of a `facetctl` job with each old one replaced."""
+    """The arguments of `facetctl` with old names replaced."""
     job, *others = words or [""]
     job = JOBS.get(job, job)
     if others:

@@ -1,6 +1,6 @@
-"""What operators' commands work with: the one cycle, the trainer, the hardware, the log, and what troubles there are.
+"""The context of commands: pick cycle, trainer, hardware, run log, active troubles, and what they share.
 
-Values and small questions about them; what commands do is in daemon/commands/, when things start and end in service.py.
+service.py builds it, starts and ends its parts.
 """
 
 from __future__ import annotations
@@ -36,23 +36,22 @@ from daemon.teaching.trainer import Trainer
 from daemon.vision.facets import TablePlane, table_at
 
 ANSWERABLE: tuple[type[Exception], ...] = (FacetdError, *EXPECTED_ERRORS)
-"""What the world can do to a command: an answer, not a crash. Drivers have error roots of their own."""
-
+"""Errors that a command answers instead of failing. Drivers have error roots of their own."""
 
 Change = Callable[[], Awaitable[Callable[[], None]]]
-"""Writes what is to be taken over; gives what puts it back."""
+"""Writes new files; returns a function that restores the old ones."""
 
 
 class Reload(Protocol):
-    """Takes over what is on the disk (service.py)."""
+    """Reload configuration and calibration from disk (service.py)."""
 
     def __call__(self, who: str | None, change: Change | None = None) -> Awaitable[str]:
-        """Asked for by that operator; change: made first, in the same turn. Raises FacetdError."""
+        """who: the operator; change: applied first, in the same turn. Raises FacetdError."""
 
 
 @dataclass
 class CommandContext:
-    """See the module. Built by the service; a reload replaces config and calibration."""
+    """What commands work with. A reload replaces config and calibration."""
 
     config: Config
     calibration: Calibration
@@ -64,91 +63,90 @@ class CommandContext:
     troubles: Troubles
     reload: Reload
     worker: Worker
-    """Computes looks and plans."""
+    """Computes observations and plans."""
     study: Worker
-    """Computes what nobody's arm waits for: training, drawings, calibrations."""
+    """Computes what no arm waits for: training, drawings, calibrations."""
     notices: Notices = field(default_factory=Notices)
     started_s: float = field(default_factory=time.monotonic)
     roll_due: bool = False
-    """The run's folder is large: the log goes on in a new one as soon as no pick is under way."""
+    """The run's folder is large: start a new one as soon as no pick is under way."""
     judged: tuple[int, tuple[Sufficiency, ...]] | None = None
-    """The version that was judged last, and what was found."""
-    one_eye_allowed: bool = False
-    """An operator let this daemon go on with one eye after a fault of the other."""
+    """The model version checked last for sufficient views, and the result."""
+    one_camera_allowed: bool = False
+    """An operator permitted picking with one camera after a fault of the other."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
     _auto_count: int | None = None
-    """How many parts were asked for; None: all."""
+    """How many parts were requested; None: all."""
 
     @property
     def parts(self) -> list[str]:
-        """Every label that means something here: in parts.yaml, taught, or with stored views."""
+        """All valid labels: in parts.yaml, taught, or with stored views."""
         known = [*self.trainer.parts, *self.trainer.model.labels, *self.trainer.model_store.labels()]
         return list(dict.fromkeys(known))
 
     def table_in(self, seen: Look) -> TablePlane:
-        """The table in the cyclopean frame of a look."""
+        """The table in the cyclopean frame of an observation."""
         return table_at(self.config.values.pick.limits.table_z_mm, seen.world_from_cyclopean)
 
     async def look_with(self, alone: EyeName | None, why: str) -> None:
-        """Look with one eye from now on, or with both (None); only while nothing is being done, and nobody looks
-        meanwhile. Raises CameraError, RefusedError."""
-        before, eyes = self.hardware.eyes.alone, self.hardware.eyes
+        """Use one camera, or both (None), between jobs and as a job of its own. Raises CameraError, RefusedError."""
+        before, cameras = self.hardware.eyes.alone, self.hardware.eyes
 
         async def changed() -> None:
             try:
-                await eyes.use(alone)
-            except BaseException:  # stopped amid it, the cameras may be changed already
-                await eyes.use(before)
+                await cameras.use(alone)
+            except BaseException:  # a stop in between: the cameras may have changed already
+                await cameras.use(before)
                 raise
             self.cycle.refit(*pick_cell(self.config, self.calibration, self.hardware, self.log, self.worker))
 
-        self.cycle.supervisor.between_jobs("eyes are changed")
-        await self.cycle.supervisor.run("change eyes", changed(), moves=False)
+        self.cycle.supervisor.between_jobs("cameras are changed")
+        await self.cycle.supervisor.run("change cameras", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
         self.troubles.tell("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
-        """Pick in the background. Raises RefusedError where that may not begin; an auto that is on stays the one that
-        `auto_ends` waits for."""
-        begun = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
-        begun.add_done_callback(self._auto_ended)
+        """Start `auto` in the background. Raises RefusedError where it may not start; `auto_ends` then still waits for
+        the one that is on."""
+        auto = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
+        auto.add_done_callback(self._auto_ended)
         self._auto_count = count
-        self._auto = begun
+        self._auto = auto
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
         if not auto.cancelled() and auto.exception() is None:
             self.notices.tell(f"Auto has ended: {self.auto_end(auto.result())}", NoticeLevel.OUTCOMES)
 
     def auto_end(self, ends: list[CycleEnd]) -> str:
-        """How many parts the last auto picked, and why it ended, such as `2 parts picked; the table is empty.`."""
+        """How the last auto ended, such as `2 parts picked; the table is empty.`."""
         picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._auto_count
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
         if (fault := self.cycle.supervisor.fault) is not None:
-            because = fault
+            reason = fault
         elif count is not None and picked >= count:
-            because = "that is as many as requested"
+            reason = "that is as many as requested"
         elif outcome == Outcome.EMPTY:
-            because = "the table is empty"
+            reason = "the table is empty"
         elif outcome in (Outcome.PICKED, Outcome.EMPTIED):
-            because = "ended by `auto off`"
+            reason = "ended by `auto off`"
         elif outcome is None:
-            because = "stopped before the first pick"
+            reason = "stopped before the first pick"
         else:
-            because = f"the last one ended as {outcome}" + (f": {why}" if why else "")
-        return f"{plural(picked, 'part')} picked; {because}."
+            reason = f"the last one ended as {outcome}" + (f": {why}" if why else "")
+        return f"{plural(picked, 'part')} picked; {reason}."
 
     async def auto_ends(self) -> list[CycleEnd]:
-        """Wait for the last auto to end; what became of each part. Empty where there was none."""
+        """Wait for the last auto to end: the end of each pick. Empty where there was no auto."""
         return [] if self._auto is None else await asyncio.shield(self._auto)
 
     def roll_if_due(self) -> None:
-        """Between two picks: an auto that goes on for weeks is never idle."""
+        """Start a new run folder between two picks where one is due: an auto of weeks is never idle."""
         if self.roll_due:
             self.roll_due = False
             self.new_run(new_folder(self.config.runs, datetime.now(UTC)))
 
     def new_run(self, folder: Path) -> None:
-        """Go on in a new run folder, which says again what it was made with."""
+        """Continue in a new run folder, which again records configuration, calibration and model."""
         before = self.run_log.folder
         self.run_log.roll(folder)
         self.record_start(continues=before.name)
@@ -159,7 +157,7 @@ class CommandContext:
             self.log.record("holding", held=self.cycle.belief.holds_part)
 
     def record_start(self, **more: object) -> None:
-        """What this run is made with, each file kept by its content."""
+        """Record the start of a run with its configuration, calibration and model, each file by its content."""
         model_store, log, config = self.trainer.model_store, self.run_log, self.config
         pick = config.values.pick
         model = None if model_store.current is None else log.keep(model_store.path(model_store.current))
@@ -179,7 +177,7 @@ class CommandContext:
         )
 
     def use_model(self, action: str, version: int | None) -> None:
-        """Put the trainer's model in front of the cycle from the next pick on, and into the log."""
+        """Use the trainer's model from the next pick on, and record it."""
         recogniser = self.trainer.in_use
         self.cycle.use(recogniser)
         self.worker.prepare(recogniser)

@@ -1,8 +1,6 @@
-"""The operators' command language: one interpreter for terminal, socket, one-shot commands and scripts.
+"""Interpreter of the command language, for terminals, the socket, one-shot commands and scripts.
 
-Here: the table of commands, finding the one that was meant, help, permission, the record of who said what, and
-turning what went wrong into one line. What each command does is in daemon/commands/; how text travels, in
-daemon/frontends/socket_server.py.
+The table of commands, look-up by name, help, permission, the record of each command, and errors as one line.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ Grade = Literal["look", "move", "change"]
 
 
 class CommandError(FacetdError):
-    """A command that cannot be done: one line for the operator; status 1 (not now) or 2 (not understood)."""
+    """A command that cannot be run: one line for the operator; status 1 (not now) or 2 (not understood)."""
 
     def __init__(self, text: str, status: int = NOT_DONE) -> None:
         super().__init__(text)
@@ -40,7 +38,7 @@ class CommandError(FacetdError):
 
 @dataclass(frozen=True)
 class CommandResult:
-    """What a command has to say: lines of text for people, the same as JSON values, and whether it was done."""
+    """The result of a command: text for people, the same as JSON values, exit status."""
 
     text: str
     data: dict[str, Any] = field(default_factory=dict)
@@ -48,42 +46,42 @@ class CommandResult:
 
 
 class Frontend(Protocol):
-    """Where an operator stands: the frontend's name, who it is, what is allowed there, and how to speak with them."""
+    """An operator's terminal or connection: its name, who it is, their rights, and how to show and ask."""
 
     name: str
     who: str
     may: Literal["look", "all"]
     asks: bool
-    """Whether questions can be put to somebody; without it they are taken as answered by yes."""
+    """Whether somebody can answer questions; without, they count as answered by yes."""
     shown: int | None
-    """The candidate model that was shown here last: what `accept` said here is about."""
+    """The candidate model shown here last, which `accept` refers to."""
 
     @property
     def columns(self) -> int:
-        """How wide its terminal is."""
+        """Width of its terminal."""
 
     @property
     def rows(self) -> int | None:
-        """How high; None where nobody knows, or nobody reads page by page."""
+        """Height of its terminal; None where it is unknown or output is not paged."""
 
     async def say(self, text: str) -> None:
         """Show some lines now, before the answer."""
 
     async def ask(self, question: str) -> str:
-        """Put a question and wait for the answer; empty when the operator went away."""
+        """Ask a question and wait for the answer; empty when the operator disconnected."""
 
     async def fetch(self, path: str) -> bytes:
-        """The content of a file of the operator's, on the machine they sit at. Raises CommandError."""
+        """The content of a file on the operator's computer. Raises CommandError."""
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
-        """Give every key to `typed`, as it is pressed, until control-] or until the operator goes away. Raises
-        CommandError where they sit at no terminal."""
+        """Terminal mode: pass every key to `typed` until control-] or until the operator disconnects. Raises
+        CommandError where there is no terminal."""
 
     def show(self, data: bytes) -> None:
-        """Bytes onto the operator's terminal, as they are; only in terminal mode."""
+        """Write raw bytes to the operator's terminal; only in terminal mode."""
 
     def notice(self, text: str) -> None:
-        """Lines that nobody there asked for; returns at once."""
+        """Show unsolicited lines; returns at once."""
 
 
 CommandHandler = Callable[[CommandContext, list[str], Frontend], Awaitable[CommandResult]]
@@ -94,27 +92,27 @@ HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
 MOST_ASKED = 5
-"""How often a question is put that is answered by something else."""
+"""How often a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
     *("arm", "commission", "completion", "console", "dashboard", "demo", "export", "fleet", "recognise"),
     *("replay", "review", "runs", "script", "snap", "stream", "tail"),
 )
-"""Words of `facetctl` that are none of the daemon's."""
+"""Subcommands of `facetctl` that are not commands of the daemon."""
 
 
 def never(_: list[str]) -> bool:
-    """A command that does what its grade says, whatever follows it."""
+    """Default of ConsoleCommand.looks: its grade holds for all arguments."""
     return False
 
 
 def nothing_further(_: CommandContext, __: str) -> Iterable[str]:
-    """Nothing to complete with."""
+    """Default of ConsoleCommand.further: no completion."""
     return ()
 
 
 @dataclass(frozen=True)
 class ConsoleCommand:
-    """One word of the language. grade: what it does to the world, which decides who may say it and what is recorded."""
+    """A command. grade: whether it only looks, moves, or changes something, which decides on rights and records."""
 
     name: str
     usage: str
@@ -123,30 +121,31 @@ class ConsoleCommand:
     grade: Grade = "look"
     details: str = ""
     at_once: bool | frozenset[str] = False
-    """Heard also while the same operator's last command is still being done; or only with one of these words."""
+    """Whether it runs while the same operator's last command is still running; or the first arguments with which it
+    does."""
     choices: Choices = ()
-    """What the first argument can be, for completion and for suggestions."""
+    """Values of the first argument, for completion and suggestions."""
     most: int | None = None
-    """How many words may follow at most; None: the handler looks itself."""
+    """Most arguments; None: the handler checks."""
     further: Further = nothing_further
-    """What can follow the first argument, for completion."""
+    """Values of the second argument, for completion."""
     aliases: tuple[str, ...] = ()
-    """What else people call it."""
+    """Other names."""
     first: bool = False
     """On the first screen of `help`."""
     looks: Looks = never
     """Whether it only looks with these arguments, whatever its grade."""
 
     def does(self, words: list[str]) -> Grade:
-        """What it does to the world with these arguments."""
+        """Its grade with these arguments."""
         return "look" if self.looks(words) else self.grade
 
     def offered(self, context: CommandContext) -> Iterable[str]:
-        """What the first argument can be, now."""
+        """Present values of the first argument."""
         return self.choices(context) if callable(self.choices) else self.choices
 
     def described(self, columns: int) -> str:
-        """All about it, on a terminal so wide."""
+        """Its full help, for a terminal of that width."""
         also = prose(f"also: {', '.join(self.aliases)}", columns) if self.aliases else []
         lines = [*fold(self.usage, columns), *prose(self.summary, columns), *also, *prose(self.details, columns)]
         return "\n".join(lines)
@@ -163,13 +162,13 @@ def command(
     first: bool = False,
     looks: Looks = never,
 ) -> Callable[[CommandHandler], ConsoleCommand]:
-    """Make a handler the command that its usage begins with. `help` shows the handler's docstring: its first line in
-    the list, the rest where help of that command is asked for.
+    """Decorator: make a handler a command, named by the first word of its usage. `help` shows the first line of the
+    handler's docstring, `help COMMAND` all of it.
     """
 
     def made(run: CommandHandler) -> ConsoleCommand:
-        begun, _, details = (inspect.getdoc(run) or "").partition("\n")
-        summary = begun[:1].lower() + begun[1:].removesuffix(".")
+        prefix, _, details = (inspect.getdoc(run) or "").partition("\n")
+        summary = prefix[:1].lower() + prefix[1:].removesuffix(".")
         return ConsoleCommand(
             usage.split()[0],
             usage,
@@ -190,18 +189,18 @@ def command(
 
 
 def first_screen(commands: Iterable[ConsoleCommand]) -> str:
-    """Ten lines for whoever has just come, on any terminal."""
+    """The screen of `help`: ten lines, for a new operator."""
     lines = [f"{c.name:<{FIRST_WIDTH}}{c.summary.partition(',')[0].partition(';')[0]}" for c in commands if c.first]
     return "\n".join([*lines, "help all every command, page by page", "help WORD one command in full"])
 
 
 def every_line(commands: Iterable[ConsoleCommand], columns: int = 80) -> str:
-    """Every command with what it does."""
+    """The list of `help all`: every command with its summary."""
     return table([(command.usage, command.summary) for command in commands], columns)
 
 
 class Interpreter:
-    """The interpreter. One for the whole daemon; `context` is what the commands work with."""
+    """The interpreter, one for the daemon. context: what the commands work with."""
 
     def __init__(self, context: CommandContext, commands: Iterable[ConsoleCommand]) -> None:
         self.context = context
@@ -211,7 +210,7 @@ class Interpreter:
         self._aliases = {alias: c.name for c in self.commands.values() for alias in c.aliases}
 
     async def interpret(self, text: str, frontend: Frontend) -> CommandResult:
-        """Do what one line says. What an operator can cause is not raised: it comes back as a CommandResult."""
+        """Run one line. Errors that an operator can cause are not raised: they are returned as a CommandResult."""
         if means_stop(text):
             return await self._stop(text, frontend)
         try:
@@ -242,7 +241,7 @@ class Interpreter:
             return _own_fault(error)
 
     async def _stop(self, text: str, frontend: Frontend) -> CommandResult:
-        """The arm first; no line is too odd for it, and a log that cannot be written keeps nobody from it."""
+        """Stop the arm first, whatever else the line contains and whether or not it can be recorded."""
         try:
             answer = await self.commands["stop"].run(self.context, [], frontend)
         except Exception as error:
@@ -252,7 +251,7 @@ class Interpreter:
         return answer
 
     def at_once(self, text: str) -> bool:
-        """Whether a line is for now, even while the last command is still running."""
+        """Whether a line runs even while the last command is still running."""
         words = text.split()
         command = self._meant(words)
         if command is None or isinstance(command.at_once, bool):
@@ -260,34 +259,34 @@ class Interpreter:
         return len(words) > 1 and words[1] in command.at_once
 
     def withdraws(self, text: str) -> bool:
-        """Whether a line, whatever it is typed for, is to stop the arm or takes its leave to move: it answers no
-        question, and none that stands is worth asking any more."""
+        """Whether a line stops the arm or withdraws its permission to move: it answers no question, and cancels open
+        ones."""
         words = text.split()
         command = self._meant(words)
         return means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
 
     @property
     def stops(self) -> int:
-        """How often the arm was stopped or disabled: a command that was typed before the last of them is void."""
+        """How often the arm was stopped or disabled: a command typed before the last of these is void."""
         return self.context.cycle.supervisor.stops
 
     def complete(self, typed: str) -> list[str]:
-        """Every line that the one typed so far may become; none where that cannot be read, as whoever asks has more to
-        hear, a stop perhaps."""
-        *before, begun = typed.split(" ")
+        """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a
+        stop perhaps."""
+        *before, prefix = typed.split(" ")
         if not before:
-            return [name for name in sorted(self.commands) if name.startswith(begun)]
+            return [name for name in sorted(self.commands) if name.startswith(prefix)]
         command = self.commands.get(before[0])
         if command is None or len(before) > 2:
             return []
         try:
             offered = command.offered(self.context) if len(before) == 1 else command.further(self.context, before[1])
-            return [" ".join([*before, choice]) for choice in sorted(offered) if choice.startswith(begun)]
+            return [" ".join([*before, choice]) for choice in sorted(offered) if choice.startswith(prefix)]
         except ANSWERABLE:
             return []
 
     def moves(self, text: str) -> bool:
-        """Whether a line is about moving the arm."""
+        """Whether a line moves the arm."""
         words = text.split()
         command = self._meant(words)
         return command is not None and command.does(words[1:]) == "move"
@@ -299,7 +298,7 @@ class Interpreter:
             return None
 
     def _find(self, word: str) -> ConsoleCommand:
-        """The command of that name, or the only one that begins so."""
+        """The command of that name, or the only one with that prefix. Raises CommandError."""
         name = self._aliases.get(word.lower(), word.lower())
         if name in self.commands:
             return self.commands[name]
@@ -310,10 +309,10 @@ class Interpreter:
         name = JOBS.get(name, name)
         if name in OF_THE_SHELL:
             raise CommandError(f"{word}: not a console command; run it in a shell: `facetctl {name}`", NOT_UNDERSTOOD)
-        begun = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
-        if len(begun) == 1:
-            return self.commands[begun[0]]
-        close = begun or difflib.get_close_matches(name, self.commands, 3, 0.6)
+        prefix = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
+        if len(prefix) == 1:
+            return self.commands[prefix[0]]
+        close = prefix or difflib.get_close_matches(name, self.commands, 3, 0.6)
         hint = f"did you mean {either(close)}?" if close else "`help all` lists every command"
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 
@@ -337,7 +336,7 @@ class Interpreter:
 
 
 def version() -> str:
-    """The program's."""
+    """The version of the program."""
     return importlib.metadata.version("facetd")
 
 
@@ -346,27 +345,29 @@ def _described(command: ConsoleCommand, frontend: Frontend) -> CommandResult:
 
 
 def one_of(words: list[str], place: int, choices: Iterable[str], what: str, usage: str) -> str:
-    """The word at a place, which must be one of the choices. Raises CommandError with what was probably meant."""
-    known = sorted(choices)
+    """The argument at an index, which must be one of the choices. Raises CommandError with a suggestion."""
+    allowed = sorted(choices)
     if len(words) <= place:
-        listed = f"; choose from: {', '.join(known)}" if known and not all(word in usage for word in known) else ""
+        listed = (
+            f"; choose from: {', '.join(allowed)}" if allowed and not all(word in usage for word in allowed) else ""
+        )
         raise CommandError(f"{what} is missing: {usage}{listed}", NOT_UNDERSTOOD)
     word = words[place]
-    if word in known:
+    if word in allowed:
         return word
-    close = difflib.get_close_matches(word, known, 1) or [k for k in known if k.startswith(word)]
+    close = difflib.get_close_matches(word, allowed, 1) or [k for k in allowed if k.startswith(word)]
     hint = (
         f"did you mean {close[0]}?"
         if len(close) == 1
-        else f"choose from: {', '.join(known)}"
-        if known
+        else f"choose from: {', '.join(allowed)}"
+        if allowed
         else "there is none yet"
     )
     raise CommandError(f"{word}: no such {what}; {hint}", NOT_UNDERSTOOD)
 
 
 def no_more(words: list[str], count: int, usage: str) -> None:
-    """Raise CommandError where there are more words than the command takes."""
+    """Raise CommandError where there are more arguments than the command takes."""
     if len(words) > count:
         raise CommandError(f"{words[count]}: one word too many; usage: {usage}", NOT_UNDERSTOOD)
 
@@ -380,8 +381,8 @@ def number(word: str, what: str, low: int, high: int) -> int:
 
 
 async def yes_or_no(frontend: Frontend, question: str) -> bool | None:
-    """Ask until the answer is a yes or a no; None where there is none: it was to stop, or nobody is there. Another word
-    is no answer, and is told to be none."""
+    """Ask until the answer is yes or no, and report other answers as ignored. None where there is no answer: the
+    operator stopped the arm or disconnected."""
     for _ in range(MOST_ASKED):
         answer = (await frontend.ask(question)).strip()
         if not answer or is_yes(answer) or is_no(answer):
@@ -397,9 +398,9 @@ def either(names: list[str]) -> str:
 
 def _own_fault(error: Exception, before: str = "") -> CommandResult:
     journal.tell("trouble", traceback.format_exc(), journal.ERROR)
-    told = f"{before}internal error in facetd: {type(error).__name__}: {_one_line(error)}"
-    told += "; run `bundle` and send the file to the maintainer"
-    return CommandResult(told, {"error": told, "why": "internal"}, NOT_DONE)
+    message = f"{before}internal error in facetd: {type(error).__name__}: {_one_line(error)}"
+    message += "; run `bundle` and send the file to the maintainer"
+    return CommandResult(message, {"error": message, "why": "internal"}, NOT_DONE)
 
 
 def _trouble(problem: CommandError) -> CommandResult:

@@ -1,7 +1,6 @@
-"""What operators hear unasked: faults, refusals, troubles, how a pick or an auto ended, what others do. One place tells
-all frontends, each as much as its operator wants.
+"""Notices to operators: faults, refusals, troubles, ends of picks and autos, other operators' commands.
 
-Called from the main loop only; no frontend makes the caller wait.
+Shown at every frontend, each at the level that its operator chose. Called from the main loop only; does not block.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from daemon.maintenance import journal
 
 
 class NoticeLevel(IntEnum):
-    """How much is told: faults always; how picks and autos end; all that other operators do as well."""
+    """How much a frontend shows: faults; also ends of picks and autos; also other operators' commands."""
 
     FAULTS = 0
     OUTCOMES = 1
@@ -23,17 +22,17 @@ class NoticeLevel(IntEnum):
 
 
 class Listener(Protocol):
-    """A frontend with somebody before it; asks: whether questions can be put there."""
+    """A frontend with an operator; asks: whether they can answer questions."""
 
     asks: bool
 
     def notice(self, text: str) -> None:
-        """Show some lines that nobody there asked for; returns at once."""
+        """Show unsolicited lines; returns at once."""
 
 
 class Notices:
-    """The frontends that listen, how much each wants to hear, and at which of them somebody waits for an answer that
-    says it anyway."""
+    """The listening frontends, the level of each, and those at which an operator waits for an answer that says the
+    same."""
 
     def __init__(self) -> None:
         self._frontends: list[Listener] = []
@@ -42,44 +41,45 @@ class Notices:
         self._stopping: list[tuple[object, tuple[str, ...]]] = []
 
     def listen(self, frontend: Listener) -> None:
-        """From now on this frontend is told, too."""
+        """Start showing notices at this frontend."""
         self._frontends.append(frontend)
 
     def leave(self, frontend: Listener) -> None:
-        """No longer; safe to call twice."""
+        """Stop showing notices there; safe to call twice."""
         self._frontends = [other for other in self._frontends if other is not frontend]
         self._levels.pop(id(frontend), None)
 
     def level(self, frontend: object) -> NoticeLevel | None:
-        """How much this frontend is told; None where it does not listen."""
+        """The level of this frontend; None where it does not listen."""
         listens = any(frontend is other for other in self._frontends)
         return self._levels.get(id(frontend), NoticeLevel.OUTCOMES) if listens else None
 
     def set_level(self, frontend: object, level: NoticeLevel) -> None:
-        """Tell this frontend as much from now on."""
+        """Set the level of this frontend."""
         self._levels[id(frontend)] = level
 
     def tell(self, text: str, level: NoticeLevel = NoticeLevel.FAULTS, by: str | None = None) -> None:
-        """Tell everybody who wants to hear as much, but whose doing it is, and who is about to be answered with it."""
+        """Show a notice at every frontend of that level, except its originator's and those whose answer will say the
+        same."""
         for frontend in list(self._frontends):
-            wants = self._levels.get(id(frontend), NoticeLevel.OUTCOMES)
+            shows = self._levels.get(id(frontend), NoticeLevel.OUTCOMES)
             answered = level is NoticeLevel.OUTCOMES and any(frontend is waiting for waiting in self._waiting)
-            own = any(frontend is stopping and text in told for stopping, told in self._stopping)
-            if level > wants or answered or own or (by is not None and by == getattr(frontend, "who", None)):
+            own = any(frontend is stopping and text in texts for stopping, texts in self._stopping)
+            if level > shows or answered or own or (by is not None and by == getattr(frontend, "who", None)):
                 continue
             try:
                 frontend.notice(text)
-            except Exception as error:  # one frontend that fails keeps none of the others from hearing it
+            except Exception as error:  # a frontend that fails does not keep it from the others
                 journal.tell("trouble", f"notice not shown: {type(error).__name__}: {error}", journal.WARNING)
 
     @property
-    def asked(self) -> bool:
-        """Whether somebody who waits for the end of a motion is asked about its moves."""
+    def can_ask(self) -> bool:
+        """Whether an operator who waits for the end of a motion can be asked about its moves."""
         return any(frontend.asks for frontend in self._waiting)
 
     @contextlib.contextmanager
     def answered(self, frontend: Listener) -> Iterator[None]:
-        """While somebody at this frontend waits for the end of a motion."""
+        """Context: an operator at this frontend waits for the end of a motion."""
         self._waiting.append(frontend)
         try:
             yield
@@ -88,7 +88,7 @@ class Notices:
 
     @contextlib.contextmanager
     def stopping(self, frontend: object, who: str) -> Iterator[None]:
-        """While a stop by this operator is under way: the answer there says so, and the notice of it would again."""
+        """Context: a stop by this operator is under way; its answer, not a notice, reports it there."""
         self._stopping.append((frontend, (f"STOPPED by {who}", f"STOPPED by control-C of {who}")))
         try:
             yield

@@ -1,4 +1,4 @@
-"""Small phrases that several commands say the same way."""
+"""Phrases that several commands share: counts, durations, yes and no."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def duration(seconds: float) -> str:
 
 
 def at_utc(iso: str) -> str:
-    """2026-11-23T04:31:16+00:00 -> `2026-11-23 04:31`, of a table that says UTC above it."""
+    """2026-11-23T04:31:16+00:00 -> `2026-11-23 04:31`, for a table headed UTC."""
     return iso.replace("T", " ")[:16] or "-"
 
 
@@ -31,14 +31,14 @@ def millimetres(lengths: Iterable[float]) -> str:
 
 
 def cut_off(count: int | None) -> str:
-    """What a stopped or restarted daemon has not picked yet; None: all that lies there."""
+    """The auto that a stop or restart interrupted; count: parts still to pick, None for all."""
     if count is None:
         return "`auto on` was interrupted before the table was empty"
     return f"`auto on` was interrupted with {plural(count, 'part')} still to pick"
 
 
 def as_left(left: RecoveryState) -> str:
-    """What an operator must know of how the daemon before ended, and do."""
+    """How the previous run ended, and what the operator must do."""
     what = f"the previous run, {left.run}, " + (
         "ended" if left.ended else f"was interrupted in state {left.state or 'unknown'}"
     )
@@ -57,10 +57,10 @@ YES, NO = ("y", "yes", "ja", "j"), ("n", "no", "nein")
 
 
 def is_yes(answer: str) -> bool:
-    """Whether an operator said yes."""
+    """Whether an answer is yes."""
     return answer.strip().lower() in YES
 
 
 def is_no(answer: str) -> bool:
-    """Whether an operator said no: where neither will do for the other, something else typed is no answer."""
+    """Whether an answer is no; another word is neither yes nor no."""
     return answer.strip().lower() in NO

@@ -1,4 +1,4 @@
-"""What an operator types that is to stop the arm, whatever it was to answer. Every frontend asks this first."""
+"""Recognise lines that stop the arm, even as an answer to a question. Every frontend checks each line first."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from collections.abc import Sequence
 
 STOP_WORDS = ("stop", "halt")
 WITHDRAW = ("disable", "abort")
-"""Beside these, the words that take the arm's leave to move, or what it is moving for."""
+"""Commands that withdraw the arm's permission to move, or end the pick."""
 SHORTEST_STOP = 3
-"""Letters from which on the beginning of a stop word is that of no other."""
+"""Letters of a stop word that no other command begins with."""
 LINE_END = re.compile("\r\n|\r|\n")
-"""As terminals, files and clipboards have it."""
+"""Line ends of terminals, files and clipboards."""
 ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")
 
 
 def means_stop(text: str) -> bool:
-    """Whether a line, whatever it is typed for, is to stop the arm: it begins with a stop word, or a beginning of one,
-    however a person in haste wrote it (case, blanks, quotes, what a bad line or another key put in between). Of a text
-    of many lines, whether any is."""
+    """Whether a text, or any of its lines, stops the arm: it begins with a stop word or a prefix of one, regardless of
+    case, blanks, quotes, and stray characters from a noisy line or a key pressed before."""
     return any(map(_line_means_stop, {text, *LINE_END.split(text)}))
 
 
@@ -30,12 +29,12 @@ def _line_means_stop(text: str) -> bool:
     return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
 
 
-def takes_leave(text: str) -> bool:
-    """Whether a line is to stop the arm, or takes its leave to move: whoever types it may hang on the answer."""
+def withdraws_permission(text: str) -> bool:
+    """Whether a line stops the arm or withdraws its permission to move."""
     return means_stop(text) or text.split("#")[0].lower().split() in [[word] for word in WITHDRAW]
 
 
 def ends_in_stop(taken: Sequence[str], line: str) -> bool:
-    """Whether a line means to stop that was begun before questions came and went: taken, what stood at the prompt each
-    time, and was taken from under the hands of whoever typed it."""
+    """Whether a line stops the arm of which questions interrupted the typing. taken: the unfinished inputs that they
+    removed from the prompt, oldest first."""
     return any(means_stop("".join(taken[k:]) + line) for k in range(len(taken) + 1))

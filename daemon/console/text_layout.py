@@ -1,4 +1,4 @@
-"""Text on a terminal of so many columns and rows: folded between words, and put before its reader page by page."""
+"""Lay out text for a terminal: fold lines between words, tables of two columns, paging."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ if TYPE_CHECKING:
     from daemon.console.interpreter import Frontend
 
 NARROWEST, WIDEST, LOWEST = 20, 500, 4
-"""Columns that a terminal is taken to have, at least and at most, and rows at least."""
+"""Limits of the columns of a terminal, and its least rows."""
 NARROW = 60
-"""Below that many columns nothing stands beside anything."""
+"""Below that many columns a table has one column."""
 COLUMN = re.compile(r"\S+( \S+)*  +(?=\S)")
 MORE = "-- more (Enter, q) --"
 
 
 def fold(text: str, columns: int) -> list[str]:
-    """Lines no longer than that, broken between words; what is folded is indented under its line."""
+    """Fold lines at that many columns, between words, with continuation lines indented."""
     folded: list[str] = []
     for line in text.rstrip("\n").split("\n"):
         if len(line) <= columns:
@@ -30,8 +30,8 @@ def fold(text: str, columns: int) -> list[str]:
 
 
 def prose(text: str, columns: int, indent: int = 2) -> list[str]:
-    """Paragraphs broken anew for so many columns, however their lines were broken before; a line that explains a word
-    in a column of its own (two blanks between them) stays one, folded within that column."""
+    """Fold paragraphs at that many columns, regardless of their line breaks; a line of two columns (separated by two
+    blanks) stays one, folded within the second."""
     paragraphs: list[tuple[str, int]] = []
     for line in text.splitlines():
         column = COLUMN.match(line)
@@ -41,17 +41,16 @@ def prose(text: str, columns: int, indent: int = 2) -> list[str]:
             paragraphs[-1] = f"{paragraphs[-1][0]} {line}", 0
     folded: list[str] = []
     for paragraph, hanging in paragraphs:
-        begun, below = " " * indent, " " * (indent + (hanging if columns >= NARROW else 2 * bool(hanging)))
+        first_indent, below = " " * indent, " " * (indent + (hanging if columns >= NARROW else 2 * bool(hanging)))
         folded += textwrap.wrap(
-            paragraph, columns, initial_indent=begun, subsequent_indent=below, break_on_hyphens=False
+            paragraph, columns, initial_indent=first_indent, subsequent_indent=below, break_on_hyphens=False
         )
     return folded
 
 
 async def by_pages(text: str, frontend: Frontend) -> str:
-    """Show all but the last page, each after an Enter; gives the last, or nothing to whoever has seen enough.
-
-    A frontend that does not know how high its terminal is gets all of it at once.
+    """Show all pages but the last, waiting for Enter after each. Returns the last, or nothing where the operator quits;
+    all of it where the height of the terminal is unknown.
     """
     lines = fold(text, frontend.columns)
     if frontend.rows is None or not frontend.asks:
@@ -66,15 +65,14 @@ async def by_pages(text: str, frontend: Frontend) -> str:
 
 
 def table(rows: list[tuple[str, str]], columns: int) -> str:
-    """Words and what is said of each, beside them in one column, or below them where they are too long for that; folded
-    within that column."""
+    """Lay out rows of word and description in two columns; a long word gets a line of its own."""
     width = 0 if columns < NARROW else max((len(word) for word, _ in rows if len(word) <= 24), default=0)
     lines = []
-    for word, said in rows:
-        beside, *below = textwrap.wrap(said, max(columns - width - 2, NARROWEST), break_on_hyphens=False) or [""]
+    for word, description in rows:
+        first, *below = textwrap.wrap(description, max(columns - width - 2, NARROWEST), break_on_hyphens=False) or [""]
         if len(word) <= width:
-            lines.append(f"{word:<{width}}  {beside}")
+            lines.append(f"{word:<{width}}  {first}")
         else:
-            lines += [*fold(word, columns), " " * (width + 2) + beside]
+            lines += [*fold(word, columns), " " * (width + 2) + first]
         lines += [" " * (width + 2) + line for line in below]
     return "\n".join(lines)

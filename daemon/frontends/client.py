@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daemon.console.stop_words import takes_leave
+from daemon.console.stop_words import withdraws_permission
 from daemon.errors import STOP_UNANSWERED, FacetdError
 from daemon.store.folders import socket_candidates
 from daemon.store.outside import FileError, read_file
@@ -118,7 +118,7 @@ class DaemonLink:
         """
         columns = shutil.get_terminal_size().columns
         self._alarmed = False
-        if takes_leave(text):
+        if withdraws_permission(text):
             self._unanswered_s = time.monotonic()
         try:
             self._send({"do": text, "frontend": frontend, "asks": ask is not None, "size": [columns, None]})
@@ -140,7 +140,7 @@ class DaemonLink:
                     raise DaemonUnreachableError("the daemon ended before it answered; check it: `facetctl status`")
                 done = message.get("done", done)
                 self._stops = max(0, self._stops - ("stopped" in message))
-                if self._stops == 0 and ("stopped" in message or (takes_leave(text) and done is not None)):
+                if self._stops == 0 and ("stopped" in message or (withdraws_permission(text) and done is not None)):
                     self._unanswered_s = None
                 for line in (message.get("say"), message.get("stopped")):
                     if line is not None:

@@ -23,7 +23,7 @@ from prompt_toolkit.document import Document
 from prompt_toolkit.key_binding import KeyBindings, KeyPressEvent
 from prompt_toolkit.keys import Keys
 
-from daemon.console.stop_words import LINE_END, ends_in_stop, means_stop, takes_leave
+from daemon.console.stop_words import LINE_END, ends_in_stop, means_stop, withdraws_permission
 from daemon.console.text_layout import NARROWEST, fold
 from daemon.errors import STOP_UNANSWERED
 from daemon.frontends import client
@@ -217,9 +217,9 @@ class ConsolePrompt:
             if self._asked == self._answering:
                 self._unask()
             sent = self._send({"answer": line, "id": number})
-            if takes_leave(line):
+            if withdraws_permission(line):
                 self._stops.append(self._clock())
-            if takes_leave(line) and not sent:
+            if withdraws_permission(line) and not sent:
                 self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
         elif "\n" in line.strip():
             block = next(self._numbers)
@@ -235,9 +235,9 @@ class ConsolePrompt:
         message["size"] = [size.columns, size.rows]
         if self._send(message):
             self._unanswered[number] = line.strip()
-            if takes_leave(line):
+            if withdraws_permission(line):
                 self._stop_words[number] = self._clock()
-        elif takes_leave(line):
+        elif withdraws_permission(line):
             self._emergency(f"{EMERGENCY}; not sent: {line.strip()}: {self._why_gone or NOT_THERE}")
         else:
             self._show(f"{self._why_gone or NOT_THERE}; not sent: {line.strip()}")

@@ -76,9 +76,9 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
         here.context.hardware.eyes.use = slowly  # type: ignore[method-assign]
         changing = asyncio.create_task(here.context.look_with("left", "a test"))
         await asyncio.sleep(0.1)
-        with pytest.raises(RefusedError, match="busy: change eyes"):
+        with pytest.raises(RefusedError, match="busy: change cameras"):
             await here.cycle.look()
-        with pytest.raises(RefusedError, match="busy: change eyes; eyes are changed in between"):
+        with pytest.raises(RefusedError, match="busy: change cameras; cameras are changed in between"):
             await here.context.look_with(None, "somebody else")
         if stopped:
             await here.cycle.supervisor.stop()
@@ -303,7 +303,7 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
         end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
         between.ended(end)
         assert started == []
-        here.context.one_eye_allowed = True
+        here.context.one_camera_allowed = True
         between.ended(end)
         assert started == ["one eye"]
 
@@ -313,7 +313,7 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
 def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stopped_for_the_cameras_fault() -> None:
     async def story(here: Hours) -> None:
         here.cycle.observer, started = auto_degrading(here)
-        here.context.one_eye_allowed = True
+        here.context.one_camera_allowed = True
         here.cell.camera.ail("right", "away")
         supervisor = here.cycle.supervisor
         pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
