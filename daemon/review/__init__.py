@@ -1,1 +1,1 @@
-"""After the run: what it did, as a page, as tables, and replayed through today's recogniser. Reads run folders only."""
+"""After the run: pages, tables and exports of what it did, and its looks replayed through today's recogniser."""

@@ -1,7 +1,4 @@
-"""A run read without its scenes' corners: what runs are compared by, of hundreds of them, in seconds.
-
-A look's record is nine tenths corners; whoever compares runs wants none. The lines are the same, read by fields.
-"""
+"""Read a run without its scenes' corners, nine tenths of a look's record, so that hundreds of runs take seconds."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from daemon.events.records import SCHEMA, Finite, Number, Pose, Record, Text
 from daemon.events.upgrade import upgraded
 from daemon.review.digest import Digest, digest
 from daemon.store.files import being_written
-from daemon.store.outside import FileError, open_below
+from daemon.store.outside import JSON_ERRORS, FileError, open_below
 from daemon.store.runs import RUN, lines_of
 
 
@@ -29,7 +26,7 @@ class BriefPart(msgspec.Struct, omit_defaults=True):
 
 
 class BriefRefusal(msgspec.Struct):
-    """An outline that was refused: that there is one is all that is asked."""
+    """A refused outline, without its fields: only the number of them matters."""
 
 
 class BriefScene(msgspec.Struct, omit_defaults=True):
@@ -42,11 +39,11 @@ class BriefScene(msgspec.Struct, omit_defaults=True):
 
 
 BULKY = frozenset({"scene", "health", "images", "target", "joints", "covariance", "grasp", "where", "table"})
-"""Fields that say nothing to compare runs by, or are read in brief."""
+"""Fields that a comparison of runs does not need, or that have a brief structure above."""
 
 
 def _line() -> Any:
-    """A structure with the fields of every kind at once; what a kind does not have is left out again."""
+    """One structure with the fields of every kind; fields that a line does not have stay out of its record."""
     types: dict[str, Any] = {}
     for shape in SCHEMA.values():
         hints = get_type_hints(shape, include_extras=True)
@@ -65,7 +62,7 @@ _DECODER: msgspec.json.Decoder[Any] = msgspec.json.Decoder(_line())
 
 
 def read_brief(folder: Path) -> Digest:
-    """The run in `folder` without its scenes' corners; lines that cannot be read are left out. Raises FileError."""
+    """Read the run in `folder` without its scenes' corners and without unreadable lines. Raises FileError."""
     records = list[Record]()
     with open_below(folder, RUN) as file:
         for _, line, _ in lines_of(file):
@@ -73,13 +70,13 @@ def read_brief(folder: Path) -> Digest:
                 read = _DECODER.decode(line)
                 msgspec.convert(read.t, datetime)
                 records.append(upgraded(msgspec.to_builtins(read)))
-            except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+            except JSON_ERRORS:
                 continue
     return digest(folder.name, records, going=being_written(folder / RUN))
 
 
-def that_picked(folders: Iterable[Path]) -> dict[Path, Digest]:
-    """The runs in some folders that have a cycle, in brief; one that cannot be read, or has just gone, is none."""
+def read_runs_with_picks(folders: Iterable[Path]) -> dict[Path, Digest]:
+    """Read the runs that have a cycle, in brief; unreadable and removed ones are left out."""
     found = {}
     for folder in folders:
         with contextlib.suppress(FileError):

@@ -1,4 +1,4 @@
-"""`facetctl review | export | tail`: arguments in, files and tables out. Works without a daemon."""
+"""Commands `facetctl review`, `export` and `tail`, which read runs. They need no daemon."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     review.add_argument(
         "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
     )
-    review.add_argument("--against", metavar="RUN", help="lay another run beside it")
+    review.add_argument("--against", metavar="RUN", help="compare it with another run")
     review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
     export = with_run(command(subparsers, "export", _export, "a run for other tools"))
     kind = export.add_mutually_exclusive_group(required=True)
@@ -41,7 +41,7 @@ def command(
     job: Callable[[argparse.Namespace], int],
     text: str,
 ) -> argparse.ArgumentParser:
-    """A command that reads runs."""
+    """Add a command that reads runs, with the option --runs."""
     parser = subparsers.add_parser(name, help=text)
     parser.add_argument("--runs", type=Path, default=None, metavar="DIR", help="where the run folders are")
     parser.set_defaults(run=job)
@@ -49,7 +49,7 @@ def command(
 
 
 def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The same with one run as its argument."""
+    """Add the argument RUN to a command."""
     parser.add_argument(
         "folder", metavar="RUN", nargs="?", default="latest", help="a run folder, its name, or `latest`"
     )
@@ -57,7 +57,7 @@ def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 
 def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
-    """The run that was named. Raises RunError."""
+    """The folder of the named run. Raises RunError."""
     return find_run(args.runs or folders.runs_folder(), name or args.folder)
 
 
@@ -105,7 +105,7 @@ def _tail(args: argparse.Namespace) -> int:
 
 
 def record_line(record: Record, utc_offset_s: float = 0.0) -> str | None:
-    """One line of a step for people, at the time of their clocks, or None for what would only fill the screen."""
+    """One line about a record for people, in their local time, or None for a record of no interest to them."""
     words = _words(record)
     if words is None:
         return None
@@ -121,7 +121,7 @@ def _words(record: Record) -> str | None:
     match record["kind"]:
         case "look":
             scene = record.get("scene")
-            if scene is None:  # as of the board in a calibration: nothing was looked for in it
+            if scene is None:  # an image of a calibration board: no part was sought
                 return f"{record.get('purpose')}: pictures only"
             parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
             return f"{record.get('purpose')}: {parts}"
@@ -132,7 +132,7 @@ def _words(record: Record) -> str | None:
             sent = "" if record.get("sent") else ", not sent"
             return f"{record.get('purpose')}: {record.get('how')}{_place(record.get('target'))}{sent}"
         case "held_back":
-            return f"{record.get('what')}: taken back as it was typed"
+            return f"{record.get('what')}: withdrawn before it was sent"
         case "decision" | "cycle_end":
             return f"{record.get('text') or record.get('outcome')}: {record.get('why')}"
         case "cycle_start":
@@ -144,10 +144,10 @@ def _words(record: Record) -> str | None:
         case "command":
             return f"{record.get('who')} at {record.get('door')}: {record.get('text')}"
         case "left":
-            hand = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
-            return f"run {record.get('run')} was cut off in state {record.get('state')}{hand}"
+            gripper = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
+            return f"run {record.get('run')} was cut off in state {record.get('state')}{gripper}"
         case "holding":
-            return {True: "a part in the gripper", False: "the gripper is empty", None: "not known"}[record.get("held")]
+            return {True: "a part in the gripper", False: "the gripper is empty", None: "unknown"}[record.get("held")]
         case "auto" if record.get("on"):
             return f"{record.get('count') or 'all'} parts to pick"
         case "run_end":
@@ -157,7 +157,7 @@ def _words(record: Record) -> str | None:
 
 
 def _place(world_from_tool: Any) -> str:
-    """Where a move goes."""
+    """The target of a move as text."""
     match world_from_tool:
         case [[*_, x], [*_, y], [*_, z], *_]:
             return f" to x {x:.0f} y {y:.0f} z {z:.0f} mm"
@@ -165,7 +165,7 @@ def _place(world_from_tool: Any) -> str:
 
 
 def _seen(part: dict[str, Any]) -> str:
-    """A part and how sure that is; of one without a name there is nothing to be sure of."""
+    """A part's name and its confidence, which an unnamed part does not have."""
     return "unknown" if part["label"] == "unknown" else f"{part['label']} {100 * part['confidence']:.0f} %"
 
 

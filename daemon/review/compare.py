@@ -1,4 +1,4 @@
-"""Two runs side by side: which lines of configuration and calibration differ, which model each used."""
+"""Compare what two runs used: differing lines of configuration and calibration, and the models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from daemon.store.yamlfile import LARGEST_BYTES
 
 
 def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
-    """An entry for each of config, calibration and model: both hashes, and the differing lines of the text files."""
+    """One entry each for config, calibration and model: both hashes, and the differing lines of the text files."""
     entries = []
     for name in ("config", "calibration"):
         files = [(d.start or {}).get(name) for d in (before, after)]

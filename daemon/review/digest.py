@@ -1,6 +1,6 @@
-"""A run's records -> cycles and stops: what was seen, estimated, moved, and how it ended. Pure.
+"""Sort a run's records into cycles and looks, with what was seen, estimated and moved, and how each cycle ended. Pure.
 
-Reads every version of the format since 1; a field that a run does not have is None, never an error.
+Accepts every version of the format; a field that a run does not have is None, never an error.
 """
 
 from __future__ import annotations
@@ -13,17 +13,20 @@ from itertools import pairwise
 from statistics import fmean
 from typing import Any
 
+import numpy as np
+
+from daemon.arrays import Array
 from daemon.errors import spelt
 from daemon.events.outcomes import GRASPED, UNFINISHED, is_success, is_tried, tally
 from daemon.events.records import Record
 
 Kept = Mapping[str, str | None]
-"""Files kept with a run, by what they are: model, calibration."""
+"""Files in a run's kept/, by kind: model, calibration."""
 
 
 @dataclass(frozen=True)
 class LookStep:
-    """One look, the estimate that came of it, and the moves that followed before the next look."""
+    """One look, its estimate, and the moves before the next look."""
 
     number: int | None
     purpose: str
@@ -32,20 +35,25 @@ class LookStep:
     moves: tuple[Record, ...]
 
     @property
-    def parts(self) -> list[dict[str, Any]]:
-        """What was recognised, as the look has it."""
-        return parts_of(self.look)
+    def seq(self) -> int:
+        """Number of the look's record in its run."""
+        return seq_of(self.look)
 
     @property
-    def notes(self) -> str:
-        """What the look tells people beside its parts."""
-        return " ".join(str(n) for n in (self.look.get("scene") or {}).get("notes") or [])
+    def scene(self) -> dict[str, Any]:
+        """The recorded scene; empty where no part was sought."""
+        return self.look.get("scene") or {}
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """The recognised parts, as recorded."""
+        return parts_of(self.look)
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """One pick: its records from cycle_start to cycle_end. outcome None: the run ended in the middle of it; in_use:
-    the files it began with."""
+    """One pick: its records from cycle_start to cycle_end. end None: the run ended before it; in_use: the files in use
+    at its start."""
 
     number: int
     records: tuple[Record, ...]
@@ -61,17 +69,17 @@ class Cycle:
 
     @property
     def tried(self) -> bool:
-        """Whether it counts as tried (daemon/events/outcomes.py)."""
+        """Whether it counts as tried."""
         return is_tried(self.outcome)
 
     @property
     def grasped(self) -> bool:
-        """Whether the gripper closed on the part: an error at the grasp applies only then."""
+        """Whether the gripper closed on the part: only then has the cycle an error at the grasp."""
         return self.outcome in GRASPED or any(r.get("closed") for r in carried_out(self.records) if r["kind"] == "hand")
 
     @property
     def label(self) -> str | None:
-        """The part it went for."""
+        """The chosen part."""
         if self.end and self.end.get("label"):
             return str(self.end["label"])
         estimates = [s.estimate for s in self.stops if s.estimate]
@@ -79,79 +87,78 @@ class Cycle:
 
     @property
     def why(self) -> str | None:
-        """Why it ended so."""
+        """Why it ended, in words."""
         return (self.end or {}).get("why")
 
     @property
     def code(self) -> str | None:
-        """The same as a code (daemon/events/codes.py)."""
+        """Why it ended, as a code (daemon/events/codes.py)."""
         return (self.end or {}).get("code")
 
     @property
     def predicted_mm(self) -> float | None:
-        """The error that was expected at the grasp."""
+        """The expected error at the grasp."""
         return _of(self.end, "predicted", "mm")
 
     @property
     def predicted_deg(self) -> float | None:
-        """The same in angle."""
+        """The expected error at the grasp, in angle."""
         return _of(self.end, "predicted", "deg")
 
     @property
     def true_mm(self) -> float | None:
-        """The error that the simulated cell's witness saw."""
+        """The true error at the grasp, from a simulated cell."""
         return _of(self.truth, "error_mm")
 
     @property
     def true_deg(self) -> float | None:
-        """The same in angle."""
+        """The true error at the grasp, in angle."""
         return _of(self.truth, "error_deg")
 
     @property
     def started(self) -> str:
-        """When it began."""
+        """When it began, ISO UTC."""
         return str(self.records[0].get("t") or "")
 
     @property
     def seconds(self) -> float:
-        """From its first record to its last, on the cell's clock."""
+        """Seconds from its first record to its last, on the cell's clock."""
         return float(self.records[-1]["mono_s"]) - float(self.records[0]["mono_s"]) if self.records else 0.0
 
     @property
     def looks(self) -> int:
-        """Looks at the part it went for."""
+        """Number of looks at the chosen part."""
         return sum(s.estimate is not None for s in self.stops)
 
     @property
     def model(self) -> str | None:
-        """The model it was picked with, by the first digits of its hash."""
+        """The model in use, as the first digits of its hash."""
         return short_hash(self.in_use.get("model"))
 
     @property
     def calibration(self) -> str | None:
-        """The same of the calibration."""
+        """The calibration in use, as the first digits of its hash."""
         return short_hash(self.in_use.get("calibration"))
 
     @cached_property
     def named_looks(self) -> int:
-        """Looks in which something has a name."""
+        """Number of looks with a named part."""
         return sum(any(part.get("label") != "unknown" for part in stop.parts) for stop in self.stops)
 
     @property
-    def eyes(self) -> str | None:
-        """Which eyes looked: both, left, right, or several in turn; None where nothing was looked at."""
-        used = [eyes_of(stop.look) for stop in self.stops]
+    def cameras(self) -> str | None:
+        """The cameras used: both, left, right, or several in turn; None without a look."""
+        used = [cameras_of(stop.look) for stop in self.stops]
         return ", ".join(dict.fromkeys(used)) or None
 
     def of(self, *kinds: str) -> list[Record]:
-        """Its records of these kinds, in order."""
+        """The records of these kinds, in order."""
         return [r for r in self.records if r["kind"] in kinds]
 
 
 @dataclass(frozen=True)
 class Digest:
-    """A whole run. outside: looks, moves, faults that belong to no cycle (teaching, console); going: it is still
-    being written."""
+    """A run. outside: records that belong to no cycle (teaching, console); going: the run is still being written."""
 
     name: str
     start: Record | None
@@ -163,54 +170,54 @@ class Digest:
     going: bool
 
     def of(self, *kinds: str) -> list[Record]:
-        """All records of these kinds, in order."""
+        """The records of these kinds, in order."""
         return [r for r in self.records if r["kind"] in kinds]
 
     @property
     def times_life(self) -> float:
-        """How many times as fast as life the cell ran: 1 but for a simulated one. Times of a run at another pace are no
-        times of the cell: motion is faster, the computer is not."""
+        """Speed of a simulated cell as a multiple of real time; 1 for a real one. Times at another speed are not
+        comparable: motion is faster, the computer is not."""
         return float((self.start or {}).get("times_life") or 1)
 
     @property
     def stops(self) -> list[LookStep]:
-        """Every look of every cycle."""
+        """The looks of all cycles."""
         return [s for c in self.cycles for s in c.stops]
 
     def models(self) -> list[str]:
-        """The kept model files in the order they came into use."""
+        """The kept model files, in order of use."""
         first = [self.start["model"]] if self.start and self.start.get("model") else []
         return first + [r["file"] for r in self.of("model") if r.get("file")]
 
     def models_used(self) -> list[str]:
-        """The models that were in use: `version 3 (1f2e3d4c)`; where a file's version was not told, its hash."""
+        """The models used, as `version 3 (1f2e3d4c)`, or only the hash where the version was not recorded."""
         versions = self._versions()
-        told = (
+        names = (
             f"version {versions[file]} ({short_hash(file)})" if versions.get(file) else str(short_hash(file))
             for file in self.models()
         )
-        return list(dict.fromkeys(told))
+        return list(dict.fromkeys(names))
 
     @property
     def model(self) -> str | None:
-        """The last model in use, by the first digits of its hash."""
+        """The last model used, as the first digits of its hash."""
         return short_hash(self.models()[-1]) if self.models() else None
 
     @property
     def model_version(self) -> int | None:
-        """The last model in use, by its number in the cell; None where that was not told."""
+        """The version of the last model used; None where it was not recorded."""
         return self._versions().get(self.models()[-1]) if self.models() else None
 
     def _versions(self) -> dict[str, int | None]:
-        """Each kept model file's number."""
+        """Version by kept model file."""
         return {r["file"]: r.get("version") for r in self.of("model") if r.get("file")}
 
     def kept(self, name: str) -> str | None:
-        """A file the run began with (config, calibration, model), by the first digits of its hash."""
+        """A file that the run began with (config, calibration, model), as the first digits of its hash."""
         return short_hash((self.start or {}).get(name))
 
     def statistics(self) -> dict[str, Any]:
-        """What a table of runs shows: counts, means over picked cycles (None where there are none)."""
+        """Figures for a table of runs: counts, and means over picked cycles (None without one)."""
         by_outcome = Counter(cycle.outcome for cycle in self.cycles)
         picked = [c for c in self.cycles if is_success(c.outcome)]
         counted = tally(by_outcome)
@@ -241,24 +248,24 @@ class Digest:
 
 
 def repeated_faults(records: Sequence[Record]) -> frozenset[int]:
-    """The faults, by seq, that only say once more what stands already: nobody has resumed since, and the cycle and the
-    text are the same. A second `stop` while the first one's fault stands is one."""
-    standing: tuple[Any, Any] | None = None
-    again = set[int]()
+    """The faults, by seq, that repeat the active one: same cycle, same text, no `resume` in between, as after a second
+    `stop`."""
+    active: tuple[Any, Any] | None = None
+    repeated = set[int]()
     for record in records:
         if record["kind"] == "fault":
-            told = record.get("cycle"), record.get("text")
-            if told == standing:
-                again.add(int(record["seq"]))
-            standing = told
+            fault = record.get("cycle"), record.get("text")
+            if fault == active:
+                repeated.add(int(record["seq"]))
+            active = fault
         elif record["kind"] == "state" and record.get("from") == "fault" and record.get("to") != "fault":
-            standing = None
-    return frozenset(again)
+            active = None
+    return frozenset(repeated)
 
 
 def in_use(records: Iterable[Record]) -> Iterator[tuple[Record, Kept]]:
-    """Each record with what is in use from it on: a reload and another calibration begin no new run, they tell
-    run_start again."""
+    """Yield each record with the files in use from it on. A reload or another calibration writes run_start again, in
+    the same run."""
     kept: Kept = {}
     for record in records:
         if record["kind"] == "run_start":
@@ -269,7 +276,7 @@ def in_use(records: Iterable[Record]) -> Iterator[tuple[Record, Kept]]:
 
 
 def digest(name: str, records: Sequence[Record], skipped: Sequence[str] = (), going: bool = False) -> Digest:
-    """Sort a run's records (read by daemon/store/runs.py) into cycles and stops. going: it is being written still."""
+    """Sort a run's records into cycles and looks. going: the run is still being written."""
     cycles: list[Cycle] = []
     outside: list[Record] = []
     current: list[Record] | None = None
@@ -304,7 +311,7 @@ def _cycle(records: list[Record], truths: dict[Any, Record], began: Kept) -> Cyc
 
 
 def stops_of(records: Sequence[Record]) -> list[LookStep]:
-    """Each look with the estimate and the moves up to the next look."""
+    """Each look with its estimate and the moves up to the next look."""
     found: list[LookStep] = []
     at = [k for k, r in enumerate(records) if r["kind"] == "look"]
     for begin, end in pairwise([*at, len(records)]):
@@ -317,40 +324,51 @@ def stops_of(records: Sequence[Record]) -> list[LookStep]:
 
 
 def carried_out(records: Iterable[Record]) -> list[Record]:
-    """The moves, and the motions of the hand, but for those that were taken back as they were typed."""
-    told: list[Record] = []
+    """The moves and gripper commands that were sent, without those withdrawn while typed."""
+    sent: list[Record] = []
     for record in records:
         if record["kind"] in ("move", "hand"):
-            told.append(record)
-        elif record["kind"] == "held_back" and told and told[-1]["kind"] == record.get("what"):
-            told.pop()
-    return told
+            sent.append(record)
+        elif record["kind"] == "held_back" and sent and sent[-1]["kind"] == record.get("what"):
+            sent.pop()
+    return sent
 
 
 def duration_s(records: Sequence[Record]) -> float:
-    """From first record to last on the cell clock, which starts anew with the daemon: jumps back count nothing."""
+    """Seconds from first record to last on the cell's clock, which restarts with the daemon: jumps back count 0."""
     times = [float(r["mono_s"]) for r in records if "mono_s" in r]
     return sum(max(b - a, 0.0) for a, b in pairwise(times))
 
 
 def short_hash(kept: str | None) -> str | None:
-    """`kept/<sha256>.yaml` -> its first 8 digits."""
+    """The first 8 digits of the hash in `kept/<sha256>.yaml`."""
     return None if not kept else kept.rsplit("/", 1)[-1].split(".")[0][:8]
 
 
-def eyes_of(look: Record) -> str:
-    """Which eyes took a look's pictures: both, or the one that was moved."""
+def seq_of(record: Record) -> int:
+    """Number of a record in its run."""
+    return int(record.get("seq") or 0)
+
+
+def place_mm(part: dict[str, Any], look: Record) -> Array | None:
+    """(3,) world mm of a part's origin; None where the look or the part has no pose."""
+    outer, inner = look.get("world_from_cyclopean"), part.get("cyclopean_from_part")
+    return None if outer is None or inner is None else (np.array(outer, float) @ np.array(inner, float))[:3, 3]
+
+
+def cameras_of(look: Record) -> str:
+    """The cameras that took a look's images: both, or the one that was moved."""
     return (look.get("moved") or {}).get("eye") or "both"
 
 
 def parts_of(look: Record) -> list[dict[str, Any]]:
-    """What was recognised, as the look's record has it."""
+    """The recognised parts, as recorded."""
     found: list[dict[str, Any]] = (look.get("scene") or {}).get("parts") or []
     return found
 
 
 def residual_mm(parts: Iterable[dict[str, Any]]) -> float | None:
-    """The worst distance of corners to the taught part; None where none was named."""
+    """The largest distance of a corner to the taught part; None without a named part."""
     return max((p["residual_mm"] for p in parts if p.get("residual_mm") is not None), default=None)
 
 
@@ -362,5 +380,5 @@ def _of(record: Any, *keys: str) -> float | None:
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return round(fmean(known), 3) if known else None
+    present = [v for v in values if v is not None]
+    return round(fmean(present), 3) if present else None

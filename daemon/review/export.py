@@ -1,7 +1,4 @@
-"""A run in other tools' formats: CSV tables, MCAP for Foxglove (an extra).
-
-What the columns mean is in tables.py; nothing is computed here.
-"""
+"""Export a run for other tools: CSV tables (columns: tables.py), or MCAP for Foxglove (extra `export`)."""
 
 from __future__ import annotations
 
@@ -43,7 +40,7 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
 
 
 def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
-    """Write one MCAP file: images, where arm and parts are (foxglove's FrameTransform), estimates, and the log.
+    """Write one MCAP file: images, poses of arm and parts (foxglove's FrameTransform), estimates, and the log.
 
     Raises ExportError without mcap, OSError.
     """
@@ -101,7 +98,7 @@ INFO, WARNING, ERROR = 2, 3, 4
 
 
 def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[str, str, dict[str, Any]]]:
-    """(topic, schema, message) of one record."""
+    """The messages of one record: (topic, schema, message)."""
     kind, when = record["kind"], {"sec": stamp // 10**9, "nsec": stamp % 10**9}
     found: list[tuple[str, str, dict[str, Any]]] = []
     if kind == "look":
@@ -110,10 +107,9 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
                 content = read_below(folder, name, LARGEST_BYTES)
             except FileError:
                 continue
-            message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png"}
-            found.append(
-                (f"/{eye}/image", "foxglove.CompressedImage", message | {"data": base64.b64encode(content).decode()})
-            )
+            data = base64.b64encode(content).decode()
+            message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png", "data": data}
+            found.append((f"/{eye}/image", "foxglove.CompressedImage", message))
         found += _transform(when, "world", "cyclopean", record.get("world_from_cyclopean"))
     elif kind == "moved":
         found += _transform(when, "world", "tool", record.get("where"))
@@ -123,10 +119,8 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
         found.append(("/estimate", "facetd.Estimate", {k: record.get(k) for k in keys}))
     level = {"fault": ERROR, "refusal": WARNING, "gap": WARNING}.get(kind, INFO)
     text = {k: v for k, v in record.items() if k not in _BULKY}
-    found.append(
-        ("/log", "foxglove.Log", {"timestamp": when, "level": level, "name": kind, "message": json.dumps(text)})
-    )
-    return found
+    log = {"timestamp": when, "level": level, "name": kind, "message": json.dumps(text)}
+    return [*found, ("/log", "foxglove.Log", log)]
 
 
 _BULKY = ("v", "seq", "t", "mono_s", "scene", "where", "world_from_cyclopean", "world_from_part", "covariance",

@@ -1,6 +1,6 @@
-"""Measures of a run over time, each with its limit, and whether it came near it. Pure.
+"""Measures of a run over time, each with its limit and whether a value came near it. Pure.
 
-A strip is calm, and stays closed on the page, until a value comes near its limit.
+The page shows a strip closed unless a value came near its limit.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from daemon.calibration.drift import DriftSettings, observe, unlearnt
 from daemon.events.outcomes import is_success
 from daemon.events.records import Record
-from daemon.review.digest import Digest, eyes_of
+from daemon.review.digest import Digest, cameras_of
 from daemon.vision.health import MEASURES, Clue
 
 NEAR = 0.7
-"""Of a limit: a value beyond this share of it is near."""
+"""A value beyond this share of its limit counts as near it."""
 TITLES = {
     "darkness": "brightness, 99th percentile",
     "saturation": "overexposed pixels",
@@ -40,7 +40,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True)
 class Strip:
-    """One measure: lines by name, each its values at the times s (None: not measured); limit None: it has none."""
+    """One measure: lines by name, each with its values (None: not measured) at the times s; limit None: no limit."""
 
     name: str
     unit: str
@@ -50,12 +50,12 @@ class Strip:
     lines: dict[str, list[float | None]]
 
     def worst(self) -> float | None:
-        """The value nearest to, or farthest beyond, the limit; without a limit the greatest."""
-        known = [v for line in self.lines.values() for v in line if v is not None]
-        return (max(known) if self.above else min(known)) if known else None
+        """The value nearest to, or farthest beyond, the limit; without a limit the largest."""
+        values = [v for line in self.lines.values() for v in line if v is not None]
+        return (max(values) if self.above else min(values)) if values else None
 
     def json(self) -> Json:
-        """For the page. near: 0 calm, 1 near its limit, 2 beyond."""
+        """The page's data. near: 0 no, 1 near the limit, 2 beyond it."""
         worst, near = self.worst(), 0
         if worst is not None and self.limit is not None:
             ends = (self.limit * NEAR, self.limit) if self.above else (-self.limit / NEAR, -self.limit)
@@ -67,7 +67,7 @@ class Strip:
 
 
 def strips(run: Digest) -> list[Json]:
-    """Every measure that the run has values of, those of the pick first."""
+    """Every measure with values in the run, those of the pick first."""
     zero = float(run.records[0]["mono_s"]) if run.records else 0.0
     limits = (run.start or {}).get("limits") or {}
     made = [*_of_pick(run, zero, limits), *_of_pictures(run.of("look"), zero), _drift(run, zero)]
@@ -97,36 +97,36 @@ def _of_pick(run: Digest, zero: float, limits: Json) -> list[Strip]:
 def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
     found = []
     for name, measure in MEASURES.items():
-        eyes = {
+        by_camera = {
             eye: [number((r.get("health") or {}).get(f"{name}_{eye}")) for r in looks]
             for eye in ("left", "right", "pair")
         }
-        lines = {eye.replace("pair", ""): line for eye, line in eyes.items() if any(v is not None for v in line)}
+        lines = {eye.replace("pair", ""): line for eye, line in by_camera.items() if any(v is not None for v in line)}
         flag = measure.limit == 0.0 or name == "swapped"
         if flag and not any(v for line in lines.values() for v in line):
-            continue  # frozen, doubled, swapped: there is nothing to see while nothing was wrong
+            continue  # frozen, doubled, swapped: of interest only where one occurred
         found.append(Strip(TITLES[name], measure.unit, measure.limit, measure.above, _s(looks, zero), lines))
     return found
 
 
 def _drift(run: Digest, zero: float) -> Strip:
-    """What the watch for drift made of the looks: by how much the right eye has turned, once it is sure of that. It
-    begins anew where the daemon's did: with what is told again (run_start) after a calibration, and with other eyes."""
-    watch, eyes, settings, line = unlearnt(), "both", DriftSettings(), list[float | None]()
+    """Angle of the right camera against its calibration, as the drift watch estimated it from the looks. Like the
+    daemon's, the watch restarts after a calibration (run_start) and with other cameras."""
+    watch, cameras, settings, line = unlearnt(), "both", DriftSettings(), list[float | None]()
     for record in run.of("run_start", "look"):
-        if record["kind"] == "run_start" or eyes_of(record) != eyes:
-            watch, eyes = unlearnt(), eyes_of(record)
+        if record["kind"] == "run_start" or cameras_of(record) != cameras:
+            watch, cameras = unlearnt(), cameras_of(record)
         if record["kind"] == "run_start":
             continue
         health = record.get("health") or {}
         turn = [np.radians(number(health.get(f"{axis}_deg")) or 0.0) for axis in AXES]
         sigma = [number(health.get(f"{axis}_sigma_deg")) for axis in AXES]
-        known = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
-        watch, drift = observe(watch, Clue(np.array(turn), known, ""), settings)
+        sigma_rad = np.array([np.inf if s is None or s <= 0 else np.radians(s) for s in sigma])
+        watch, drift = observe(watch, Clue(np.array(turn), sigma_rad, ""), settings)
         line.append(0.0 if drift is None else abs(drift.degrees))
     return Strip("stereo rotation drift", "°", settings.stop_deg, True, _s(run.of("look"), zero), {"": line})
 
 
 def number(value: Any) -> float | None:
-    """What a record has for a number, where it is one."""
+    """A value of a record as a finite number, else None."""
     return float(value) if isinstance(value, (int, float)) and np.isfinite(value) else None

@@ -1,7 +1,4 @@
-"""One self-contained HTML page of a run: data, pictures, plots and the program that shows them, in one file.
-
-It opens from the disk without a network.
-"""
+"""Write the HTML page of a run: one file with data, images and the script that shows them; no network needed."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from typing import Any
 import cv2
 
 from daemon.errors import spelt
-from daemon.review.brief import that_picked
+from daemon.review.brief import read_runs_with_picks
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
 from daemon.review.pagedata import page_data, shown_of
@@ -28,15 +25,15 @@ from daemon.store.pictures import read_grey
 from daemon.store.runs import RunError, check_wire, list_runs, read_run
 
 PICTURE_BUDGET = 24_000_000
-"""Bytes of pictures a page may carry: more would make it slow to open. Failed cycles come first, then the newest."""
+"""Most bytes of images in a page, so that it opens fast. Failed cycles come first, then the newest."""
 JPEG_QUALITY = 72
 WEEK = timedelta(days=7)
 
 
 def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
-    """Write the page of the run in `folder` to `out`; `against`: another run to lay beside it.
+    """Write the page of the run in `folder` to `out`; returns out. against: another run to compare with.
 
-    Returns out. Raises RunError where there is no run, OSError where the page cannot be written.
+    Raises RunError without a run, OSError where the page cannot be written.
     """
     run = read_digest(folder)
     data = page_data(run)
@@ -55,17 +52,17 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
     data["pictures_left_out"] = left_out
     page = render("page", data, pictures).encode()
     if out.parent == folder and not folder.is_dir():
-        raise RunError(f"{folder}: was removed while its page was made")
+        raise RunError(f"{folder}: the run was removed while its page was made")
     write_atomically(out, page)
     return out
 
 
 def _before(folder: Path) -> dict[str, Any]:
-    """What the last run, and the runs of the week before, brought: {last, week}, None where there is none such."""
-    began, known = run_time(folder.name), list_runs(folder.parent)
-    earlier = known[: known.index(folder)] if folder in known else []
+    """Figures of the previous run and of the week before: {last, week}, each None without such a run."""
+    began, every = run_time(folder.name), list_runs(folder.parent)
+    earlier = every[: every.index(folder)] if folder in every else []
     week = {f for f in earlier if began and (t := run_time(f.name)) and began - t <= WEEK}
-    runs = that_picked(f for f in earlier if f in week or f is earlier[-1])
+    runs = read_runs_with_picks(f for f in earlier if f in week or f is earlier[-1])
     last = next(reversed(runs), None)
     of_week = [run for f, run in runs.items() if f in week]
     return {
@@ -75,7 +72,7 @@ def _before(folder: Path) -> dict[str, Any]:
 
 
 def run_time(name: str) -> datetime | None:
-    """When the run of this name began (UTC); None where the name is no time."""
+    """When a run began (UTC), from its name; None where the name is not a time."""
     try:
         return datetime.strptime(name[:16], "%Y%m%dT%H%M%SZ")
     except ValueError:
@@ -88,10 +85,10 @@ def read_digest(folder: Path, scenes_of: Container[int] | None = None) -> Digest
     return digest(folder.name, found.records, found.skipped, being_written(folder / "run.jsonl"))
 
 
-def render(name: str, data: dict[str, Any], pictures: dict[str, str], room: str = "daemon.review") -> str:
-    """A page as text: its main part, style and program (`name`, of `room`) in the frame, style and parts that all pages
-    share, with data and pictures put in."""
-    assets, own = (resources.files(package) / "assets" for package in ("daemon.review", room))
+def render(name: str, data: dict[str, Any], pictures: dict[str, str], package: str = "daemon.review") -> str:
+    """A page as text: the files `name`.html, .css and .js of `package` in the frame, style and script that all pages
+    share, with data and images."""
+    assets, own = (resources.files(name) / "assets" for name in ("daemon.review", package))
     style, run = own / f"{name}.css", data.get("run")
     parts = {
         "STYLE": (assets / "style.css").read_text(),
@@ -108,12 +105,12 @@ def render(name: str, data: dict[str, Any], pictures: dict[str, str], room: str 
 
 
 def _embedded(value: Any) -> str:
-    """JSON that cannot end the script element it stands in."""
+    """JSON that cannot end the script element around it."""
     return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
 
 
 def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
-    """`<seq>-<eye>` -> data URI, within the budget; and how many pictures had to stay out."""
+    """The images within the budget, `<seq>-<camera>` -> data URI, and the number of images left out."""
     chosen: dict[str, str] = {}
     spent = left_out = 0
     for look in _by_interest(run):
@@ -132,18 +129,18 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
 
 
 def jpeg_of(folder: Path, name: str) -> bytes:
-    """A picture of a run as a page carries it. Raises FileError."""
+    """An image of a run as a JPEG for a page. Raises FileError."""
     image = read_grey(Path(name), folder)
     return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
 
 def embedded(jpeg: bytes) -> str:
-    """The same as an address that needs no file."""
+    """A JPEG as a data URI."""
     return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
 
 
 def _by_interest(run: Digest) -> Iterable[dict[str, Any]]:
-    """Looks of cycles that failed, then of the others from the newest, then those outside of any cycle."""
+    """The looks of failed cycles, then of the others, newest first, then those outside of cycles."""
     failed = [c for c in run.cycles if c.outcome not in ("picked", "empty")]
     rest = [c for c in reversed(run.cycles) if c.outcome in ("picked", "empty")]
     for cycle in [*failed, *rest]:

@@ -1,6 +1,6 @@
-"""What the report page shows, as plain JSON values: a digest in, one dict out. No HTML, no drawing, no file.
+"""Data of the report page as JSON values, from a digest. No HTML, no file.
 
-Names are short because a run of a thousand cycles has tens of thousands of them.
+Keys are short because a run of a thousand cycles has tens of thousands of them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from daemon.review.production import production, remedies
 from daemon.review.why import causes, in_plain_words
 
 MOST_CYCLES = 1000
-"""So many are shown, the newest; figures and measures are of all."""
+"""Most cycles shown, the newest ones; figures and measures cover all."""
 Json = dict[str, Any]
 IN_STATE = {
     "survey": "survey the table", "second_view": "look from another side", "choose": "choose a part",
@@ -29,11 +29,11 @@ IN_STATE = {
     "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "bin": "bring it to the bin",
     "home": "move home",
 }  # fmt: skip
-"""What a pick does in its states, for people."""
+"""Names of the pick's states for people."""
 
 
 def page_data(digest: Digest) -> Json:
-    """Everything but the pictures."""
+    """All data of the page except images."""
     start, done = digest.start or {}, production([digest])
     return {
         "run": digest.name,
@@ -63,12 +63,12 @@ def page_data(digest: Digest) -> Json:
 
 
 def shown_of(digest: Digest) -> Digest:
-    """The same with its newest cycles alone: a page of 10,000 had 102 MB, and no browser opened it."""
+    """The run with its newest cycles only: a page of 10,000 cycles had 102 MB, and no browser opened it."""
     return replace(digest, cycles=digest.cycles[-MOST_CYCLES:])
 
 
 def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
-    """One row of the table, and what opens below it."""
+    """One row of the table of cycles, with its details."""
     others = [c for c in all_of_run if c is not cycle] if not is_success(cycle.outcome) else []
     found = causes(cycle, others, going)
     return {
@@ -77,7 +77,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
         "label": cycle.label,
         "outcome": GOING_ON if going and cycle.end is None else cycle.outcome,
         "looks": cycle.looks,
-        "eyes": cycle.eyes,
+        "eyes": cycle.cameras,
         "s": round(cycle.seconds, 2),
         "mm": _short(cycle.predicted_mm),
         "deg": _short(cycle.predicted_deg),
@@ -94,9 +94,8 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
 
 
 def stop_json(stop: LookStep) -> Json:
-    """One look: parts and refusals in pixels of both eyes, the estimate, the moves after it."""
-    look, estimate = stop.look, stop.estimate
-    scene = look.get("scene") or {}
+    """One look: parts and refusals in pixels of both images, the estimate, the moves after it."""
+    look, estimate, scene = stop.look, stop.estimate, stop.scene
     return {
         "n": stop.number,
         "seq": look.get("seq"),
@@ -143,7 +142,7 @@ def _part(part: Json) -> Json:
 
 
 def _guess(guess: Json) -> Json:
-    """l, r: for each eye the ends of every edge that should show, and whether it does."""
+    """A hypothesis. l, r: per image the ends of every edge that should be visible, and whether it is."""
     sides = {
         key: [
             {"px": _points([edge[:2], edge[2:]]), "shows": shows}
@@ -165,14 +164,14 @@ def _move(record: Json) -> Json:
     elif kind == "hand":
         text = "gripper closes" if record.get("closed") else "gripper opens"
     elif kind == "held_back":
-        text = f"{record.get('what')} taken back before it was sent"
+        text = f"{record.get('what')} withdrawn before it was sent"
     else:
         text = f"refused: {record.get('rule')}: {record.get('text')}"
     return {"kind": kind, "text": text}
 
 
 def state_seconds(cycle: Cycle) -> dict[str, float]:
-    """Seconds spent in each state of the pick cycle."""
+    """Seconds of one cycle in each state."""
     states = cycle.of("state")
     total: dict[str, float] = {}
     for here, following in pairwise([*states, cycle.records[-1]] if states else []):
@@ -183,14 +182,14 @@ def state_seconds(cycle: Cycle) -> dict[str, float]:
 
 
 def median_state_seconds(cycles: Sequence[Cycle]) -> dict[str, float]:
-    """Where the time of a pick goes: the median seconds in each state, over what was picked, in the order of a pick."""
+    """Median seconds in each state over successful picks, in the order of a pick."""
     spent = [state_seconds(c) for c in cycles if is_success(c.outcome)]
     names = dict.fromkeys(name for one in spent for name in one)
     return {name: float(np.median([one.get(name, 0.0) for one in spent])) for name in names}
 
 
 def timeline(digest: Digest) -> list[Json]:
-    """One bar a cycle on the run's own clock, seconds from its start."""
+    """One bar a cycle, in seconds from the run's start."""
     if not digest.records:
         return []
     zero = float(digest.records[0]["mono_s"])
@@ -207,8 +206,8 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """Faults, refusals, gaps, clock jumps, model changes and parts that went to the bin uncounted, each once, with the
-    record that led to it."""
+    """Faults, refusals, gaps, clock jumps, model changes and picks not counted, each once, with the record before
+    it."""
     found: list[Json] = []
     before, cycle = None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
@@ -244,7 +243,7 @@ def events(digest: Digest) -> list[Json]:
 
 EVENTS = {
     "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
-    "held_back": "taken back before it was sent",
+    "held_back": "withdrawn before it was sent",
 }  # fmt: skip
 
 

@@ -1,6 +1,6 @@
-"""The figures of production of a run: picked of tried, pace, causes of stops, interventions by people.
+"""Production figures of runs: picked of tried, pace, causes of failures, interventions by people. Pure.
 
-Pure: a digest in, plain JSON values out. What counts as tried is defined in daemon/events/outcomes.py.
+daemon/events/outcomes.py defines what counts as tried.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ from daemon.review.not_counted import picks_not_counted
 from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
-"""Commands that are no intervention: they begin picks, or allow the moves of step mode, in which every move is asked
-about."""
+"""Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""
 NAMELESS = ("unknown", "ambiguous")
 
 Json = dict[str, Any]
 
 
 def production(runs: Sequence[Digest]) -> Json:
-    """Of one run, or of several taken together. Rates are None where nothing says them."""
+    """Figures of one run, or of several together, as JSON values. Rates are None without data."""
     every = [c for run in runs for c in run.cycles]
     counted = tally(c.outcome for c in every)
     cycles = [c for c in every if c.tried]
@@ -63,20 +62,20 @@ def production(runs: Sequence[Digest]) -> Json:
 
 
 def _worked_s(run: Digest) -> float | None:
-    """From the first cycle's start to the last one's end, on the cell's clock; nights between two autos count, too."""
+    """Seconds from the first cycle's start to the last one's end, on the cell's clock, pauses included."""
     if not run.cycles:
         return None
     return float(run.cycles[-1].records[-1]["mono_s"]) - float(run.cycles[0].records[0]["mono_s"])
 
 
 def remedies(done: Json) -> dict[str, str]:
-    """What to do about each cause that a production was stopped by."""
+    """The remedy for each cause in the figures."""
     return {name: BY_SUMMARY[name].remedy for name in done["stops"]}
 
 
 def _stops(run: Digest) -> Iterable[str]:
-    """The first cause of each cycle that brought nothing, and of each fault between cycles; one that ended a cycle is
-    told again right after it."""
+    """The first cause of each failed cycle and of each fault between cycles, without the repetition of a fault that
+    ended a cycle."""
     ended = set[tuple[Any, str]]()
     for cycle in run.cycles:
         if cycle.outcome not in NOTHING_WRONG:
@@ -84,9 +83,9 @@ def _stops(run: Digest) -> Iterable[str]:
             found = [c.name for c in causes(cycle, others, run.going)[:1]]
             ended |= {(cycle.number, name) for name in found}
             yield from found
-    again = repeated_faults(run.records)
+    repeated = repeated_faults(run.records)
     for record in run.outside:
-        if record["kind"] == "fault" and record["seq"] not in again:
+        if record["kind"] == "fault" and record["seq"] not in repeated:
             yield from (c.name for c in causes_of_record(record) if (record.get("cycle"), c.name) not in ended)
 
 
@@ -96,8 +95,8 @@ def _nameless(cycle: Cycle) -> int:
 
 
 def interventions(run: Digest) -> int:
-    """How often a person had to act for the picks of a run: commands while a pick or an auto went on, and faults that
-    stood until a person cleared them. A person's own stop and its clearing are one intervention."""
+    """Number of times a person had to act: commands during a pick or an auto, and faults until `resume`. A person's own
+    stop and the `resume` after it are one intervention."""
     count, picking, auto, fault = 0, False, False, False
     for record in run.records:
         match record["kind"]:
@@ -122,16 +121,16 @@ def interventions(run: Digest) -> int:
 
 
 def median_of(values: Iterable[Any]) -> float | None:
-    """Of those that are numbers; None where none is."""
-    known = [float(v) for v in values if isinstance(v, (int, float))]
-    return float(np.median(known)) if known else None
+    """Median of the values that are numbers; None without one."""
+    numbers = [float(v) for v in values if isinstance(v, (int, float))]
+    return float(np.median(numbers)) if numbers else None
 
 
 def compared(before: Json, now: Json) -> list[Json]:
-    """Rows of two productions side by side: name, before, now, delta, and whether the difference matters.
+    """Compare two productions in rows: name, before, now, delta, matters.
 
-    matters: `better` or `worse` where a share differs by more than two standard errors of chance, or a time or an error
-    by more than a tenth; else None.
+    matters: `better` or `worse` where a share differs by more than two standard errors, or a time or an error by more
+    than a tenth; else None.
     """
     rows = [_row(name, before[key], now[key], unit, lower, 0.1) for name, key, unit, lower in PLAIN]
     share = {name: (p["picked"], p["tried"]) for name, p in (("before", before), ("now", now))}
@@ -166,7 +165,7 @@ def _row(name: str, before: Any, now: Any, unit: str, lower: bool, by: float) ->
 
 
 def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json:
-    """Two shares, as counts of counts; the difference in percent."""
+    """A row of two shares [part, of]; the difference in percent."""
     row: Json = {"name": name, "before": list(before), "now": list(now), "unit": "%", "delta": None, "matters": None}
     if not before[1] or not now[1]:
         return row
@@ -178,7 +177,7 @@ def _share_row(name: str, before: tuple[int, int], now: tuple[int, int]) -> Json
 
 
 def shares_apart(one: Sequence[int], other: Sequence[int]) -> tuple[float, float]:
-    """By how much the second of two shares [part, of] is the greater, and the standard error of that by chance."""
-    both = (one[0] + other[0]) / (one[1] + other[1])
-    sigma = float(np.sqrt(both * (1 - both) * (1 / one[1] + 1 / other[1])))
+    """How much larger the second of two shares [part, of] is, and the standard error of that difference."""
+    pooled = (one[0] + other[0]) / (one[1] + other[1])
+    sigma = float(np.sqrt(pooled * (1 - pooled) * (1 / one[1] + 1 / other[1])))
     return other[0] / other[1] - one[0] / one[1], sigma

@@ -1,7 +1,6 @@
-"""A recorded run as a test: every look through today's recogniser, and what came out differently.
+"""Replay the looks of a recorded run through today's recogniser, and report the differences.
 
-Model and calibration are those that were in use at that look (kept in the run), or others, to ask what they would have
-done.
+Model and calibration are those in use at each look, from the run's kept/, or others given instead.
 """
 
 from __future__ import annotations
@@ -36,17 +35,17 @@ from daemon.vision.values import UNKNOWN
 Json = dict[str, Any]
 
 NEAR_MM = 25.0
-"""A part now and a part then are the same one when their facets' centroids are this close."""
+"""Two parts count as the same one when the centroids of their facets are this close."""
 SIGMAS = 3.0
 OF_ONE_TIME = ("ms", "stages_ms", "unmatched", "nothing")
-"""Of a recorded scene: how long it took, and what the pick added where no part was seen."""
+"""Fields of a recorded scene that a replay does not compare: times, and what the pick added where it saw no part."""
 NO_LONGER, NOT_BEFORE = "no longer found", "was not found before"
-"""Neither says anything of a look in which only the expected part was looked for, by its edges."""
+"""Neither applies to a look that sought only the expected part, by its edges."""
 
 
 @dataclass(frozen=True)
 class ReplayChange:
-    """One difference of one look. regression: a part that was named is not, is named otherwise, or has moved."""
+    """One difference in one look. regression: a named part lost its name, has another one, or has moved."""
 
     seq: int
     cycle: int | None
@@ -56,8 +55,8 @@ class ReplayChange:
 
 
 @dataclass(frozen=True)
-class Using:
-    """What is replayed with; None: what the run itself was done with, and usual settings."""
+class ReplayInputs:
+    """Model, calibration and settings of a replay; None: the run's own, and default settings."""
 
     model: Model | None = None
     rig: StereoRig | None = None
@@ -66,8 +65,8 @@ class Using:
 
 @dataclass(frozen=True, eq=False)
 class ReplayedLook:
-    """One look again: its record, the scene as scene_json has it now, what came out differently; identical: to the last
-    digit (of a look that only followed a part: as far as it can be compared)."""
+    """One replayed look: its record, today's scene (scene_json), the differences. identical: to the last digit; for a
+    look that only followed a part: no difference found."""
 
     record: Record
     now: Json
@@ -76,23 +75,22 @@ class ReplayedLook:
 
     @property
     def then(self) -> Json:
-        """The scene as it was recorded."""
+        """The recorded scene."""
         return self.record.get("scene") or {}
 
 
 def replayed_looks(
-    folder: Path, run: Digest, library: FacetLibrary, using: Using, chosen: Container[int] | None = None
+    folder: Path, run: Digest, library: FacetLibrary, using: ReplayInputs, chosen: Container[int] | None = None
 ) -> Iterator[ReplayedLook | str]:
-    """Each look of a run again, or a line that says why it cannot be. chosen: the looks by seq (None: all); library:
-    facet types for looks before there was a model. Pictures in which nothing was looked for, as of the board in a
-    calibration, are held against nothing and left out.
+    """Replay the looks of a run; yields each look, or a line of text that says why it cannot be replayed.
 
-    Raises RunError where the run keeps no calibration, ConfigError or ModelError where a kept file is not usable.
+    library: facet types for looks before the first model; chosen: looks by seq (None: all). Looks at a calibration
+    board are left out. Raises RunError without a kept calibration, ConfigError or ModelError for an unusable kept file.
     """
     rigs: dict[str, StereoRig] = {}
     models: dict[str, Model] = {}
     untaught = empty_model(library)
-    unhurried = (using.settings or VisionSettings()).unhurried()
+    settings = (using.settings or VisionSettings()).unhurried()
     for record, kept in in_use(run.records):
         if record["kind"] != "look" or record.get("scene") is None:
             continue
@@ -106,7 +104,7 @@ def replayed_looks(
         moved = places_of(record.get("moved"))
         taken_by = rig if moved is None else moved.rig(rig)
         scene = look(
-            *pair, taken_by, using.model or model or untaught, unhurried, thread_time, table_of(record.get("table"))
+            *pair, taken_by, using.model or model or untaught, settings, thread_time, table_of(record.get("table"))
         )
         if moved is not None:
             scene = with_arm(scene, taken_by, moved.arm)
@@ -120,7 +118,7 @@ def replayed_looks(
 
 
 def _rig(folder: Path, kept: str | None, loaded: dict[str, StereoRig]) -> StereoRig:
-    """Of a calibration that was kept, read once. Raises RunError where none was."""
+    """The rig of a kept calibration, read once. Raises RunError without one."""
     if not kept:
         raise RunError(f"{folder}: no calibration was kept with this run; it cannot be replayed")
     if kept not in loaded:
@@ -129,17 +127,18 @@ def _rig(folder: Path, kept: str | None, loaded: dict[str, StereoRig]) -> Stereo
 
 
 def _model(folder: Path, kept: str | None, loaded: dict[str, Model]) -> Model | None:
-    """A model that was kept, read once; None before there was one."""
+    """A kept model, read once; None before the first model."""
     if kept and kept not in loaded:
         loaded[kept] = load(kept_file(folder, kept))
     return loaded.get(kept or "")
 
 
 def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -> list[tuple[str, str, bool]]:
-    """(part, what changed, whether for the worse) between two looks as scene_json has them. whole: both looked for
-    everything in view; a look that only followed a part knew its name and which way it lies, where a replay has
-    nothing but what is in view: it need not be named by that, nor told from lying another way that shows the same.
-    one_model: a part has the same origin in both; else its corners are compared instead of its pose.
+    """Compare two scenes (scene_json): (part, what changed, whether it is a regression).
+
+    whole: the look sought everything in view. A look that only followed a part had its name and rough pose given, which
+    a replay has not: the replay need not name it, nor decide between poses that look the same. one_model: the part's
+    origin is the same in both; else corners are compared instead of poses.
     """
     moved_by = _moved if one_model and whole else _corners_moved
     found: list[tuple[str, str, bool]] = []
@@ -157,7 +156,7 @@ def compare(then: Json, now: Json, whole: bool = True, one_model: bool = True) -
 
 
 def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
-    """The parts of two scenes as they belong together by where they are; None where one has no other."""
+    """Pair the parts of two scenes by position; None for a part without a partner."""
     pairs: list[tuple[Json | None, Json | None]] = []
     left = list(now.get("parts") or [])
     for part in then.get("parts") or []:
@@ -171,9 +170,9 @@ def paired(then: Json, now: Json) -> list[tuple[Json | None, Json | None]]:
 
 
 def apart_mm(then: Json, now: Json) -> float | None:
-    """How far apart two parts lie: the median distance of the corners of the one to the nearest of the other.
+    """Distance of two parts: the median distance of each corner to the nearest of the other part; None without corners.
 
-    Asks no pose: where another model was taught from other sides, its part has another origin. None without corners.
+    It does not use poses: another model's part may have another origin.
     """
     fewer, more = sorted((_corners(then), _corners(now)), key=len)
     if not len(fewer):
@@ -187,7 +186,7 @@ def _corners(part: Json) -> Array:
 
 
 def untimed(scene: Json) -> Json:
-    """A scene as the recogniser gives it, but for the time it took."""
+    """A scene without its times."""
     return {name: value for name, value in scene.items() if name not in OF_ONE_TIME}
 
 
@@ -197,7 +196,7 @@ def _gap_mm(a: Json, b: Json) -> float:
 
 
 def _moved(then: Json, now: Json) -> str | None:
-    """In words, where the pose differs by more than SIGMAS of what was predicted, over all equal poses of the part."""
+    """The motion in words where the pose, over all equivalent poses, differs by more than SIGMAS predicted sigmas."""
     if any(one.get("cyclopean_from_part") is None or one.get("covariance") is None for one in (then, now)):
         return None
     reference = np.array(then["cyclopean_from_part"], float)
@@ -213,7 +212,7 @@ def _moved(then: Json, now: Json) -> str | None:
 
 
 def _corners_moved(then: Json, now: Json) -> str | None:
-    """The same by the corners, of two measurements with an error each."""
+    """The motion of the corners in words, where it exceeds SIGMAS of both measurements' errors."""
     mm = apart_mm(then, now)
     if mm is None or any(one.get("covariance") is None for one in (then, now)):
         return None

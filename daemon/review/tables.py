@@ -1,4 +1,4 @@
-"""Rows of looks and of cycles, for a spreadsheet. A new column goes at the end."""
+"""Tables of looks and of cycles for a spreadsheet. Add a new column at the end."""
 
 from __future__ import annotations
 

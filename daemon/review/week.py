@@ -1,4 +1,4 @@
-"""One page for a week of runs: what changes from day to day, each point a link to its run's own page."""
+"""Write the page of a week of runs: trends from day to day, each point a link to its run's page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon.calibration.drift import DriftSettings
 from daemon.events.outcomes import DEFINITION
-from daemon.review.brief import that_picked
+from daemon.review.brief import read_runs_with_picks
 from daemon.review.digest import Digest
 from daemon.review.measures import number
 from daemon.review.page import WEEK, render, run_time, write_page
@@ -27,13 +27,13 @@ Json = dict[str, Any]
 
 
 def write_week(runs: Path, last: Path, out: Path) -> Path:
-    """Write the page of the week that ended with the run `last` of the folder `runs`, and the page of each of its runs
-    that has none yet, or one that is older than the run. Returns out. Raises RunError, OSError."""
+    """Write the page of the week that ends with the run `last`, and the page of each of its runs that has none or an
+    old one; returns out. Raises RunError, OSError."""
     end = run_time(last.name)
     if end is None:
-        raise RunError(f"{last}: its name is no time, so that it is not known which week it ended")
+        raise RunError(f"{last}: the name of the run is not a time; --week needs one such as 20260101T120000Z")
     folders = [f for f in list_runs(runs) if (t := run_time(f.name)) is not None and end - WEEK < t <= end]
-    picked = that_picked(folders)
+    picked = read_runs_with_picks(folders)
     for folder in picked:
         if not _is_fresh(folder):
             write_page(folder, folder / REPORT)
@@ -54,7 +54,7 @@ def _link(folder: Path, out: Path) -> str:
 
 
 def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
-    """What the page shows: the week as a whole, a row a run."""
+    """The page's data: figures of the week, and one row a run."""
     start, done = runs[-1].start or {} if runs else {}, production(runs)
     return {
         "title": "the week",
@@ -69,7 +69,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
 
 
 def run_json(run: Digest) -> Json:
-    """One run as points of every trend; None where it says nothing."""
+    """One run as a point of each trend; None without data."""
     looks = [r.get("health") or {} for r in run.of("look")]
     return {
         "run": run.name,
@@ -77,18 +77,18 @@ def run_json(run: Digest) -> Json:
         "production": production([run]),
         "models": run.models_used(),
         "calibration": run.kept("calibration"),
-        "drift": {name.removesuffix("_deg"): _trusted(looks, name) for name in DRIFTS},
+        "drift": {name.removesuffix("_deg"): _weighted_mean(looks, name) for name in DRIFTS},
         "epipolar_px": median_of([h.get("epipolar_pair") for h in looks]),
         "light": {name.removeprefix("darkness_"): median_of([h.get(name) for h in looks]) for name in LIGHTS},
         "focus_px": {eye: median_of([h.get(f"focus_{eye}") for h in looks]) for eye in ("left", "right")},
     }
 
 
-def _trusted(looks: Sequence[Json], name: str) -> float | None:
-    """The mean over the looks, each by what it is worth."""
-    known = [(number(h.get(name)), number(h.get(name.replace("_deg", "_sigma_deg")))) for h in looks]
-    told = [(value, sigma**-2) for value, sigma in known if value is not None and sigma]
-    if not told:
+def _weighted_mean(looks: Sequence[Json], name: str) -> float | None:
+    """Mean over the looks, weighted by the inverse variance of each."""
+    measured = [(number(h.get(name)), number(h.get(name.replace("_deg", "_sigma_deg")))) for h in looks]
+    weighted = [(value, sigma**-2) for value, sigma in measured if value is not None and sigma]
+    if not weighted:
         return None
-    values, weights = np.array(told).T
+    values, weights = np.array(weighted).T
     return float(np.sum(values * weights) / np.sum(weights))

@@ -1,9 +1,8 @@
-"""Why a part was not picked: what the records say, by weight and time, and what to do about it.
+"""Why a part was not picked: likely causes from the records of a cycle, by weight, each with its remedy. Pure.
 
-Pure: one cycle in, and the others of its run to compare with; causes out. A rule reads one kind of evidence and says
-how much of the miss it would explain (0 to 1). What ended the cycle in its own words weighs most; what was measured
-before weighs more than what followed from it; what is said of other parts weighs nothing. Of equal weight the earlier
-comes first: it may have brought about the other.
+Each rule reads one kind of evidence and weighs how much of the failure it would explain (0 to 1). The recorded end of
+the cycle weighs most; measures from before weigh more than consequences; other parts weigh nothing. Of equal weights
+the earlier record comes first: it may have caused the other.
 """
 
 from __future__ import annotations
@@ -27,27 +26,27 @@ from daemon.events.codes import (
 from daemon.events.outcomes import NOTHING_TO_PICK, UNFINISHED, Outcome, is_success
 from daemon.events.records import Record
 from daemon.pick.pose_fusion import CHI_SQUARE_6
-from daemon.review.digest import Cycle, LookStep
+from daemon.review.digest import Cycle, LookStep, place_mm, seq_of
 from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.vision.health import MEASURES
 
 NOTHING_WRONG = NOTHING_TO_PICK | {Outcome.PICKED}
-KNOWN_MM = 1.0
-"""An estimate that was known to this is not what made the hand miss."""
+CERTAIN_MM = 1.0
+"""An estimate this certain did not cause a miss."""
 SQUEEZED_OUT_MM = 10.0
-"""Fingers that strike a part push it by less than it jumps from between them."""
+"""A part squeezed out between the fingers jumps farther than one that they push."""
 SLANTED_DEG = 10.0
-"""Fingers that meet a part so far off square hold it by friction alone."""
+"""Fingers this far off square hold a part by friction only."""
 BLURRED, FAR_BEYOND = 0.8, 2.0
-"""What pictures blurred by so many times the limit weigh where looks disagree for no reason that is known."""
+"""Weight of images blurred beyond so many times the limit, where looks disagree for no other reason."""
 OUTLINES = 4
-"""So many outlines in each eye and no facet of them: the eyes do not fit one another."""
+"""So many outlines in each image without a facet: the cameras do not fit each other."""
 
 
 CLASS_ENDS = ("Error", "Refused", "Elsewhere")
-"""Of the names of exceptions that a fault's text may begin with."""
+"""Ends of the class names with which a fault's text may begin."""
 WEIGHTS = {CauseCode.LOOKS_DISAGREE: 0.6, CauseCode.INTERNAL: 0.5}
-"""Of a cause that a fault itself names, where it is not certain; else 1."""
+"""Weights of causes that a fault names without certainty; of any other: 1."""
 UNNAMED = frozenset(BY_UNNAMED.values())
 
 
@@ -61,9 +60,9 @@ SUSPICIONS = frozenset({*SUSPECTED, DecisionCode.SUSPECT_UNCLEAR})
 
 @dataclass(frozen=True)
 class LikelyCause:
-    """A cause of the catalogue (daemon/events/codes.py) that a cycle's records speak for.
+    """A cause of the catalogue (daemon/events/codes.py) with evidence in a cycle's records.
 
-    weight: 0 to 1; evidence: what the records say; at: number of the record that says it.
+    weight: 0 to 1; evidence: in words; at: number of the record that has it.
     """
 
     code: CauseCode
@@ -73,12 +72,12 @@ class LikelyCause:
 
     @property
     def name(self) -> str:
-        """As the pages show it."""
+        """Its name on pages."""
         return self.code.summary
 
     @property
     def stage(self) -> str:
-        """Where in the cell it is."""
+        """Its place in the cell."""
         return self.code.stage
 
     @property
@@ -88,17 +87,13 @@ class LikelyCause:
 
 
 def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[LikelyCause]:
-    """Every cause that has evidence, each once, likeliest first; none for a part that was picked, a table that was
-    empty, and a cycle that is still going on.
+    """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress.
 
-    others: the other cycles of the run; going: the run has not ended, and nothing says that it will not go on.
+    others: the other cycles of the run; going: the run is still being written.
     """
     if cycle.outcome in NOTHING_WRONG or (cycle.end is None and going):
         return []
-    found = sorted(
-        (c for rule in RULES for c in rule(cycle, others)),
-        key=lambda c: (-c.weight, c.at),
-    )
+    found = sorted((c for rule in RULES for c in rule(cycle, others)), key=lambda c: (-c.weight, c.at))
     if not found:
         found = [LikelyCause(CauseCode.NOT_KNOWN, 0.1, str(cycle.why or cycle.outcome), _last(cycle))]
     first: dict[CauseCode, LikelyCause] = {}
@@ -108,7 +103,7 @@ def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> l
 
 
 def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """The first fault, or the end itself, by its code; a later fault follows from the first."""
+    """The first fault, or the recorded end, by its code; later faults follow from the first."""
     fault = next(iter(cycle.of("fault")), None)
     if fault is None and cycle.outcome not in (Outcome.FAULT, Outcome.ABORTED):
         return
@@ -116,8 +111,8 @@ def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def causes_of_record(record: Record) -> Iterator[LikelyCause]:
-    """What a fault, or the end of a cycle, is caused by, by its code and by the measures of the images it names."""
-    evidence, at = in_plain_words(str(record.get("text") or record.get("why") or "")), _number(record)
+    """The causes of a fault, or of the end of a cycle, by its code or by the measures of images that it names."""
+    evidence, at = in_plain_words(str(record.get("text") or record.get("why") or "")), seq_of(record)
     cameras: dict[str, set[str]] = {}
     for finding in record.get("findings") or []:
         measure, _, camera = finding.partition(" ")
@@ -132,20 +127,20 @@ def causes_of_record(record: Record) -> Iterator[LikelyCause]:
 
 
 def in_plain_words(text: str) -> str:
-    """What a record says, without the name of the program's own class that it begins with."""
+    """The text of a record without a leading class name of the program."""
     name, colon, words = text.partition(": ")
     return words if colon and name.isidentifier() and name.endswith(CLASS_ENDS) else text
 
 
 def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """What the guard refused, and why a part was left as out of reach."""
+    """What the guard refused, and why a part was unreachable."""
     if cycle.outcome not in (Outcome.UNREACHABLE, Outcome.FAULT, UNFINISHED):
         return
     for record in cycle.of("refusal"):
         rule = str(record.get("rule"))
         if rule != "fault_stands":
             code = BY_RULE.get(rule, CauseCode.MOVE_REFUSED)
-            yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", _number(record))
+            yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", seq_of(record))
     if cycle.outcome == Outcome.UNREACHABLE:
         planned = cycle.code in (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH)
         code = cause_code(cycle.code) if planned else CauseCode.OUT_OF_REACH
@@ -153,9 +148,9 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """Looks that disagree, and which of hand, eye and part is to blame for it."""
+    """Looks that disagree: whether the hand-eye, a camera or the part is the cause."""
     for record in cycle.of("decision"):
-        evidence, at = str(record.get("why")), _number(record)
+        evidence, at = str(record.get("why")), seq_of(record)
         if blamed := SUSPECTED.get(str(record.get("code"))):
             yield LikelyCause(*blamed, evidence, at)
         elif record.get("code") == DecisionCode.SUSPECT_UNCLEAR:
@@ -165,49 +160,49 @@ def _geometry(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
                 yield LikelyCause(CauseCode.HAND_EYE, 0.7, f"{evidence}; nothing was picked in this run", at)
     again = [r for r in cycle.of("decision") if r.get("code") in SUSPICIONS and r.get("chi2") is not None]
     if len(again) > 1:
-        evidence = f"{again[0]['why']}; and so {len(again)} times, whatever was approached"
-        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, _number(again[1]))
+        evidence = f"{again[0]['why']}; and so {len(again)} times, for every part"
+        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, seq_of(again[1]))
     for stop in cycle.stops:
         chi2 = float((stop.estimate or {}).get("chi2") or 0)
         if chi2 > CHI_SQUARE_6:
             evidence = f"look {stop.number} disagrees with those before (chi-square {chi2:.0f} of {CHI_SQUARE_6:.0f})"
             code = CauseCode.HAND_EYE if cycle.outcome == Outcome.MISSED else CauseCode.LOOKS_DISAGREE
-            yield LikelyCause(code, 0.75, evidence, _seq(stop))
+            yield LikelyCause(code, 0.75, evidence, stop.seq)
 
 
 def _all_moves(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """Not one part but several, or one again and again, lie otherwise whenever the arm looks from elsewhere."""
+    """Several parts, or one repeatedly, seem to move whenever the arm looks from another place."""
     otherwise = (DecisionCode.MOVED_BETWEEN_LOOKS, DecisionCode.NOT_SEEN_AGAIN)
     shifted = [r for r in cycle.of("decision") if r.get("code") in otherwise]
     parts = {str(r["label"]) for r in shifted if r.get("label")}
     again = [r for r in shifted if r["code"] == DecisionCode.MOVED_BETWEEN_LOOKS]
     if len(again) > 1 or (again and len(parts) > 1):
-        evidence = (
-            f"{', '.join(sorted(parts))} lay otherwise each time the arm looked from elsewhere ({len(shifted)} times)"
-        )
-        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, _number(again[-1]))
+        evidence = f"{', '.join(sorted(parts))} seemed to move at each look from another place ({len(shifted)} times)"
+        yield LikelyCause(CauseCode.HAND_EYE, 0.85, evidence, seq_of(again[-1]))
 
 
-def _eyes_apart(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """Both eyes see outlines and they do not meet, although they did before; those of a pattern need not."""
+def _cameras_disagree(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
+    """Both cameras see outlines that do not match, although they did before; a table's pattern need not match."""
     patterned = sum(map(_patterned, cycle.stops))
     unmatched = [s for s in cycle.stops if _outlines_of(s) >= OUTLINES and not _patterned(s)]
     if patterned and not unmatched and cycle.code == CauseCode.UNMATCHED_OUTLINES:
-        evidence = f"{patterned} looks: nothing there, or nothing to be told from the table's pattern"
+        evidence = f"{patterned} looks: nothing distinguishable from the table's pattern"
         yield LikelyCause(CauseCode.PATTERNED_TABLE, 0.7, evidence, _last(cycle))
     if not unmatched:
         return
-    met = sum(c.named_looks for c in (cycle, *others))
-    evidence = f"{len(unmatched)} looks saw outlines in both eyes that do not fit one another"
+    matched = sum(c.named_looks for c in (cycle, *others))
+    evidence = f"{len(unmatched)} looks have outlines in both images that do not match"
     share = len(unmatched) / len(cycle.stops)
-    if met and (len(unmatched) > 1 or share == 1.0):
-        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {met} saw parts", _seq(unmatched[0]))
+    if matched and (len(unmatched) > 1 or share == 1.0):
+        yield LikelyCause(
+            CauseCode.CAMERA_KNOCKED, 0.8, f"{evidence}, and {matched} looks found parts", unmatched[0].seq
+        )
     elif cycle.code == CauseCode.UNMATCHED_OUTLINES:
-        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.7, str(cycle.why), _seq(unmatched[0]))
+        yield LikelyCause(CauseCode.CAMERA_KNOCKED, 0.7, str(cycle.why), unmatched[0].seq)
 
 
 def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """What was measured of the pictures and beyond its limit: the more looks, the more it explains."""
+    """Measures of the images beyond their limits: the more looks have them, the more they explain."""
     shown: Counter[CauseCode] = Counter()
     first: dict[CauseCode, tuple[str, int]] = {}
     beyond: dict[CauseCode, float] = {}
@@ -219,23 +214,23 @@ def _images(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
                 found.setdefault(code, []).append(key)
         for code, keys in found.items():
             shown[code] += 1
-            first.setdefault(code, (_text(health["findings"][keys[0]]), _seq(stop)))
+            first.setdefault(code, (_text(health["findings"][keys[0]]), stop.seq))
             beyond[code] = max(beyond.get(code, 1.0), *(_beyond(health, key) for key in keys))
-    # A part that was seen and lost otherwise was seen by these very pictures.
+    # A part that was found and then lost was found in these same images.
     most = {"missed": 0.5, "unreachable": 0.3, "aborted": 0.2, "fault": 0.6}.get(cycle.outcome, 0.95)
     unclear = any(r.get("code") == DecisionCode.SUSPECT_UNCLEAR for r in cycle.of("decision"))
     for code, count in shown.items():
         share = count / len(cycle.stops)
         text, at = first[code]
         evidence = f"{count} of {len(cycle.stops)} looks: {text}"
-        # Looks that disagree, and no part's fault: pictures so blurred measure badly, wherever the hand is.
+        # Looks disagree without a suspect: images this blurred measure badly from everywhere.
         blurred = unclear and code is CauseCode.OUT_OF_FOCUS and beyond[code] > FAR_BEYOND
         weight = (BLURRED if blurred else most) * (0.5 + 0.5 * share)
         yield LikelyCause(code, weight * (1.0 - 0.001 / beyond[code]), evidence, at)
 
 
 def _beyond(health: Mapping[str, Any], finding: str) -> float:
-    """How many times its limit a measure (`focus left`) is; 1 where it is not known, or too little is what is wrong."""
+    """A measure (`focus left`) as a multiple of its limit; 1 where it is absent, or where its limit is a minimum."""
     value, limit = health.get(finding.replace(" ", "_")), MEASURES[finding.split()[0]].limit
     return max(1.0, value / limit) if isinstance(value, (int, float)) and limit > 0.0 else 1.0
 
@@ -245,7 +240,7 @@ def _text(finding: Any) -> str:
 
 
 def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """Why what lies there has no name, in the words of the end; where it was about a part with a name, nothing."""
+    """Why a part has no name, from the recorded end of the cycle; nothing for a named part."""
     why = str(cycle.why or "")
     if cycle.outcome == Outcome.AMBIGUOUS:
         yield LikelyCause(CauseCode.ALIKE, 0.7, why, _last(cycle))
@@ -257,19 +252,19 @@ def _unnamed(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def _lost(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """It was seen, and then it was not."""
+    """The part was found, and then no longer."""
     if cycle.outcome != Outcome.LOST:
         return
     bare = [s for s in cycle.stops if s.purpose != "survey" and not s.parts]
-    if bare and all(_outlines_of(s) < OUTLINES and len(_rejected(s)) < 2 * OUTLINES for s in bare):
-        yield LikelyCause(CauseCode.PART_MOVED, 0.75, f"{cycle.why}; the table is bare there", _seq(bare[0]))
+    if bare and all(_outlines_of(s) < OUTLINES and len(s.scene.get("rejected") or []) < 2 * OUTLINES for s in bare):
+        yield LikelyCause(CauseCode.PART_MOVED, 0.75, f"{cycle.why}; the table is empty there", bare[0].seq)
     elif any(
         p.get("label") == cycle.label
         for s in cycle.stops
         if s.purpose == "approach" and not s.estimate
         for p in s.parts
     ):
-        yield LikelyCause(CauseCode.PART_MOVED, 0.75, f"{cycle.why}; it is seen elsewhere", _last(cycle))
+        yield LikelyCause(CauseCode.PART_MOVED, 0.75, f"{cycle.why}; it is seen at another place", _last(cycle))
     elif cycle.code == DecisionCode.MOVED_BETWEEN_LOOKS:
         yield LikelyCause(CauseCode.PART_MOVED, 0.7, str(cycle.why), _last(cycle))
     else:
@@ -277,111 +272,94 @@ def _lost(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
 
 
 def _missed(cycle: Cycle, others: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """The hand closed, and it is not in it: how it was grasped, and where it lies now, tell what became of it."""
+    """The gripper closed without the part: how it was grasped, and where it is now, indicate the cause."""
     tries = [r for r in cycle.of("decision") if r.get("code") in MISSED_BY]
     if cycle.outcome != Outcome.MISSED and not tries:
         return
-    # What it is taken for after it was knocked about follows from the miss.
+    # What the part is recognised as afterwards is a consequence of the miss.
     weight = 0.6 if cycle.outcome == Outcome.MISSED else 0.75
     verify = [s for s in cycle.stops if s.purpose == "verify"]
     moved = None if not verify else _moved_mm(cycle, verify[-1])
-    at = _seq(verify[0]) if verify else _last(cycle)
-    witness = (
-        "" if cycle.true_mm is None else f"; the simulated cell's witness has the grasp {cycle.true_mm:.1f} mm off"
-    )
+    at = verify[0].seq if verify else _last(cycle)
+    true = "" if cycle.true_mm is None else f"; the true error was {cycle.true_mm:.1f} mm"
     last: Record = tries[-1] if tries else cycle.end or {}
     why = str(last.get("why"))
-    lies = "" if moved is None else f", {moved:.1f} mm from where it lay"
+    away = "" if moved is None else f", {moved:.1f} mm from its place"
     slant = round(max((float(r.get("slip_deg") or 0.0) for r in cycle.of("decision")), default=0.0))
     held = sorted({str(c.label) for c in others if is_success(c.outcome)})
     let_slip = last.get("code") in (DecisionCode.CAME_BACK_EMPTY, DecisionCode.KNOCKED_AWAY)
     if erred := picks_not_counted(cycle):
-        yield LikelyCause(CauseCode.LOOK_AFTER_LIFT, 0.95, f"{not_counted_text(erred[-1])}{witness}", at)
+        yield LikelyCause(CauseCode.LOOK_AFTER_LIFT, 0.95, f"{not_counted_text(erred[-1])}{true}", at)
     elif let_slip or (moved or 0.0) > SQUEEZED_OUT_MM:
-        yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, f"{why}{lies}{witness}", at)
+        yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, f"{why}{away}{true}", at)
     elif slant > SLANTED_DEG:
-        evidence = f"{why}{lies}: the fingers met it {slant:.0f} degrees off square{witness}"
+        evidence = f"{why}{away}: the fingers met it {slant:.0f} degrees off square{true}"
         yield LikelyCause(CauseCode.PART_SLIPPED, weight + 0.05, evidence, at)
     elif held and cycle.label not in {c.label for c in others if is_success(c.outcome)}:
-        evidence = f"{why}{lies}, and {', '.join(held)} was held{witness}"
+        evidence = f"{why}{away}, and the gripper held {', '.join(held)}{true}"
         yield LikelyCause(CauseCode.PART_SLIPPED, weight, evidence, at)
     else:
-        yield LikelyCause(CauseCode.GRIPPER, weight, f"the hand closed, and {why}{lies}{witness}", at)
+        yield LikelyCause(CauseCode.GRIPPER, weight, f"the gripper closed, and {why}{away}{true}", at)
 
 
 def _moved_mm(cycle: Cycle, after: LookStep) -> float | None:
-    """How far the part that was grasped for lies from where it was last thought to."""
-    estimates = [s.estimate for s in cycle.stops if s.estimate and _seq(s) < _seq(after)]
-    world_from_cyclopean = after.look.get("world_from_cyclopean")
-    same = [p for p in after.parts if p.get("label") == cycle.label and p.get("cyclopean_from_part")]
-    if not (estimates and same and world_from_cyclopean and estimates[-1].get("world_from_part")):
+    """Distance of the chosen part from its last estimated place, mm."""
+    estimates = [s.estimate for s in cycle.stops if s.estimate and s.seq < after.seq]
+    same = [place_mm(part, after.look) for part in after.parts if part.get("label") == cycle.label]
+    places = [place for place in same if place is not None]
+    if not (estimates and places and estimates[-1].get("world_from_part")):
         return None
     before = np.array(estimates[-1]["world_from_part"], float)[:3, 3]
-    places = [(np.array(world_from_cyclopean) @ np.array(p["cyclopean_from_part"]))[:3, 3] for p in same]
     return float(min(np.linalg.norm(place - before) for place in places))
 
 
 def _released(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """The gripper opened above the bin, and what it showed there does not prove that the part fell in."""
+    """The gripper opened above the bin, and the images there do not prove that the part fell in."""
     if cycle.outcome != Outcome.RELEASED:
         return
     for record in cycle.of("release"):
         slipped, stuck = record.get("above") == "empty", record.get("opened") == "part"
         code = CauseCode.PART_SLIPPED if slipped else CauseCode.RELEASE_UNCONFIRMED
-        yield LikelyCause(CauseCode.GRIPPER if stuck else code, 0.8, str(cycle.why), _number(record))
+        yield LikelyCause(CauseCode.GRIPPER if stuck else code, 0.8, str(cycle.why), seq_of(record))
 
 
 def _uncertain(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """It was never known well enough, or the hand went for it although it was not."""
+    """The estimate stayed too uncertain, or the grasp was tried in spite of it."""
     last = next((s for s in reversed(cycle.stops) if s.estimate), None)
     if last is None or last.estimate is None or cycle.outcome not in ("unsure", "missed"):
         return
     predicted = float(last.estimate.get("predicted_mm") or 0)
-    if cycle.outcome == "unsure" or predicted > KNOWN_MM:
-        evidence = f"the last estimate was known to {predicted:.1f} mm only"
-        yield LikelyCause(CauseCode.UNCERTAIN, 0.7, evidence, _seq(last))
+    if cycle.outcome == "unsure" or predicted > CERTAIN_MM:
+        evidence = f"the last estimate had an expected error of {predicted:.1f} mm"
+        yield LikelyCause(CauseCode.UNCERTAIN, 0.7, evidence, last.seq)
 
 
 def _cut_off(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
-    """The run ends in the middle of it."""
+    """The run ends during the cycle."""
     if cycle.end is None and not cycle.of("fault"):
-        evidence = f"the run ends in the middle of the cycle, after `{cycle.records[-1]['kind']}`"
+        evidence = f"the run ends during the cycle, after `{cycle.records[-1]['kind']}`"
         yield LikelyCause(CauseCode.CUT_OFF, 0.95, evidence, _last(cycle))
 
 
 def _outlines_of(stop: LookStep) -> int:
-    """How many outlines each camera saw at least, where no facet was made of them."""
-    unmatched = (stop.look.get("scene") or {}).get("unmatched")
+    """Number of outlines that each camera saw at least, where none became a facet."""
+    unmatched = stop.scene.get("unmatched")
     return min(unmatched) if unmatched else 0
 
 
 def _patterned(stop: LookStep) -> bool:
-    """Whether its outlines are the table's pattern, and the eyes were measured to stand as calibrated."""
+    """Whether the outlines are the table's pattern, with the cameras measured to be as calibrated."""
     knocked_px = (stop.look.get("health") or {}).get("knocked_pair")
-    stands = isinstance(knocked_px, float) and knocked_px < MEASURES["knocked"].limit
-    return stands and (stop.look.get("scene") or {}).get("nothing") == "patterned"
-
-
-def _rejected(stop: LookStep) -> Sequence[Any]:
-    rejected: Sequence[Any] = (stop.look.get("scene") or {}).get("rejected") or []
-    return rejected
-
-
-def _number(record: Record) -> int:
-    """Of a record in its run."""
-    return int(record.get("seq") or 0)
-
-
-def _seq(stop: LookStep) -> int:
-    return _number(stop.look)
+    as_calibrated = isinstance(knocked_px, float) and knocked_px < MEASURES["knocked"].limit
+    return as_calibrated and stop.scene.get("nothing") == "patterned"
 
 
 def _last(cycle: Cycle) -> int:
-    return _number(cycle.records[-1])
+    return seq_of(cycle.records[-1])
 
 
 Rule = Callable[[Cycle, Sequence[Cycle]], Iterator[LikelyCause]]
 RULES: tuple[Rule, ...] = (
-    _ended, _refused, _geometry, _all_moves, _eyes_apart, _images, _unnamed, _lost, _missed, _released, _uncertain,
-    _cut_off,
+    _ended, _refused, _geometry, _all_moves, _cameras_disagree, _images, _unnamed, _lost, _missed, _released,
+    _uncertain, _cut_off,
 )  # fmt: skip

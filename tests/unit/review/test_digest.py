@@ -67,7 +67,7 @@ def test_what_was_held_back_as_it_was_typed_is_shown_so_and_was_not_carried_out(
     (cycle,) = read_digest(made.folder).cycles
     assert [r.get("purpose", r["kind"]) for r in carried_out(cycle.records)] == ["hand", "home"]
     shown = [move["text"] for move in stop_json(cycle.stops[0])["moves"]]
-    assert shown[1] == "move taken back before it was sent"
+    assert shown[1] == "move withdrawn before it was sent"
 
 
 def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_changed(made: MadeRun) -> None:
@@ -76,7 +76,7 @@ def test_the_page_tells_which_picks_were_made_with_which_eyes_and_when_that_chan
     made.moved = {"eye": "left", "left": np.eye(4), "right": np.eye(4), "arm_mm": 0.1, "arm_deg": 0.02}
     made.pick()
     run = read_digest(made.close())
-    assert [c.eyes for c in run.cycles] == ["both", "left"]
+    assert [c.cameras for c in run.cycles] == ["both", "left"]
     data = page_data(run)
     assert [c["eyes"] for c in data["cycles"]] == ["both", "left"]
     assert "cameras in use: left: right eye: frozen" in [e["text"] for e in data["events"]]

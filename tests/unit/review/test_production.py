@@ -54,7 +54,7 @@ def test_a_part_that_a_look_denied_and_that_went_to_the_bin_is_told_though_the_p
     found = production([digest])
     assert (found["picked"], found["uncounted"], found["stops"]) == (1, 1, {})
     (told,) = [e["text"] for e in events(digest) if e["kind"] == "uncounted"]
-    assert told.startswith("`cube still lies there`, but nothing did")
+    assert told.startswith("`cube still lies there`, but a later look at the table did not find it")
     assert "likely in the bin" in told
 
 

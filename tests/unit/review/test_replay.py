@@ -15,7 +15,7 @@ from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import (
     ReplayChange,
-    Using,
+    ReplayInputs,
     apart_mm,
     compare,
     paired,
@@ -133,7 +133,7 @@ def test_the_table_of_a_look_is_the_one_it_was_taken_over() -> None:
 
 
 LIBRARY = load_facets(FACETS)
-USUAL = Using()
+USUAL = ReplayInputs()
 
 
 def recorded(tmp_path: Path, *looks: dict[str, Any], calibration: bool = True) -> tuple[Path, Digest]:
@@ -151,7 +151,7 @@ def recorded(tmp_path: Path, *looks: dict[str, Any], calibration: bool = True) -
     return log.folder, read_digest(log.folder)
 
 
-def looked(tmp_path: Path, *looks: dict[str, Any], using: Using = USUAL, chosen: Any = None) -> list[Any]:
+def looked(tmp_path: Path, *looks: dict[str, Any], using: ReplayInputs = USUAL, chosen: Any = None) -> list[Any]:
     folder, run = recorded(tmp_path, *looks)
     return list(replayed_looks(folder, run, LIBRARY, using, chosen))
 
@@ -182,7 +182,7 @@ def test_without_a_calibration_a_run_is_replayed_only_with_another(tmp_path: Pat
     folder, run = recorded(tmp_path, {}, calibration=False)
     with pytest.raises(RunError, match="no calibration was kept with this run"):
         list(replayed_looks(folder, run, LIBRARY, USUAL))
-    other = Using(rig=load_calibration(ETC / "calibration.yaml").rig)
+    other = ReplayInputs(rig=load_calibration(ETC / "calibration.yaml").rig)
     assert len(list(replayed_looks(folder, run, LIBRARY, other))) == 1
 
 

@@ -556,7 +556,7 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
         {"kind": "decision", "seq": 10 + k, "label": label, "code": code} for k, (label, code) in enumerate(decisions)
     ]
     cycle: Any = SimpleNamespace(of=lambda kind: records)
-    blamed = [(cause.name, cause.evidence.split(" lay")[0], cause.at) for cause in _all_moves(cycle, ())]
+    blamed = [(cause.name, cause.evidence.split(" seemed")[0], cause.at) for cause in _all_moves(cycle, ())]
     last = max((k for k, (_, code) in enumerate(decisions) if code == ELSEWHERE), default=0)
     assert blamed == ([] if named is None else [("hand-eye", named, 10 + last)])
 
@@ -647,7 +647,7 @@ def test_a_table_with_eight_outlines_that_came_to_nothing_is_not_bare(rejected: 
     taken_away(made)
     (cycle,) = read_digest(made.close(1)).cycles
     cycle.stops[-1].look["scene"]["rejected"] = [{"eye": "left", "reason": "small"}] * rejected
-    assert any("the table is bare there" in cause.evidence for cause in causes(cycle)) is bare
+    assert any("the table is empty there" in cause.evidence for cause in causes(cycle)) is bare
 
 
 def test_an_estimate_that_says_no_place_denies_nothing(made: MadeRun) -> None:

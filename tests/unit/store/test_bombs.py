@@ -16,7 +16,7 @@ import pytest
 
 from daemon.config import load_config
 from daemon.review.page import read_digest, write_page
-from daemon.review.replay import Using, replayed_looks
+from daemon.review.replay import ReplayInputs, replayed_looks
 from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets
 from daemon.store.model import LARGEST_UNFOLDED, ModelError, from_bytes, load, to_bytes
@@ -153,7 +153,7 @@ def test_pictures_outside_of_the_run_are_neither_shown_nor_replayed(run: Path, n
     calibration = next((run / "kept").iterdir())
     calibration.write_bytes((HOUSE / "etc" / "calibration.yaml").read_bytes())
     with pytest.raises(RunError, match="changed: its content"):
-        list(replayed_looks(run, read_digest(run), load_facets(), Using()))
+        list(replayed_looks(run, read_digest(run), load_facets(), ReplayInputs()))
 
 
 def test_a_kept_file_must_lie_in_the_run(run: Path) -> None:
