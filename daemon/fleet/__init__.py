@@ -1,3 +1,5 @@
-"""Many cells: their finished runs gathered in one store, laid out as one table, replayed by many workers, shown on one
-page. Beside `review`, on a computer of the plant's; a cell needs none of it and knows nothing of it.
+"""Many cells: collect their finished runs into one store, as tables, replay them by many workers, show them on one
+page.
+
+It runs on a computer of the plant, never on a cell's; a cell does not depend on it.
 """

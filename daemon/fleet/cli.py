@@ -1,4 +1,4 @@
-"""`facetctl runs | replay | fleet`: arguments in, tables and pages out. One cell's runs, or many cells'; no daemon."""
+"""Commands `facetctl runs`, `replay` and `fleet`: the runs of one cell or of many. They need no daemon."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from daemon.store.runs import find_run, list_runs
 REGRESSED = NOT_ALL = 1
 COLLECTED = "collected"
 MOST = 9999
-"""Of runs, days or workers that somebody asks for."""
+"""Largest number of runs, days or workers that a person may request."""
 
 RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "run": lambda row: row["run"],
@@ -33,15 +33,15 @@ RUN_COLUMNS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "model": lambda row: row["model_version"] or row["model"],
     "end": lambda row: "running" if row["going"] else row["ended"],
 }
-"""What people read of each run, within 80 columns; all of it is with --json. picked: of those tried; mm: predicted at
-the grasp, mean."""
+"""Columns of the table for people, within 80 characters; --json has every figure. mm: mean predicted error at the
+grasp."""
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
     runs = command(subparsers, "runs", _runs, "a table of all runs; `runs collect`: many cells' runs into one store")
     runs.add_argument("--last", type=_count, default=30, metavar="N", help="how many, newest last (30)")
-    runs.add_argument("--json", action="store_true", help="a line for machines each")
+    runs.add_argument("--json", action="store_true", help="one JSON line a run")
     collect = runs.add_subparsers(metavar="[collect ...]").add_parser(
         "collect", help="take finished runs into a store (extra `fleet`)"
     )
@@ -52,8 +52,10 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     collect.add_argument(
         "--into", metavar="STORE", required=True, help="the store: a folder, or a bucket such as s3://plant/facetd"
     )
-    collect.add_argument("--free", action="store_true", help="then remove from the cells what is safe in the store")
-    collect.add_argument("--json", action="store_true", help="one line for machines")
+    collect.add_argument(
+        "--free", action="store_true", help="then remove the runs from the cells once the store has them"
+    )
+    collect.add_argument("--json", action="store_true", help="one JSON line")
     replay = command(subparsers, "replay", _replay, "every look through today's recogniser; 1 on a regression")
     replay.add_argument(
         "folders", metavar="RUN", nargs="*", help="run folders, their names, `latest`, or a store: all runs in it"
@@ -67,7 +69,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
     replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
-    replay.add_argument("--json", action="store_true", help="one line for machines")
+    replay.add_argument("--json", action="store_true", help="one JSON line")
     fleet = command(subparsers, "fleet", _fleet, "one HTML page for all cells of a store (extra `fleet`)")
     fleet.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
     fleet.add_argument("--days", type=_count, default=7, metavar="N", help="up to the last run in it (7)")
@@ -75,7 +77,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _count(text: str) -> int:
-    """How many; argparse tells what is wrong with another."""
+    """Argument type: a whole number from 1 to MOST."""
     with contextlib.suppress(ValueError):
         if 1 <= (count := whole(text)) <= MOST:
             return count
@@ -91,7 +93,7 @@ def _runs(args: argparse.Namespace) -> int:
     for folder in list_runs(args.runs or folders.runs_folder())[-args.last :]:
         try:
             rows.append(read_brief(folder).statistics())
-        except FacetdError as error:  # one bad run keeps nobody from seeing the others
+        except FacetdError as error:  # one bad run must not hide the others
             print(f"facetctl runs: {error}", file=sys.stderr)
     if args.json:
         for row in rows:
@@ -122,22 +124,23 @@ def _collect(args: argparse.Namespace) -> int:
 
     sources = [source_of(text) for text in args.cells]
     say = (lambda _: None) if args.json else (lambda line: print(line, flush=True))
-    told = collect(open_store(args.into), sources, args.free, say)
+    summary = collect(open_store(args.into), sources, args.free, say)
     if args.json:
-        print(json.dumps({name: value for name, value in vars(told).items() if name != "say"}))
+        print(json.dumps({name: value for name, value in vars(summary).items() if name != "say"}))
     else:
         print(
-            f"{told.collected} runs collected ({told.bytes / 1e6:.1f} MB), {told.known} were there, {told.waiting} not "
-            f"finished for a minute, {told.apart} damaged and set apart, {told.freed} removed from the cells"
+            f"{summary.collected} runs collected ({summary.bytes / 1e6:.1f} MB), {summary.known} already in the store, "
+            f"{summary.waiting} not finished for a minute, {summary.apart} damaged and set apart, "
+            f"{summary.freed} removed from the cells"
         )
-    return NOT_ALL if told.lines else DONE
+    return NOT_ALL if summary.lines else DONE
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from daemon.fleet.judged import differences, summed
-    from daemon.fleet.replay_many import with_of
+    from daemon.fleet.replay_many import replay_with
+    from daemon.fleet.replay_results import differences, summed
 
-    chosen = with_of(args.chosen)
+    chosen = replay_with(args.chosen)
     failed: list[str] = []
     out: str | None = args.out
     if out is None and args.workers is None and args.cluster is None and not any(map(_is_store, args.folders)):
@@ -191,17 +194,14 @@ def _replay_here(args: argparse.Namespace, chosen: Any) -> list[tuple[str, Any]]
     from daemon.fleet.replay_many import cell_of, replay_here
     from daemon.review.page import read_digest
 
-    runs = [(folder, read_digest(folder)) for folder in _named(args)]
+    runs = [(folder, read_digest(folder)) for folder in map(Path, _folders_of(args))]
     return replay_here([(cell_of(folder, run), folder, run) for folder, run in runs], chosen)
 
 
-def _named(args: argparse.Namespace) -> list[Path]:
-    return [find_run(args.runs or folders.runs_folder(), name) for name in args.folders or ["latest"]]
-
-
 def _folders_of(args: argparse.Namespace) -> list[str]:
-    return [name if _is_store(name) else str(_named(argparse.Namespace(runs=args.runs, folders=[name]))[0])
-            for name in args.folders or ["latest"]]  # fmt: skip
+    """The stores and the run folders that were named."""
+    runs = args.runs or folders.runs_folder()
+    return [name if _is_store(name) else str(find_run(runs, name)) for name in args.folders or ["latest"]]
 
 
 def _replay_many(args: argparse.Namespace, chosen: Any) -> tuple[list[tuple[str, Any]], list[str], str]:

@@ -1,7 +1,7 @@
-"""Finished runs of many cells into one store: each run once, checked, and off the cell's disk only when it is safe.
+"""Collect finished runs of many cells into one store: each run once, checked, removed from the cell only when safe.
 
-A collector may be cut off anywhere and called again: a run counts as collected when its manifest is there, which is
-written last; what was copied before is compared, not copied again. The cells work on whether there is a store or not.
+The collector may be interrupted anywhere and started again: a run counts as collected once its manifest exists, which
+is written last; files already copied are compared, not copied again. Cells do not depend on the store.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from daemon.store.runs import RUN, RUN_NAME, RunRecords, list_runs, read_run
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 AT_ONCE = 20
-"""Runs of a cell whose rows go into the table together."""
+"""Runs of a cell whose rows are added to the tables together."""
 QUIET_S = 60.0
-"""Nothing in a run may have changed for so long: its last pictures are written after its last line."""
+"""How long a run must be unchanged before it is collected: its last pictures are written after its last line."""
 FILTER = (
     "--include=/run.jsonl",
     "--include=/wire.jsonl",
@@ -43,20 +43,20 @@ FILTER = (
 
 @dataclass(frozen=True)
 class RunSource:
-    """A cell's folder of runs: here, or `[user@]host:folder` by rsync over ssh."""
+    """A cell's folder of runs: local, or `[user@]host:folder` by rsync over ssh."""
 
     cell: str
     where: str
 
     @property
     def remote(self) -> bool:
-        """Whether it is another computer's."""
+        """Whether it is on another computer."""
         return ":" in self.where.split("/")[0]
 
 
 @dataclass
-class Told:
-    """What a collection came to; lines: what a person should know; say: told of everything as it happens."""
+class CollectionSummary:
+    """Counts of one collection. lines: problems that a person should read; say: receives every message as it occurs."""
 
     collected: int = 0
     known: int = 0
@@ -68,13 +68,13 @@ class Told:
     say: Callable[[str], object] = lambda _: None
 
     def warn(self, line: str) -> None:
-        """Something that a person should know."""
+        """Report a problem that a person should read."""
         self.lines.append(line)
         self.say(line)
 
 
 def source_of(text: str) -> RunSource:
-    """`CELL=FOLDER` or `CELL=HOST:FOLDER`. Raises StoreError."""
+    """Parse `CELL=FOLDER` or `CELL=HOST:FOLDER`. Raises StoreError."""
     cell, equals, where = text.partition("=")
     if not equals or not where or not NAME.fullmatch(cell):
         raise StoreError(
@@ -89,79 +89,81 @@ def collect(
     free: bool = False,
     say: Callable[[str], object] = lambda _: None,
     quiet_s: float = QUIET_S,
-) -> Told:
-    """Take every finished run that is not in the store yet. free: then remove from the cells what is safe in it.
+) -> CollectionSummary:
+    """Copy every finished run that the store does not have. free: then remove collected runs from the cells.
 
-    A cell that cannot be reached is told of and passed over. Raises StoreError, OSError where the store fails.
+    A cell that cannot be reached is reported and skipped. Raises StoreError, OSError where the store fails.
     """
-    told = Told(say=say)
+    summary = CollectionSummary(say=say)
     for source in sources:
         try:
             names = _names(source)
-            _collect_cell(store, source, names, told, quiet_s)
+            _collect_cell(store, source, names, summary, quiet_s)
             if free:
-                _free_cell(store, source, names, told)
+                _free_cell(store, source, names, summary)
         except (FileError, _UnreachableError) as error:
-            told.warn(f"{source.cell}: {error}")
-    return told
+            summary.warn(f"{source.cell}: {error}")
+    return summary
 
 
-def _collect_cell(store: Store, source: RunSource, names: list[str], told: Told, quiet_s: float) -> None:
-    known = store.collected()
-    ids = {short: f"{cell}/{run}" for (cell, run), short in known.items()}
-    fresh = [name for name in names if (source.cell, name) not in known]
-    told.known += len(names) - len(fresh)
+def _collect_cell(
+    store: Store, source: RunSource, names: list[str], summary: CollectionSummary, quiet_s: float
+) -> None:
+    collected = store.collected()
+    ids = {short: f"{cell}/{run}" for (cell, run), short in collected.items()}
+    fresh = [name for name in names if (source.cell, name) not in collected]
+    summary.known += len(names) - len(fresh)
     for begin in range(0, len(fresh), AT_ONCE):
         taken = [
             one
             for name in fresh[begin : begin + AT_ONCE]
-            if (one := _tried(store, source, name, name != names[-1], ids, told, quiet_s)) is not None
+            if (one := _taken(store, source, name, name != names[-1], ids, summary, quiet_s)) is not None
         ]
         add_rows(store, source.cell, [rows for _, rows in taken])
         for safe, _ in taken:
             store.write(msgspec.json.encode(safe), "collected", manifest_name(safe.id[:16], safe.cell, safe.run))
-            told.collected += 1
-            told.bytes += sum(size for size, _ in safe.files.values())
-
-
-def _tried(
-    store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
-) -> tuple[Collected, Rows] | None:
-    """As _taken; a run with a file that cannot be read keeps nobody from the cell's others."""
-    try:
-        return _taken(store, source, name, later, ids, told, quiet_s)
-    except FileError as error:
-        told.apart += 1
-        told.warn(f"{source.cell}/{name}: damaged, stays on its cell: {error}")
-        return None
+            summary.collected += 1
+            summary.bytes += sum(size for size, _ in safe.files.values())
 
 
 def _taken(
-    store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], told: Told, quiet_s: float
+    store: Store,
+    source: RunSource,
+    name: str,
+    later: bool,
+    ids: dict[str, str],
+    summary: CollectionSummary,
+    quiet_s: float,
 ) -> tuple[Collected, Rows] | None:
-    """A sound run, copied, and its rows; None where it waits, is damaged, or is one of `ids` (id -> cell/run) again."""
-    with _here(source, name) as folder:
-        run = read_run(folder)
-        if not finished(folder, run, later) or not _quiet(folder, quiet_s):
-            told.waiting += 1
-            return None
-        if problems := damages(folder, run):
-            _set_apart(store, source.cell, folder, problems)
-            told.apart += 1
-            told.warn(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
-            return None
-        short = hashed_below(folder, RUN)[1][:16]
-        if short in ids:
-            told.warn(f"{source.cell}/{name}: is {ids[short]} again; not taken twice")
-            return None
-        safe = _put(store, source.cell, folder, run)
-        ids[short] = f"{source.cell}/{name}"
-        told.say(f"{source.cell}/{name}: {len(safe.files)} files")
-        return safe, rows_of(digest(name, run.records))
+    """Copy a sound run; returns its manifest and rows. None: not finished, damaged, or a copy of one of `ids` (id ->
+    cell/run). later: whether the cell has begun another run since."""
+    try:
+        with _local_copy(source, name) as folder:
+            run = read_run(folder)
+            if not finished(folder, run, later) or not _unchanged(folder, quiet_s):
+                summary.waiting += 1
+                return None
+            if problems := damages(folder, run):
+                _set_apart(store, source.cell, folder, problems)
+                summary.apart += 1
+                summary.warn(f"{source.cell}/{name}: damaged, set apart: {'; '.join(problems[:3])}")
+                return None
+            short = hashed_below(folder, RUN)[1][:16]
+            if short in ids:
+                summary.warn(f"{source.cell}/{name}: is the same run as {ids[short]}; not collected twice")
+                return None
+            safe = _put(store, source.cell, folder, run)
+            ids[short] = f"{source.cell}/{name}"
+            summary.say(f"{source.cell}/{name}: {len(safe.files)} files")
+            return safe, rows_of(digest(name, run.records))
+    except FileError as error:  # an unreadable file must not keep the cell's other runs out
+        summary.apart += 1
+        summary.warn(f"{source.cell}/{name}: damaged, stays on its cell: {error}")
+        return None
 
 
 def _put(store: Store, cell: str, folder: Path, run: RunRecords) -> Collected:
-    """Every file of a sound run, read back from the store."""
+    """Copy every file of a sound run and read it back from the store; returns the manifest."""
     files = {name: store.put(folder, name, "runs", cell, folder.name, *name.split("/")) for name in files_of(folder)}
     start = next((r for r in run.records if r["kind"] == "run_start"), {})
     return Collected(cell, folder.name, files[RUN][1], start.get("version"), files)
@@ -173,38 +175,38 @@ def _set_apart(store: Store, cell: str, folder: Path, problems: list[str]) -> No
     store.write("".join(f"{line}\n" for line in problems).encode(), "apart", cell, f"{folder.name}.txt")
 
 
-def _quiet(folder: Path, quiet_s: float) -> bool:
+def _unchanged(folder: Path, quiet_s: float) -> bool:
     newest = max((folder / name).stat().st_mtime for name in files_of(folder))
     return time.time() - newest >= quiet_s
 
 
-def _free_cell(store: Store, source: RunSource, names: list[str], told: Told) -> None:
-    """Remove from the cell what is the same there, to the last byte, as in the store; the newest run stays."""
+def _free_cell(store: Store, source: RunSource, names: list[str], summary: CollectionSummary) -> None:
+    """Remove from the cell the runs that equal the store's copy byte for byte; the newest run stays."""
     store.settle()
-    known = store.collected()
+    collected = store.collected()
     for name in names[:-1]:
-        if (source.cell, name) not in known:
+        if (source.cell, name) not in collected:
             continue
         safe = store.manifest(source.cell, name)
-        with _here(source, name) as folder:
+        with _local_copy(source, name) as folder:
             lost = store.damaged(safe)
             if not lost and _same(folder, safe):
                 _remove(source, name)
-                told.freed += 1
+                summary.freed += 1
                 continue
-            what = f"{lost[0]} is damaged in the store" if lost else "is another than what was collected"
-            told.warn(f"{source.cell}/{name}: {what}; it stays on the cell")
+            what = f"{lost[0]} is damaged in the store" if lost else "differs from what was collected"
+            summary.warn(f"{source.cell}/{name}: {what}; it stays on the cell")
 
 
 def _same(folder: Path, safe: Collected) -> bool:
-    """Whether the folder holds the files of the manifest, and no others."""
+    """Whether the folder has exactly the files of the manifest."""
     return set(files_of(folder)) == set(safe.files) and all(
-        hashed_below(folder, name) == known for name, known in safe.files.items()
+        hashed_below(folder, name) == recorded for name, recorded in safe.files.items()
     )
 
 
 class _UnreachableError(FacetdError):
-    """A cell does not answer, or does not let us in."""
+    """A cell does not answer, or refuses access."""
 
 
 def _names(source: RunSource) -> list[str]:
@@ -219,8 +221,8 @@ def _names(source: RunSource) -> list[str]:
 
 
 @contextmanager
-def _here(source: RunSource, name: str) -> Iterator[Path]:
-    """A run as a local folder: the cell's own, or a copy that rsync made."""
+def _local_copy(source: RunSource, name: str) -> Iterator[Path]:
+    """A run as a local folder: the cell's own, or a temporary copy by rsync."""
     if not source.remote:
         yield Path(source.where) / name
         return

@@ -1,4 +1,4 @@
-"""docs/DATA.md, made from the schema and the questions: `python -m daemon.fleet.document > docs/DATA.md`."""
+"""Write docs/DATA.md from the schema and the queries: `python -m daemon.fleet.document > docs/DATA.md`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from daemon.fleet.schema import TABLES, VERSION, Column
 HEAD = """# The data of many cells
 
 `facetctl runs collect CELL=RUNS... --into STORE` takes the finished runs of many cells into one store, a folder or a
-bucket, and writes their rows beside them: {count} tables of Parquet files that DuckDB, Spark and pandas read as they
-are. This page is made from the code that writes them (daemon/fleet/schema.py, daemon/fleet/questions.py): `make docs`
-writes it, and a test keeps it true.
+bucket, and adds their rows to {count} tables of Parquet files, which DuckDB, Spark and pandas can read. This page is
+made from the code that writes them (daemon/fleet/schema.py, daemon/fleet/questions.py): `make docs` writes it, and a
+test checks it.
 
 ```
 STORE/runs/<cell>/<run>/                               each run, as its cell wrote it (deploy/RUNS.md)
-STORE/collected/<id>,<cell>,<run>.json                 which runs are safe here, with size and hash of each file
+STORE/collected/<id>,<cell>,<run>.json                 the runs collected, with size and hash of each file
 STORE/apart/<cell>/<run>/, .../<run>.txt               damaged runs, and what is wrong with them
 STORE/tables/<table>/cell=<cell>/month=<YYYY-MM>/{file}
 ```
@@ -36,7 +36,7 @@ For an engine that needs a folder a day, one line of DuckDB makes it:
 Lengths are mm, angles degrees, times UTC. The schema is version {version}; every file says its own in its metadata
 (`facetd.schema`). A later version adds columns at the end of a table and changes none; a file of an earlier release
 lacks columns, and readers fill them with null (`union_by_name` below; Spark's `mergeSchema`). Collecting into a month
-that an earlier release began writes it anew as today's; one that a newer release began is left alone.
+that an earlier release began rewrites it in today's schema; facetd does not change one that a newer release began.
 
 ## Reading it
 

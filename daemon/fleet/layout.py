@@ -1,7 +1,7 @@
-"""A run's records -> rows of the table, and the table's files in the store. Uses pyarrow (the extra `fleet`).
+"""Convert a run's records to rows, and write the tables' Parquet files into the store, with pyarrow (extra `fleet`).
 
-One file a cell and month, sorted by day so that a reader skips what it does not ask for: a file a cell and day would be
-14 600 of them a year for forty cells, and a question to all of them spends its time on opening files.
+One file a cell and month, sorted by day so that a reader skips the other days: a file a cell and day would be 14 600
+files a year for forty cells, and a query over all of them would spend its time on opening files.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from daemon.events.records import Record
 from daemon.fleet.schema import TABLES, VERSION, Column
 from daemon.fleet.store import Store, StoreError
-from daemon.review.digest import Cycle, Digest, duration_s, eyes_of, in_use, parts_of, short_hash
+from daemon.review.digest import Cycle, Digest, cameras_of, duration_s, in_use, parts_of, place_mm, short_hash
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 Rows = dict[str, Any]
-"""Of one run or of several: a pyarrow table by the name of the table."""
+"""Rows of one or several runs: table name -> pyarrow table."""
 FILE = "rows.parquet"
 VERSION_KEY = b"facetd.schema"
 ROWS_A_GROUP = 16_384
-"""Some days of a cell's parts: a reader that wants one day reads little more."""
+"""Some days of a cell's parts: a reader of one day reads little more."""
 PROVEN = "picked"
 
 
@@ -46,7 +46,7 @@ def arrow() -> tuple[Any, Any]:
 
 
 def schema_of(table: str) -> pa.Schema:
-    """The columns of a table as pyarrow has them, with the schema's version."""
+    """The pyarrow schema of a table, with its version."""
     pa, _ = arrow()
     kinds = {
         "text": pa.string(), "integer": pa.int64(), "real": pa.float32(), "flag": pa.bool_(),
@@ -57,7 +57,7 @@ def schema_of(table: str) -> pa.Schema:
 
 
 def rows_of(run: Digest) -> Rows:
-    """The rows of one run, by table."""
+    """Convert one run to rows, by table."""
     pa, _ = arrow()
     made = {
         "runs": [_run(run)] if run.records else [],
@@ -72,7 +72,7 @@ def rows_of(run: Digest) -> Rows:
 
 
 def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
-    """What a record does not say is null, and so is what is of another kind than its column."""
+    """Build a pyarrow table; absent values, and values of another kind than their column, become null."""
     columns = TABLES[name].columns
     times = np.array([_utc(str(row["t"])) for row in rows], "datetime64[ms]")
     given = {"t": times, "day": times.astype("datetime64[D]"), "run": [run] * len(rows)}
@@ -85,7 +85,7 @@ def _table(pa: Any, name: str, run: str, rows: Sequence[Row]) -> pa.Table:
 
 
 def _utc(t: str) -> datetime:
-    """Without a zone it is UTC. A small z is one, too (RFC 3339)."""
+    """Parse a time as UTC without zone. A small z is valid (RFC 3339)."""
     at = datetime.fromisoformat(t.upper())
     return at if at.tzinfo is None else at.astimezone(UTC).replace(tzinfo=None)
 
@@ -127,7 +127,8 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
     found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
-        **{name: getattr(cycle, name) for name in (*plain, "eyes", "model", "calibration")},
+        **{name: getattr(cycle, name) for name in (*plain, "model", "calibration")},
+        "eyes": cycle.cameras,
         "t": cycle.started,
         "cycle": cycle.number,
         "target": cycle.records[0].get("target"),
@@ -157,7 +158,7 @@ def _looks(run: Digest) -> list[Row]:
                 "left": images.get("left"),
                 "right": images.get("right"),
                 "model": short_hash(kept.get("model")),
-                "eyes": eyes_of(record),
+                "eyes": cameras_of(record),
             }
         )
     return rows
@@ -176,7 +177,7 @@ def _part(look: Record, number: int, part: Record, picked_as: str | None) -> Row
     same = ("label", "confidence", "match_ratio", "activation", "runner_up", "ambiguous", "cause", "residual_mm")
     pose, covariance = part.get("cyclopean_from_part"), part.get("covariance")
     place = None if pose is None else np.array(pose, float)[:3, 3]
-    world = world_of(part, look)
+    world = place_mm(part, look)
     return {
         **{name: look.get(name) for name in ("seq", "cycle", "t")},
         **{name: part.get(name) for name in same},
@@ -193,8 +194,8 @@ Proof = tuple[str, np.ndarray[Any, Any]]
 
 
 def proofs_of(run: Digest) -> dict[int, Proof]:
-    """id of a look's record -> (label, (3,) world mm) of the part that its pick then held; looks before the hand closed
-    alone: afterwards it lies elsewhere."""
+    """id of a look's record -> (label, (3,) world mm) of the part that the pick then held. Only looks before the
+    gripper closed: afterwards the part is somewhere else."""
     found: dict[int, Proof] = {}
     for cycle in run.cycles:
         last = next((s.estimate for s in reversed(cycle.stops) if s.estimate), None)
@@ -206,17 +207,11 @@ def proofs_of(run: Digest) -> dict[int, Proof]:
 
 
 def proven_as(part: Record, look: Record, proof: Proof | None) -> str | None:
-    """The name under which the pick held this part; None where that is not known of it."""
-    place = world_of(part, look)
+    """The name under which the pick held this part; None where the pick did not prove it."""
+    place = place_mm(part, look)
     if proof is None or place is None or np.linalg.norm(place - proof[1]) > NEAR_MM:
         return None
     return proof[0]
-
-
-def world_of(part: Record, look: Record) -> np.ndarray[Any, Any] | None:
-    """(3,) mm, where a part's origin lies in the world."""
-    outer, inner = look.get("world_from_cyclopean"), part.get("cyclopean_from_part")
-    return None if outer is None or inner is None else (np.array(outer, float) @ np.array(inner, float))[:3, 3]
 
 
 def _moves(run: Digest) -> list[Row]:
@@ -247,7 +242,7 @@ def _fault(record: Record) -> Row:
 
 
 def _code(record: Record) -> str | None:
-    """Of a fault by its images' measures, what the first of them is a sign of."""
+    """The code of a fault; of one that names measures of images, the cause that the first one indicates."""
     if record.get("findings"):
         return str(next(causes_of_record(record)).code)
     code: str | None = record.get("code") or record.get("rule")
@@ -259,7 +254,7 @@ def _health(look: Record) -> Row:
 
 
 def add_rows(store: Store, cell: str, runs: Iterable[Rows]) -> None:
-    """Put runs into the table; one that is in it already is replaced. Raises StoreError, OSError."""
+    """Add runs to the tables, replacing rows of the same run. Raises StoreError, OSError."""
     pa, _ = arrow()
     given = list(runs)
     for name in TABLES if given else ():
@@ -271,29 +266,31 @@ def add_rows(store: Store, cell: str, runs: Iterable[Rows]) -> None:
 
 
 def add_month(store: Store, name: str, cell: str, month: str, rows: pa.Table, instead_of: Any = ()) -> None:
-    """Rows of one table, cell and month beside those that are there; the runs `instead_of` are taken out first.
+    """Add rows to the file of one table, cell and month; rows of the runs `instead_of` are removed first.
 
-    Raises StoreError where the file there is a newer release's: what it knows more would be lost.
+    Raises StoreError where a newer release wrote the file: its additional columns would be lost.
     """
     pa, pq = arrow()
     parts = ("tables", name, f"cell={cell}", f"month={month}", FILE)
-    there = store.path(*parts)
-    if store.fs.exists(there):
-        with store.fs.open(there, "rb") as file:
+    path = store.path(*parts)
+    if store.fs.exists(path):
+        with store.fs.open(path, "rb") as file:
             before = pq.ParquetFile(file).read()
         version = int((before.schema.metadata or {}).get(VERSION_KEY, b"1"))
         if version > VERSION:
-            raise StoreError(f"{there}: is of schema {version}, this release knows {VERSION}: collect with a newer one")
+            raise StoreError(f"{path}: is of schema {version}, this release knows {VERSION}: collect with a newer one")
         kept = before.filter(pa.compute.invert(pa.compute.is_in(before["run"], pa.array(instead_of, pa.string()))))
-        rows = pa.concat_tables([_as_now(kept, name), rows]).sort_by([("day", "ascending"), ("t", "ascending")])
+        rows = pa.concat_tables([_in_present_schema(kept, name), rows]).sort_by(
+            [("day", "ascending"), ("t", "ascending")]
+        )
     with store.replacing(*parts) as file:
         pq.write_table(rows, file, compression="zstd", row_group_size=ROWS_A_GROUP, store_schema=True)
 
 
-def _as_now(rows: pa.Table, name: str) -> pa.Table:
-    """Rows of an earlier version as today's: what they do not have is null."""
+def _in_present_schema(rows: pa.Table, name: str) -> pa.Table:
+    """Convert rows of an earlier version to today's schema; absent columns become null."""
     pa, _ = arrow()
     schema = schema_of(name)
-    there = set(rows.column_names)
-    arrays = [rows[f.name].cast(f.type) if f.name in there else pa.nulls(len(rows), f.type) for f in schema]
+    present = set(rows.column_names)
+    arrays = [rows[f.name].cast(f.type) if f.name in present else pa.nulls(len(rows), f.type) for f in schema]
     return pa.Table.from_arrays(arrays, schema=schema)

@@ -1,7 +1,8 @@
-"""One offline page for all cells, from the table: who is well, who drifts, who misses what. DuckDB counts, this judges.
+"""One offline HTML page for all cells: which are well, which drift, which miss what. DuckDB counts, this module
+decides.
 
-A cell is told of only where chance does not explain it: a share against all other cells' at more than SIGMAS standard
-errors, a turn of the eyes, light and faults against the limits that its own daemon works to.
+A cell is reported only where chance does not explain the difference: its success rate is more than SIGMAS standard
+errors below that of the other cells, or drift, light or faults exceed the limits of its own daemon.
 """
 
 from __future__ import annotations
@@ -28,25 +29,25 @@ from daemon.vision.health import MEASURES
 
 Json = dict[str, Any]
 BEFORE = timedelta(days=28)
-"""How a cell picked before is taken from so long before the days shown."""
+"""Period before the days shown that gives a cell's earlier success rate."""
 USUAL = timedelta(days=6)
-"""How its eyes stood, from so long after it was calibrated: a slow turn is one, too."""
+"""Period after a calibration that gives the usual camera angles, so that slow drift shows too."""
 SIGMAS = 4.0
-"""Of forty cells with five parts each one in a hundred pages says something that is chance."""
+"""With forty cells of five parts each, one page in a hundred reports a difference that is chance."""
 LEAST_SHARE = 0.01
-"""A difference of shares that nobody would walk over for."""
+"""Smallest difference of success rates worth a report."""
 STATES = ("faults", "misses", "one camera", "drifts", "dark", "silent", "well")
-"""The first that holds is the cell's."""
+"""A cell has the first state that applies."""
 
 
 def write_fleet_page(store: Store, days: int, out: Path) -> Path:
-    """Write the page of the last `days` days of the store to `out`. Raises StoreError, OSError."""
+    """Write the page of the store's last `days` days to `out`; returns out. Raises StoreError, OSError."""
     write_atomically(out, render("fleet", fleet_data(store, days), {}, "daemon.fleet").encode())
     return out
 
 
 def fleet_data(store: Store, days: int) -> Json:
-    """What the page shows. Raises StoreError where there is nothing to show."""
+    """The page's data. Raises StoreError for a store without runs."""
     months = sorted({f.split("month=")[1].split("/")[0] for f in store.fs.glob(store.path("tables/runs/*/*/*"))})
     if not months:
         raise StoreError(f"{store.url}: no runs in it yet: `facetctl runs collect CELL=RUNS --into {store.url}`")
@@ -55,12 +56,12 @@ def fleet_data(store: Store, days: int) -> Json:
     since = first - BEFORE
     calibrated = _calibrated(store, months)
     needed = {f"{day:%Y-%m}" for day in (*(c[0] for c in calibrated.values()), *(c[1] for c in calibrated.values()))}
-    asked = opened(store, [m for m in months if f"{since:%Y-%m}" <= m <= f"{last:%Y-%m}" or m in needed])
+    views = opened(store, [m for m in months if f"{since:%Y-%m}" <= m <= f"{last:%Y-%m}" or m in needed])
     between = f"day BETWEEN '{first}' AND '{last}'"
-    of: Callable[[str], list[tuple[Any, ...]]] = lambda sql: asked.execute(sql).fetchall()  # noqa: E731
+    of: Callable[[str], list[tuple[Any, ...]]] = lambda sql: views.execute(sql).fetchall()  # noqa: E731
     shown = [first + timedelta(days=k) for k in range(days)]
     cells = _cells(of, between, since, first, shown, calibrated)
-    _judge(cells, last)
+    _set_states(cells, last)
     parts = _summed(c["parts"] for c in cells)
     causes = dict(sum((Counter(c["causes"]) for c in cells), Counter[str]()).most_common())
     return {
@@ -83,7 +84,7 @@ def fleet_data(store: Store, days: int) -> Json:
 
 
 def _calibrated(store: Store, months: Sequence[str]) -> dict[str, tuple[date, date]]:
-    """Of each cell the first days with the calibration that it has now: what is usual for its eyes."""
+    """Cell -> first and last day of the period after its present calibration that gives its usual camera angles."""
     rows = opened(store, months).execute(
         """SELECT cell, min(day) FROM runs JOIN (SELECT cell, arg_max(calibration, t) AS now FROM runs GROUP BY cell)
         USING (cell) WHERE calibration IS NOT DISTINCT FROM now GROUP BY cell"""
@@ -102,14 +103,14 @@ def _cells(
     begun = " OR ".join(f"cell = '{c}' AND day BETWEEN '{a}' AND '{b}'" for c, (a, b) in calibrated.items())
     before = f"day >= '{since}' AND day < '{first}'"
     picked = "count(*) FILTER (outcome = 'picked')"
-    told = _by(
+    totals = _by(
         of(f"""SELECT cell, count(*), sum(interventions), arg_max(release, t) FROM runs
         WHERE {between} GROUP BY cell""")
     )
-    heard = _by(
+    latest = _by(
         of("""SELECT cell, max(t + to_milliseconds((1000 * coalesce(seconds, 0))::BIGINT))::TIMESTAMP FROM runs
         GROUP BY cell""")
-    )  # by the end of its last run: a quiet cell's goes on for days
+    )  # end of the last run, which lasts for days on an idle cell
     usual = _by(of(f"SELECT cell, {picked}, count(*) FROM cycles WHERE tried AND {before} GROUP BY cell"))
     ever = [cell for (cell,) in of("SELECT DISTINCT cell FROM runs ORDER BY cell")]
     daily = _days(
@@ -120,7 +121,8 @@ def _cells(
         GROUP BY cell, day""")
     )
     health = _days(
-        of(f"""SELECT cell, day, {_turns()}, {_light()}, median(epipolar_pair::DOUBLE) FROM health
+        of(f"""SELECT cell, day, {_turns()}, median(least(darkness_left, darkness_right)::DOUBLE),
+        median(epipolar_pair::DOUBLE) FROM health
         WHERE {between} GROUP BY cell, day""")
     )
     rest = _by(of(f"SELECT cell, {_turns()} FROM health WHERE {begun} GROUP BY cell"))
@@ -146,15 +148,15 @@ def _cells(
     for cell in ever:
         of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
         measured = [health.get((cell, day), (None,) * 5) for day in shown]
-        count, hands, version = told.get(cell, (0, 0, None))
-        (at,) = heard[cell]
-        ms, eyes, one_eyed = looks.get(cell, (None, None, 0))
+        count, interventions, version = totals.get(cell, (0, 0, None))
+        (at,) = latest[cell]
+        ms, cameras, one_camera = looks.get(cell, (None, None, 0))
         found.append(
             {
                 "name": cell,
                 "last": at.isoformat(),
                 "runs": count,
-                "interventions": hands,
+                "interventions": interventions,
                 "release": version,
                 "picked": sum(d[0] for d in of_day),
                 "tried": sum(d[1] for d in of_day),
@@ -166,7 +168,7 @@ def _cells(
                 "causes": causes.get(cell, {}),
                 "faults": _by_cause(faults.get(cell, {})),
                 "ms": _short(ms),
-                "eyes": [eyes, one_eyed],
+                "eyes": [cameras, one_camera],
                 "turn": {axis: [_short(m[k]) for m in measured] for k, axis in enumerate(AXES)},
                 "usual": {axis: _short(rest.get(cell, (None,) * 3)[k]) for k, axis in enumerate(AXES)},
                 "light": [_short(m[3]) for m in measured],
@@ -177,8 +179,8 @@ def _cells(
 
 
 def _by_cause(faults: Mapping[tuple[str, str], int]) -> dict[str, int]:
-    """How many faults (code, text) of each cause, the most first; of those that tell none by their code. A person's
-    stop is none. Rows of earlier versions have no code of the catalogue: their text is read."""
+    """Number of faults by cause, most frequent first, from counts of (code, text). A person's stop does not count. Rows
+    of earlier versions have no code of the catalogue: their text gives the cause."""
     counts = Counter[str]()
     for (code, text), count in faults.items():
         known = CauseCode(code) if code in CauseCode.__members__.values() else cause_code(read_prose(text)["code"])
@@ -188,14 +190,10 @@ def _by_cause(faults: Mapping[tuple[str, str], int]) -> dict[str, int]:
 
 
 def _turns() -> str:
-    """The weighted mean of each axis: a look counts by what it is worth."""
-    known = "FILTER ({0}_sigma_deg > 0)"
-    mean = f"sum({{0}}_deg / {{0}}_sigma_deg ** 2) {known} / sum(1 / {{0}}_sigma_deg ** 2) {known}"
+    """SQL for the mean of each axis, weighted by the inverse variance of each look."""
+    measured = "FILTER ({0}_sigma_deg > 0)"
+    mean = f"sum({{0}}_deg / {{0}}_sigma_deg ** 2) {measured} / sum(1 / {{0}}_sigma_deg ** 2) {measured}"
     return ", ".join(mean.format(axis) for axis in AXES)
-
-
-def _light() -> str:
-    return "median(least(darkness_left, darkness_right)::DOUBLE)"
 
 
 def _by(rows: Sequence[tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
@@ -231,66 +229,67 @@ def _summed(shares: Any) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
     for one in shares:
         for name, (part, of) in one.items():
-            there = found.setdefault(name, [0, 0])
-            there[0], there[1] = there[0] + part, there[1] + of
+            total = found.setdefault(name, [0, 0])
+            total[0], total[1] = total[0] + part, total[1] + of
     return dict(sorted(found.items()))
 
 
-def _judge(cells: Sequence[Json], last: date) -> None:
-    """Put into each cell its state, and a sentence for each thing that is not as it should be."""
+def _set_states(cells: Sequence[Json], last: date) -> None:
+    """Set each cell's state, and a sentence for each finding."""
     all_parts = _summed(c["parts"] for c in cells)
     total = [sum(c["picked"] for c in cells), sum(c["tried"] for c in cells)]
     for cell in cells:
-        told: list[tuple[str, str]] = []
+        findings: list[tuple[str, str]] = []
         if date.fromisoformat(cell["last"][:10]) < last - timedelta(days=1):
-            told.append(("silent", f"no run since {cell['last'][:10]}"))
+            findings.append(("silent", f"no run since {cell['last'][:10]}"))
         if sum(cell["faults"].values()):
             most = [f"{count} × {name}" for name, count in cell["faults"].items()]
-            told.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
-        told += _misses(cell, total, all_parts)
-        told += _one_eyed(cell)
-        told += _turned(cell)
-        told += _dark(cell)
-        cell["told"] = [list(one) for one in told]
+            findings.append(("faults", ", ".join([*most[:3], *([f"{len(most) - 3} more"] if len(most) > 3 else [])])))
+        findings += [*_misses(cell, total, all_parts), *_one_camera(cell), *_drifts(cell), *_dark(cell)]
+        cell["told"] = [list(one) for one in findings]
         cell["weak"] = sorted(name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of)))
-        cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in told)), "well")
+        cell["state"] = next((state for state in STATES if any(state == kind for kind, _ in findings)), "well")
 
 
 def _misses(cell: Json, total: Sequence[int], all_parts: Mapping[str, list[int]]) -> list[tuple[str, str]]:
     own = [cell["picked"], cell["tried"]]
     weak = [name for name, of in cell["parts"].items() if _worse(of, _without(all_parts[name], of))]
     of_part = [(name, cell["parts"][name], _without(all_parts[name], cell["parts"][name])) for name in weak]
-    told = [("misses", f"{name}: {_percent(of)} picked, {_percent(others)} elsewhere") for name, of, others in of_part]
+    found = [
+        ("misses", f"{name}: {_percent(of)} picked, {_percent(others)} in other cells") for name, of, others in of_part
+    ]
     if _worse(own, _without(total, own)) and not 0 < len(weak) <= len(cell["parts"]) / 2:
-        told = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} elsewhere")]
+        found = [("misses", f"{_percent(own)} picked, {_percent(_without(total, own))} in other cells")]
     if _worse(own, cell["before"]):
-        told.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
-    return told
+        found.append(("misses", f"{_percent(own)} picked, {_percent(cell['before'])} in the four weeks before"))
+    return found
 
 
-def _one_eyed(cell: Json) -> list[tuple[str, str]]:
-    eyes, count = cell["eyes"]
+def _one_camera(cell: Json) -> list[tuple[str, str]]:
+    cameras, count = cell["eyes"]
     if not count:
         return []
-    now = "both are in use again" if eyes == "both" else f"the {eyes} camera is in use alone"
+    now = "both are in use again" if cameras == "both" else f"the {cameras} camera is in use alone"
     return [("one camera", f"{count} looks with one camera; {now}")]
 
 
-def _turned(cell: Json) -> list[tuple[str, str]]:
-    told = []
+def _drifts(cell: Json) -> list[tuple[str, str]]:
+    found = []
     for axis in AXES:
-        known = [turn for turn in cell["turn"][axis] if turn is not None]
+        measured = [turn for turn in cell["turn"][axis] if turn is not None]
         usual = cell["usual"][axis]
-        if known and usual is not None and abs(known[-1] - usual) > NEAR * DriftSettings().stop_deg:
-            told.append(("drifts", f"{axis} of the right camera {known[-1] - usual:+.2f} degrees since calibration"))
-    return told
+        if measured and usual is not None and abs(measured[-1] - usual) > NEAR * DriftSettings().stop_deg:
+            found.append(
+                ("drifts", f"{axis} of the right camera {measured[-1] - usual:+.2f} degrees since calibration")
+            )
+    return found
 
 
 def _dark(cell: Json) -> list[tuple[str, str]]:
-    known = [light for light in cell["light"] if light is not None]
+    measured = [light for light in cell["light"] if light is not None]
     limit = MEASURES["darkness"].limit
-    if known and known[-1] < limit / NEAR:
-        return [("dark", f"99th-percentile brightness {known[-1]:.0f} grey levels, limit {limit:.0f}")]
+    if measured and measured[-1] < limit / NEAR:
+        return [("dark", f"99th-percentile brightness {measured[-1]:.0f} grey levels, limit {limit:.0f}")]
     return []
 
 
@@ -303,7 +302,7 @@ def _percent(of: Sequence[int]) -> str:
 
 
 def _worse(own: Sequence[int], others: Sequence[int]) -> bool:
-    """Whether a share [part, of] is less than another by more than chance makes it, and by enough to matter."""
+    """Whether a share [part, of] is below another by more than chance explains, and by enough to matter."""
     if not own[1] or not others[1]:
         return False
     gap, sigma = shares_apart(own, others)

@@ -1,7 +1,4 @@
-"""What a plant asks of all its cells, in SQL that DuckDB answers from the table; and the table as views of those names.
-
-docs/DATA.md shows these very texts.
-"""
+"""Queries over the runs of all cells, as SQL for DuckDB, and the views that they use. docs/DATA.md shows them."""
 
 from __future__ import annotations
 
@@ -27,13 +24,13 @@ UPGRADED = {
     "cycles": f""" REPLACE (CASE WHEN {STOPPED} THEN 'aborted' ELSE outcome END AS outcome,
     tried AND outcome NOT IN ('aborted', 'unfinished') AND ({STOPPED}) IS NOT TRUE AS tried)"""
 }
-"""Rows of earlier versions as today's: a person's stop was a fault, and what a person or the end of a run ended counted
-as tried."""
+"""Converts rows of earlier versions: a person's stop was a fault, and picks ended by a person or by the end of the run
+counted as tried."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """text: as a person asks it; sql: over the views."""
+    """text: the question in words; sql: its answer from the views."""
 
     text: str
     sql: str
@@ -58,7 +55,7 @@ SELECT model, min(day) AS since, count(*) AS tried, count(DISTINCT cell) AS cell
        round(100 * avg((outcome = 'picked')::INT), 2) AS picked_pct, round(avg(looks), 2) AS looks,
        round(median(predicted_mm::DOUBLE), 3) AS predicted_mm
 FROM cycles WHERE tried GROUP BY model ORDER BY since"""),
-    Question("Whose cameras drift?", """
+    Question("Which cell's cameras drift?", """
 WITH weekly AS (
     SELECT cell, date_trunc('week', day) AS week,
            sum(pitch_deg / pitch_sigma_deg ** 2) / sum(1 / pitch_sigma_deg ** 2) AS pitch,
@@ -69,28 +66,29 @@ SELECT cell, round(arg_max(pitch, week) - arg_min(pitch, week), 3) AS pitch_deg,
        round(arg_max(roll, week) - arg_min(roll, week), 3) AS roll_deg,
        round(arg_max(vergence, week) - arg_min(vergence, week), 3) AS vergence_deg
 FROM weekly GROUP BY cell ORDER BY greatest(abs(pitch_deg), abs(roll_deg), abs(vergence_deg)) DESC"""),
-    Question("Whose lamp fades, and how far is it from too dark?", """
-SELECT cell, month, round(avg(least(darkness_left, darkness_right)), 1) AS brightest_hundredth
-FROM health GROUP BY cell, month ORDER BY brightest_hundredth LIMIT 20"""),
+    Question("Which cell gets darker, and how near is it to the limit?", """
+SELECT cell, month, round(avg(least(darkness_left, darkness_right)), 1) AS brightness_p99
+FROM health GROUP BY cell, month ORDER BY brightness_p99 LIMIT 20"""),
     Question("Which part was given a name that the pick then disproved?", """
 SELECT label, picked_as, count(*) AS times, round(avg(confidence), 3) AS confidence, mode(cell) AS most_at
 FROM parts WHERE picked_as IS NOT NULL AND label NOT IN ('unknown', picked_as)
 GROUP BY label, picked_as ORDER BY times DESC"""),
-    Question("Is a name as sure as it says?", """
-SELECT round(confidence::DOUBLE, 1) AS said, round(avg((label = picked_as)::INT), 3) AS was_right, count(*) AS parts
-FROM parts WHERE picked_as IS NOT NULL AND label <> 'unknown' GROUP BY said ORDER BY said"""),
+    Question("Are names as certain as their confidence?", """
+SELECT round(confidence::DOUBLE, 1) AS confidence_class, round(avg((label = picked_as)::INT), 3) AS was_right, count(*)
+AS parts FROM parts WHERE picked_as IS NOT NULL AND label <> 'unknown' GROUP BY confidence_class
+ORDER BY confidence_class"""),
     Question("How long does a look take, and has a release changed that?", """
 SELECT release, cell, round(avg(ms), 1) AS mean_ms, round(approx_quantile(ms, 0.95)::DOUBLE, 1) AS p95_ms
 FROM looks JOIN (SELECT cell, run, release FROM runs) USING (cell, run)
 WHERE ms IS NOT NULL GROUP BY release, cell ORDER BY p95_ms DESC LIMIT 20"""),
-    Question("Which arm arrives ever farther off?", """
+    Question("Which arm arrives less and less accurately?", """
 SELECT cell, month, round(avg(error_mm), 4) AS error_mm, round(avg(seconds), 2) AS seconds, count(*) AS moves
 FROM moves WHERE sent GROUP BY cell, month ORDER BY error_mm DESC LIMIT 20"""),
 )  # fmt: skip
 
 
 def opened(store: Store, months: Sequence[str] | None = None) -> Any:
-    """A DuckDB connection with the table as views; months: only these (`2026-11`). Raises StoreError."""
+    """Open DuckDB with a view for each table. months: only these (`2026-11`). Raises StoreError."""
     try:
         import duckdb
     except ImportError:
@@ -100,11 +98,11 @@ def opened(store: Store, months: Sequence[str] | None = None) -> Any:
     if not store.local:
         connection.register_filesystem(store.fs)
     for table, spec in TABLES.items():
-        there = _files(store, table, months)
+        files = _files(store, table, months)
         columns = ", ".join(f"NULL::{SQL_KINDS[c.kind]} AS {c.name}" for c in spec.columns)
         none = f"SELECT {columns}, NULL::VARCHAR AS cell, NULL::VARCHAR AS month WHERE false"
-        if there:
-            rows = f"{READ.format(files=there)} UNION ALL BY NAME {none}"
+        if files:
+            rows = f"{READ.format(files=files)} UNION ALL BY NAME {none}"
             connection.execute(f"CREATE VIEW {table} AS SELECT *{UPGRADED.get(table, '')} FROM ({rows})")
         else:
             connection.execute(f"CREATE VIEW {table} AS {none}")

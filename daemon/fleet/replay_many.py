@@ -1,7 +1,7 @@
-"""Every stored look of many runs again, by many workers: dask.distributed does the sending, losing and finding again.
+"""Replay the looks of many runs by many workers, with dask.distributed.
 
-A job is some looks of one run. Its result is a file in the folder of the replay, named by all that it depends on: what
-is there is done, whoever did it and whatever was lost since, and the same whoever does it.
+A job is some looks of one run. Its result is a file in the replay's folder, named by the hash of all that it depends
+on: a job whose file exists is done, and an interrupted replay continues from there.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any
 
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.fleet.judged import Json, judged
 from daemon.fleet.questions import opened
+from daemon.fleet.replay_results import Json, result_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
-from daemon.review.replay import Using, replayed_looks
+from daemon.review.replay import ReplayInputs, replayed_looks
 from daemon.store.folders import how_to_add
 from daemon.store.library import FACETS, load_facets
 from daemon.store.model import load
@@ -34,16 +34,16 @@ from daemon.store.yamlfile import read
 from daemon.vision.settings import VisionSettings
 
 LOOKS_A_JOB = 40
-"""Some seconds of work: little is lost with a worker, and a scheduler has time for hundreds of them."""
+"""Some seconds of work: a lost worker costs little, and the scheduler can serve hundreds of workers."""
 LARGEST_WITH = 256_000_000
 WORKER_MEMORY = "1.5GiB"
 TRIES = 5
-"""Workers that a job may take down before it is given up and told of."""
+"""Workers that may fail on a job before it is reported as failed."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run to replay: a folder of this computer's, or one that is collected in a store."""
+    """A run to replay: a local folder, or a run collected in a store."""
 
     cell: str
     name: str
@@ -54,46 +54,46 @@ class Run:
 
 
 @dataclass(frozen=True)
-class With:
-    """What to replay with instead of the runs' own: files by kind (model, calibration), and how to see."""
+class ReplayWith:
+    """What replaces the runs' own: files by kind (model, calibration), and settings of vision."""
 
     files: tuple[tuple[str, str], ...] = ()
     settings: VisionSettings | None = None
 
-    def using(self) -> Using:
-        """Read. Raises ModelError, ConfigError, FileError."""
+    def using(self) -> ReplayInputs:
+        """Read the files. Raises ModelError, ConfigError, FileError."""
         found = dict(self.files)
-        return Using(
+        return ReplayInputs(
             load(Path(found["model"])) if "model" in found else None,
             load_calibration(Path(found["calibration"])).rig if "calibration" in found else None,
             self.settings,
         )
 
     def digest(self) -> str:
-        """By content."""
+        """Hash of the content of the files and of the settings."""
         kinds = [(kind, hashlib.sha256(read_file(Path(name), LARGEST_WITH)).hexdigest()) for kind, name in self.files]
         return hashlib.sha256(f"{sorted(kinds)} {self.settings}".encode()).hexdigest()
 
 
 @dataclass(frozen=True)
-class Job:
-    """Some looks of a run; out: the folder of the replay, which holds what it is done with, too."""
+class ReplayJob:
+    """Some looks of a run. out: the replay's folder, which also has copies of the files that it uses."""
 
     key: str
     run: Run
     looks: tuple[int, ...]
     out: str
-    chosen: With
+    chosen: ReplayWith
     release: str
 
 
 def release() -> str:
-    """Of facetd, here."""
+    """The version of facetd here."""
     return importlib.metadata.version("facetd")
 
 
-def with_of(names: Sequence[str]) -> With:
-    """Each `--with`: a model (a file, 3, latest), a calibration, or a facetd.yaml, whose section `vision` counts.
+def replay_with(names: Sequence[str]) -> ReplayWith:
+    """Interpret each `--with`: a model (a file, 3, latest), a calibration, or the section `vision` of a facetd.yaml.
 
     Raises StoreError, ConfigError, ModelStoreError.
     """
@@ -110,11 +110,11 @@ def with_of(names: Sequence[str]) -> With:
             raise StoreError(f"--with {name}: a second {kind}")
         files[kind] = str((model_file(Path(name)) if kind == "model" else Path(name)).resolve())
     files.pop("settings", None)
-    return With(tuple(sorted(files.items())), settings)
+    return ReplayWith(tuple(sorted(files.items())), settings)
 
 
 def run_in_folder(folder: Path) -> Run:
-    """A run folder of this computer. Raises FileError."""
+    """A local run folder as a run to replay. Raises FileError."""
     run = read_digest(folder)
     looks = tuple(int(look["seq"]) for look in run.of("look"))
     with (folder / RUN).open("rb") as file:
@@ -123,54 +123,54 @@ def run_in_folder(folder: Path) -> Run:
 
 
 def cell_of(folder: Path, run: Digest) -> str:
-    """What a run's cell is called where nobody gave it a name: as its computer is."""
+    """The name of a run's cell where none is given: that of its computer."""
     return str((run.start or {}).get("name") or folder.parent.name)
 
 
 def runs_in_store(store: Store) -> list[Run]:
     """Every collected run that has looks. Raises StoreError."""
-    asked = "SELECT cell, run, list(seq ORDER BY seq) FROM looks GROUP BY cell, run"
-    looks = {(cell, run): tuple(seqs) for cell, run, seqs in opened(store).execute(asked).fetchall()}
-    known = sorted(store.collected().items())
-    return [Run(*key, short, store.url, True, looks[key]) for key, short in known if looks.get(key)]
+    query = "SELECT cell, run, list(seq ORDER BY seq) FROM looks GROUP BY cell, run"
+    looks = {(cell, run): tuple(seqs) for cell, run, seqs in opened(store).execute(query).fetchall()}
+    collected = sorted(store.collected().items())
+    return [Run(*key, short, store.url, True, looks[key]) for key, short in collected if looks.get(key)]
 
 
-def jobs_of(runs: Iterable[Run], chosen: With, out: str) -> list[Job]:
-    """What there is to do, the same for the same runs, files and release."""
+def jobs_of(runs: Iterable[Run], chosen: ReplayWith, out: str) -> list[ReplayJob]:
+    """Divide the runs into jobs; the same runs, files and release give the same jobs."""
     with_digest, version = chosen.digest(), release()
     found = []
     for run in runs:
         for begin in range(0, len(run.looks), LOOKS_A_JOB):
             looks = run.looks[begin : begin + LOOKS_A_JOB]
-            told = json.dumps([run.cell, run.name, run.id[:16], looks, with_digest, version]).encode()
-            found.append(Job(hashlib.sha256(told).hexdigest()[:24], run, looks, out, chosen, version))
+            inputs = json.dumps([run.cell, run.name, run.id[:16], looks, with_digest, version]).encode()
+            found.append(ReplayJob(hashlib.sha256(inputs).hexdigest()[:24], run, looks, out, chosen, version))
     return found
 
 
-def replay_here(runs: Iterable[tuple[str, Path, Digest]], chosen: With) -> list[tuple[str, Json]]:
-    """(cell, result) of runs of this computer, one after the other in this process."""
+def replay_here(runs: Iterable[tuple[str, Path, Digest]], chosen: ReplayWith) -> list[tuple[str, Json]]:
+    """Replay local runs one after the other in this process; returns (cell, result) pairs."""
     using, library = chosen.using(), load_facets(FACETS)
-    return [(cell, judged(run, replayed_looks(folder, run, library, using))) for cell, folder, run in runs]
+    return [(cell, result_of(run, replayed_looks(folder, run, library, using))) for cell, folder, run in runs]
 
 
-def work(job: Job) -> str:
-    """Do a job, unless its result is there; gives its key. Called on a worker; raises what keeps it from doing it."""
+def work(job: ReplayJob) -> str:
+    """Do a job on a worker, unless its result exists; returns its key. Raises whatever prevents it."""
     out = open_store(job.out)
     if release() != job.release:
-        raise StoreError(f"this worker has facetd {release()}, the replay was begun with {job.release}")
+        raise StoreError(f"this worker has facetd {release()}, the replay began with {job.release}")
     if out.fs.exists(out.path("done", f"{job.key}.json")):
         return job.key
     with tempfile.TemporaryDirectory(prefix="facetd-replay-") as spare:
         folder = _folder(job, Path(spare))
         run = read_digest(folder, frozenset(job.looks))
         found = replayed_looks(folder, run, load_facets(FACETS), _using(job, out, Path(spare)), frozenset(job.looks))
-        result = judged(run, found) | {"run": job.run.name, "cell": job.run.cell}
+        result = result_of(run, found) | {"run": job.run.name, "cell": job.run.cell}
     out.write(json.dumps(result).encode(), "done", f"{job.key}.json")
     return job.key
 
 
-def _folder(job: Job, spare: Path) -> Path:
-    """The run with what the job needs of it."""
+def _folder(job: ReplayJob, spare: Path) -> Path:
+    """The run as a local folder with the files that the job needs."""
     if not job.run.in_store:
         return Path(job.run.where)
     store = open_store(job.run.where)
@@ -180,26 +180,27 @@ def _folder(job: Job, spare: Path) -> Path:
     return store.fetch(job.run.cell, job.run.name, names, spare / job.run.name)
 
 
-def _using(job: Job, out: Store, spare: Path) -> Using:
-    """From the copies in the folder of the replay: what lies elsewhere may change, or not be there for a worker."""
+def _using(job: ReplayJob, out: Store, spare: Path) -> ReplayInputs:
+    """Read the copies in the replay's folder: the originals may change, or be out of the worker's reach."""
     copies = []
     for kind, name in job.chosen.files:
         copy = spare / f"{kind}{Path(name).suffix}"
         copy.write_bytes(out.read("with", copy.name))
         copies.append((kind, str(copy)))
-    return With(tuple(copies), job.chosen.settings).using()
+    return ReplayWith(tuple(copies), job.chosen.settings).using()
 
 
 def replay_many(
-    jobs: Sequence[Job],
+    jobs: Sequence[ReplayJob],
     workers: int,
     cluster: str | None,
     say: Callable[[int, int], object] = lambda *_: None,
 ) -> tuple[list[tuple[str, Json]], list[str]]:
-    """Do what is not done yet and give all results as (cell, result), in the order of jobs, and a line for each job
-    that could not be done. cluster: the address of a scheduler, which goes on without us; None: `workers` of our own.
+    """Do the jobs that are not done; returns all (cell, result) pairs in the order of jobs, and a line for each
+    failure.
 
-    Raises StoreError where the extra or the scheduler is not there.
+    cluster: address of a dask scheduler, which continues when this process ends; None: `workers` local processes.
+    Raises StoreError without the extra or the scheduler.
     """
     if not jobs:
         return [], []
@@ -213,12 +214,12 @@ def replay_many(
     if todo:
         with _client(workers, cluster) as (distributed, client):
             futures = client.map(work, todo, key=[f"replay-{job.key}" for job in todo], retries=2)
-            told = {future.key: _in_words(job) for future, job in zip(futures, todo, strict=True)}
+            described = {future.key: _in_words(job) for future, job in zip(futures, todo, strict=True)}
             if cluster:
                 distributed.fire_and_forget(futures)
             for count, future in enumerate(distributed.as_completed(futures), len(jobs) - len(todo) + 1):
                 if future.status != "finished":
-                    failed.append(f"{told[future.key]}: {future.exception()}")
+                    failed.append(f"{described[future.key]}: {future.exception()}")
                 future.release()
                 say(count, len(jobs))
     done = _done(out)
@@ -226,7 +227,7 @@ def replay_many(
     return [(result["cell"], result) for result in results], failed
 
 
-def _in_words(job: Job) -> str:
+def _in_words(job: ReplayJob) -> str:
     return f"{job.run.cell}/{job.run.name}: {len(job.looks)} looks from {job.looks[0]} on"
 
 
@@ -254,7 +255,7 @@ def _client(workers: int, cluster: str | None) -> Iterator[tuple[Any, Any]]:
             )
             client = distributed.Client(here, timeout=20)
         except (OSError, ValueError) as error:
-            raise StoreError(f"{cluster}: no scheduler answers there: {error}") from None
+            raise StoreError(f"{cluster}: no scheduler answers: {error}") from None
         try:
             yield distributed, client
         finally:

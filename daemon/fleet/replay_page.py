@@ -1,4 +1,4 @@
-"""The report of a replay: one offline page, each difference with its pictures, in the style of the run's page."""
+"""Report of a replay: one offline HTML page, each difference with its images."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daemon.events.records import Record, record_of
-from daemon.fleet.judged import Json, kinds_of
+from daemon.fleet.replay_results import Json, kinds_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import LookStep
 from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
@@ -17,16 +17,16 @@ from daemon.store.runs import RUN
 
 REPORT = "report.html"
 SHOWN = 300
-"""Differences with a row of their own on the page; the others are in the counts."""
+"""Most differences shown one by one; the counts include all."""
 
 
 def write_replay_page(
     out: Store, total: Json, found: Sequence[Json], folders: Sequence[str], chosen: Sequence[str]
 ) -> str:
-    """Write report.html into the folder of the replay; gives its path. folders: run folders and stores the runs are in;
-    chosen: what was replayed with.
+    """Write report.html into the replay's folder; returns its path. folders: run folders and stores of the runs;
+    chosen: the files given by --with.
 
-    A difference whose run is not to be had any more is told without its pictures. Raises OSError.
+    A difference whose run is no longer available is shown without images. Raises OSError.
     """
     rows, pictures, spent = [], {}, 0
     for number, one in enumerate(found[:SHOWN]):
@@ -53,13 +53,13 @@ def write_replay_page(
 
 
 def _called(name: str) -> str:
-    """A file's name; of one that is kept by its hash, the first digits."""
+    """A file's name; of one named by its hash, the first digits."""
     stem, _, suffix = Path(name).name.partition(".")
     return f"{stem[:8]}.{suffix}" if len(stem) == 64 else Path(name).name
 
 
 def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[str, bytes]]:
-    """The look's record and both its pictures as JPEG."""
+    """The look's record and its images as JPEG, by camera."""
     for where in folders:
         try:
             if Path(where).name == one["run"]:

@@ -1,8 +1,7 @@
-"""The one table for all cells: its parts, their columns with type, unit and meaning. Values only.
+"""Schema of the tables of many cells: each column with type, unit and meaning. Values only.
 
-docs/DATA.md is made from this file (daemon/fleet/document.py). A new column goes at the end of its table with the
-version it came with, and none changes its meaning: files of every release are read together, with null for what is not
-there.
+daemon/fleet/document.py makes docs/DATA.md from it. Add a column at the end of its table with the version that adds it,
+and never change a meaning: readers combine files of every release, with null for absent columns.
 """
 
 from __future__ import annotations
@@ -15,16 +14,16 @@ from daemon.review.measures import AXES
 from daemon.vision.health import MEASURES
 
 VERSION = 4
-"""Written into every file as `facetd.schema`. Version 1 had cycles and looks alone, and a file a run; 2 did not say
-which eyes looked; 3 had a person's stop as a fault, counted as tried, and not the pace of a simulated cell."""
+"""Written into every file as `facetd.schema`. Version 1 had only cycles and looks, and a file a run; 2 did not have the
+cameras used; 3 had a person's stop as a fault that counted as tried, and not the pace of a simulated cell."""
 Kind = Literal["text", "integer", "real", "flag", "time", "day"]
 OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
-"""Measures of both eyes together; the others are taken of each eye."""
+"""Measures of both images together; the others are of each image."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """since: the version of the schema that it came with."""
+    """since: the version of the schema that added it."""
 
     name: str
     kind: Kind
@@ -35,14 +34,14 @@ class Column:
 
 @dataclass(frozen=True)
 class TableSchema:
-    """row: what one row is."""
+    """A table of the fleet. row: what one row is."""
 
     row: str
     columns: tuple[Column, ...]
 
 
 def _where(*more: Column) -> tuple[Column, ...]:
-    """What every row begins with."""
+    """The columns that begin every table, and more."""
     return (
         Column("day", "day", "of its start, in UTC", since=1),
         Column("run", "text", "the run folder's name", since=1),
@@ -62,11 +61,11 @@ def _health() -> tuple[Column, ...]:
     for name, measure in MEASURES.items():
         side = f"limit {measure.limit:g} {'at most' if measure.above else 'at least'}"
         for eye in ("pair",) if name in OF_PAIR else ("left", "right"):
-            of = "both eyes" if eye == "pair" else f"the {eye} eye"
+            of = "both images" if eye == "pair" else f"the {eye} image"
             columns.append(Column(f"{name}_{eye}", "real", f"{name} of {of}; {side}", measure.unit))
     for axis in AXES:
-        columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right eye against its calibration", "degrees"))
-        columns.append(Column(f"{axis}_sigma_deg", "real", f"how well this look knows that {axis}", "degrees"))
+        columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right camera against its calibration", "degrees"))
+        columns.append(Column(f"{axis}_sigma_deg", "real", f"standard deviation of this {axis}", "degrees"))
     return tuple(columns)
 
 
@@ -85,30 +84,30 @@ TABLES: Mapping[str, TableSchema] = {
         Column("records", "integer", "lines in run.jsonl"),
         Column("cycles", "integer", "picks begun"),
         Column("interventions", "integer", "how often a person had to act while a pick or an auto went on"),
-        Column("ended", "flag", "whether it ended in an orderly way"),
+        Column("ended", "flag", "whether it ended in order"),
         MODEL,
         CALIBRATION,
         Column("config", "text", "first digits of the hash of the configuration"),
-        Column("times_life", "real", "pace of a simulated cell: at another than 1, times are not the cell's", since=4),
+        Column("times_life", "real", "pace of a simulated cell: other than 1, its times are not comparable", since=4),
     )),
     "cycles": TableSchema("a pick", _where(
         CYCLE,
         TIME,
         Column("seconds", "real", "from its first record to its last", "s", 1),
-        Column("target", "text", "the part asked for; null: any"),
-        Column("label", "text", "the part it went for", since=1),
-        Column("tried", "flag", "whether it counts as tried: something to pick lay there, and no person ended it"),
+        Column("target", "text", "the requested part; null: any"),
+        Column("label", "text", "the chosen part", since=1),
+        Column("tried", "flag", "whether it counts as tried: there was a part to pick, and no person ended it"),
         Column("outcome", "text", "picked, released, missed, lost, unknown, aborted, fault, unfinished", since=1),
-        Column("cause", "text", "the likeliest cause of what was not picked, as the run's page has it"),
+        Column("cause", "text", "the likeliest cause of a failure, as on the run's page"),
         Column("why", "text", "its end in words", since=1),
-        Column("looks", "integer", "looks at the part it went for", since=1),
+        Column("looks", "integer", "looks at the chosen part", since=1),
         Column("predicted_mm", "real", "error expected at the grasp", "mm", 1),
         Column("predicted_deg", "real", "the same in angle", "degrees", 1),
-        Column("true_mm", "real", "error that the simulated cell's witness saw; null on a real one", "mm", 1),
+        Column("true_mm", "real", "true error, from a simulated cell; null on a real one", "mm", 1),
         Column("true_deg", "real", "the same in angle", "degrees", 1),
         MODEL,
         CALIBRATION,
-        Column("eyes", "text", "which looked: both, left or right, or several in turn", since=3),
+        Column("eyes", "text", "cameras used: both, left or right, or several in turn", since=3),
     )),
     "looks": TableSchema("a look: a pair of pictures", _where(
         SEQ,
@@ -116,7 +115,7 @@ TABLES: Mapping[str, TableSchema] = {
         TIME,
         Column("stop", "integer", "number of the look within its pick", since=1),
         Column("purpose", "text", "survey, approach, verify, teach", since=1),
-        Column("whole", "flag", "false: only the part that was expected was looked for, by its edges"),
+        Column("whole", "flag", "false: the look sought only the expected part, by its edges"),
         Column("ms", "real", "processor time of the recogniser; null where it was not timed", "ms", 1),
         Column("parts", "integer", "parts seen", since=1),
         Column("named", "integer", "of them with a name", since=1),
@@ -126,7 +125,7 @@ TABLES: Mapping[str, TableSchema] = {
         Column("left", "text", "file of the left picture in the run folder"),
         Column("right", "text", "file of the right picture in the run folder"),
         MODEL,
-        Column("eyes", "text", "which looked: both; or left or right, from two places", since=3),
+        Column("eyes", "text", "cameras used: both; or left or right, from two places", since=3),
     )),
     "parts": TableSchema("a part in a look", _where(
         SEQ,
@@ -134,12 +133,12 @@ TABLES: Mapping[str, TableSchema] = {
         TIME,
         Column("part", "integer", "its place in the look, from 0"),
         Column("label", "text", "its name, or unknown"),
-        Column("picked_as", "text", "the name under which this pick then held it; null: that was not proved"),
+        Column("picked_as", "text", "the name under which this pick then held it; null: not proved"),
         Column("confidence", "real", "of the name, 0 to 1"),
         Column("match_ratio", "real", "share of the taught facets' relations that were found"),
         Column("activation", "real", "of the ARTMAP node"),
         Column("runner_up", "text", "the next best name"),
-        Column("ambiguous", "flag", "whether two names fit alike"),
+        Column("ambiguous", "flag", "whether two names fit equally well"),
         Column("cause", "text", "why it has no name"),
         Column("facets", "integer", "facets seen"),
         Column("residual_mm", "real", "worst distance of a corner to the taught part", "mm"),
@@ -153,9 +152,9 @@ TABLES: Mapping[str, TableSchema] = {
         TIME,
         Column("how", "text", "joint or straight"),
         Column("purpose", "text", "where to: stand-off, grasp, bin, home, ..."),
-        Column("sent", "flag", "false: only planned, or taken back as it was typed"),
+        Column("sent", "flag", "false: only planned, or withdrawn while typed"),
         Column("speed_pct", "real", "of full speed", "%"),
-        *_place("of the hand's target"),
+        *_place("of the gripper's target"),
         Column("seconds", "real", "until the arm was at rest; null: it did not arrive", "s"),
         Column("error_mm", "real", "WHERE against the target", "mm"),
         Column("error_deg", "real", "the same in angle", "degrees"),
@@ -170,4 +169,4 @@ TABLES: Mapping[str, TableSchema] = {
     )),
     "health": TableSchema("a look, as a measurement of light, lens and mounting", _where(SEQ, CYCLE, TIME, *_health())),
 }  # fmt: skip
-"""Parts of the table by name. `cell` and `month` stand in the folders' names, before these columns."""
+"""Tables by name. The folders' names give `cell` and `month`, which precede these columns."""

@@ -1,6 +1,6 @@
-"""Whether a run is what its cell wrote: numbers without a gap, the ledger's chain, kept files, pictures. Reads only.
+"""Check that a run is as its cell wrote it: record numbers, the ledger's hash chain, kept files, images. Reads only.
 
-What a killed daemon or a full disk leaves behind is no damage: a torn last line, and what the run itself says it lost.
+A torn last line (killed daemon) and losses that the run itself reports (full disk) do not count as damage.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ WIRE = "wire.jsonl"
 
 
 def files_of(folder: Path) -> list[str]:
-    """The files that are the run, by their names in its folder; pages and exports made of it are not."""
+    """The names of a run's own files in its folder, without pages and exports made from it."""
     found = [folder / RUN, folder / WIRE, *(folder / "images").glob("*"), *(folder / "kept").glob("*")]
     return sorted(f.relative_to(folder).as_posix() for f in found if f.is_file() and not f.is_symlink())
 
 
 def finished(folder: Path, run: RunRecords, later: bool) -> bool:
-    """Whether nothing more will be written: it ended, or was cut off and its cell began another (later) since."""
+    """Whether a run is complete: it ended, or its cell has begun another one since (later)."""
     ended = any(r["kind"] == "run_end" for r in run.records[-1:])
     return (ended or later) and not being_written(folder / RUN)
 
 
 def damages(folder: Path, run: RunRecords) -> list[str]:
-    """One line for each thing that is not as it was written; none of a sound run."""
+    """One line of text for each damage; none for a sound run."""
     gap = any(r["kind"] == "gap" for r in run.records)
     found = [line.removeprefix(f"{folder}/") for line in run.skipped if "torn last line" not in line]
     found += [] if gap else _missing(run)
@@ -45,12 +45,12 @@ def damages(folder: Path, run: RunRecords) -> list[str]:
         try:
             if name.startswith("kept/"):
                 kept_file(folder, name)
-            elif name.startswith("images/") and not _whole_picture(folder, name):
-                found.append(f"{name}: not a whole picture")
+            elif name.startswith("images/") and not _complete_image(folder, name):
+                found.append(f"{name}: not a complete image")
         except FileError as error:
             found.append(str(error).removeprefix(f"{folder}/"))
     ended = any(r["kind"] == "run_end" for r in run.records)
-    return found + ([] if gap or not ended else _without_picture(folder, run))
+    return found + ([] if gap or not ended else _missing_images(folder, run))
 
 
 def _missing(run: RunRecords) -> list[str]:
@@ -61,7 +61,7 @@ def _missing(run: RunRecords) -> list[str]:
 
 
 def _torn_end(folder: Path) -> str | None:
-    """`wire.jsonl:<number>` of a last line without its end."""
+    """`wire.jsonl:<number>` of an incomplete last line; None where it is complete."""
     try:
         with open_below(folder, WIRE) as file:
             last = deque(lines_of(file), 1)
@@ -70,13 +70,13 @@ def _torn_end(folder: Path) -> str | None:
     return None if not last or last[0][2] else f"{WIRE}:{last[0][0]}"
 
 
-def _whole_picture(folder: Path, name: str) -> bool:
+def _complete_image(folder: Path, name: str) -> bool:
     with open_below(folder, name) as file:
         begin = file.read(len(PNG_BEGIN))
         file.seek(-len(PNG_END), 2) if file.seek(0, 2) > len(PNG_END) else None
         return begin == PNG_BEGIN and file.read() == PNG_END
 
 
-def _without_picture(folder: Path, run: RunRecords) -> list[str]:
+def _missing_images(folder: Path, run: RunRecords) -> list[str]:
     names = [n for r in run.records if r["kind"] == "look" for n in (r.get("images") or {}).values()]
-    return [f"{name}: its look is there, the picture is not" for name in names if not os.path.isfile(folder / name)]
+    return [f"{name}: missing, although its look exists" for name in names if not os.path.isfile(folder / name)]

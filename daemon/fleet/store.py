@@ -1,8 +1,8 @@
-"""Where the runs of many cells are kept: a folder or a bucket, whatever fsspec can reach, and what lies where in it.
+"""The store of many cells' runs: a folder or a bucket, whatever fsspec can reach.
 
 runs/<cell>/<run>/...                       a run, as the cell wrote it
-collected/<id>,<cell>,<run>.json            written last: its files with size and hash; without it a run is not there
-apart/<cell>/<run>/..., apart/<cell>/<run>.txt   a run that is damaged, and how
+collected/<id>,<cell>,<run>.json            its files with size and hash; written last: without it the run is not stored
+apart/<cell>/<run>/..., apart/<cell>/<run>.txt   a damaged run, and its damage
 tables/<table>/cell=<cell>/month=<YYYY-MM>/rows.parquet
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
@@ -19,15 +20,15 @@ import msgspec
 
 from daemon.errors import FacetdError
 from daemon.store.folders import how_to_add
-from daemon.store.outside import PIECE, open_below
+from daemon.store.outside import JSON_ERRORS, PIECE, open_below
 
 
 class StoreError(FacetdError):
-    """The store, or something in it, cannot be used: what, where, what to do."""
+    """The store, or a file in it, cannot be used: what, where, what to do."""
 
 
 class Collected(msgspec.Struct, frozen=True):
-    """A run that is safe in the store. id: sha256 of its run.jsonl; files: name -> [bytes, sha256]."""
+    """Manifest of a collected run. id: sha256 of its run.jsonl; files: name -> [bytes, sha256]."""
 
     cell: str
     run: str
@@ -38,23 +39,23 @@ class Collected(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """fs: an fsspec file system; root: the store's path in it."""
+    """A store. fs: its fsspec file system; root: its path in fs."""
 
     fs: Any
     root: str
     url: str
 
     def path(self, *parts: str) -> str:
-        """Of something in the store, for fs."""
+        """The path of a file or folder of the store, for fs."""
         return "/".join((self.root, *parts))
 
     @property
     def local(self) -> bool:
-        """Whether it is a folder of this computer."""
+        """Whether the store is a local folder."""
         return "file" in ((self.fs.protocol,) if isinstance(self.fs.protocol, str) else self.fs.protocol)
 
     def names(self, *parts: str) -> list[str]:
-        """What lies in a folder of the store, sorted; nothing where there is none."""
+        """Names in a folder of the store, sorted; empty without the folder."""
         try:
             found = self.fs.ls(self.path(*parts), detail=False, refresh=True)
         except (FileNotFoundError, NotADirectoryError):
@@ -62,24 +63,35 @@ class Store:
         return sorted(PurePosixPath(name.rstrip("/")).name for name in found)
 
     def read(self, *parts: str) -> bytes:
-        """A whole file. Raises StoreError."""
+        """Read a file. Raises StoreError."""
         try:
             return bytes(self.fs.cat_file(self.path(*parts)))
         except (OSError, ValueError) as error:
             raise StoreError(f"{self.url}: {'/'.join(parts)}: cannot be read: {error}") from None
 
     def write(self, content: bytes, *parts: str) -> None:
-        """A whole file, there with all its content or not at all."""
+        """Write a file, whole or not at all."""
         with self.replacing(*parts) as file:
             file.write(content)
 
-    def replacing(self, *parts: str) -> Any:
-        """A file to be written that takes its place once it is closed."""
+    @contextmanager
+    def replacing(self, *parts: str) -> Iterator[IO[bytes]]:
+        """Open a file for writing that takes its place once complete: readers, also after a crash, see the old file or
+        the new one."""
         self.fs.makedirs(self.path(*parts[:-1]), exist_ok=True)
-        return _Replacing(self, self.path(*parts))
+        path = self.path(*parts)
+        temporary = f"{path}.new" if self.local else path
+        with self.fs.open(temporary, "wb") as file:
+            yield file
+            if self.local:
+                file.flush()
+                os.fsync(file.fileno())
+        if self.local:
+            os.replace(temporary, path)
 
     def put(self, folder: Path, name: str, *parts: str) -> tuple[int, str]:
-        """Copy a file of a local folder, unless the same is there already; (bytes, sha256) as read back from the store.
+        """Copy a file of a local folder, unless the store has the same; returns (bytes, sha256) as read back from the
+        store.
 
         Raises FileError, StoreError, OSError.
         """
@@ -94,7 +106,7 @@ class Store:
                     file.write(piece)
         self.fs.invalidate_cache()
         if self._hash_of(target) != (size, digest):
-            raise StoreError(f"{self.url}: {'/'.join(parts)}: what was written is not what is read back")
+            raise StoreError(f"{self.url}: {'/'.join(parts)}: the content read back differs from the content written")
         return size, digest
 
     def _hash_of(self, path: str) -> tuple[int, str]:
@@ -102,28 +114,28 @@ class Store:
             return _hashed(file)
 
     def settle(self) -> None:
-        """Return once names, too, are on the disk, where that is ours to say; a bucket has them when it answers."""
+        """Wait until a local store is on the disk; a bucket is durable once it answers."""
         if self.local:
             os.sync()
 
     def collected(self) -> dict[tuple[str, str], str]:
-        """(cell, run) -> id of every run that is safe here."""
+        """(cell, run) -> id of every collected run."""
         named = [name.removesuffix(".json").split(",") for name in self.names("collected") if name.endswith(".json")]
-        return {(one[1], one[2]): one[0] for one in named if len(one) == 3}  # another file there is somebody else's
+        return {(one[1], one[2]): one[0] for one in named if len(one) == 3}  # other files are not ours
 
     def manifest(self, cell: str, run: str) -> Collected:
-        """What is known of a collected run. Raises StoreError."""
+        """The manifest of a collected run. Raises StoreError."""
         short = self.collected().get((cell, run))
         if short is None:
             raise StoreError(f"{self.url}: {cell}/{run}: not collected")
         name = manifest_name(short, cell, run)
         try:
             return msgspec.json.decode(self.read("collected", name), type=Collected)
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        except JSON_ERRORS as error:
             raise StoreError(f"{self.url}: collected/{name}: {error}") from None
 
     def damaged(self, run: Collected) -> list[str]:
-        """The files of a collected run that are not in the store as they were written."""
+        """The files of a collected run that are missing or changed in the store."""
         found = []
         for name, (size, digest) in run.files.items():
             path = self.path("runs", run.cell, run.run, *name.split("/"))
@@ -132,7 +144,7 @@ class Store:
         return found
 
     def fetch(self, cell: str, run: str, names: Iterator[str] | list[str], into: Path) -> Path:
-        """Files of a run as a local folder: the store's own where it is local, else a copy in `into`."""
+        """Provide files of a run as a local folder: the store's own if local, else copies in `into`."""
         if self.local:
             return Path(self.path("runs", cell, run))
         for name in names:
@@ -143,28 +155,8 @@ class Store:
         return into
 
 
-class _Replacing:
-    """Written beside its place and moved there: a reader, and a start after a crash, see the old file or the new."""
-
-    def __init__(self, store: Store, path: str) -> None:
-        self._store, self._path = store, path
-        self._beside = f"{path}.new" if store.local else path
-        self._file: IO[bytes] = store.fs.open(self._beside, "wb")
-
-    def __enter__(self) -> IO[bytes]:
-        return self._file
-
-    def __exit__(self, kind: object, *rest: object) -> None:
-        if self._store.local:
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        self._file.close()
-        if kind is None and self._beside != self._path:
-            os.replace(self._beside, self._path)
-
-
 def open_store(where: str) -> Store:
-    """A folder, or an address that fsspec knows (s3://bucket/facetd). Raises StoreError."""
+    """Open a store: a folder, or an address that fsspec supports (s3://bucket/facetd). Raises StoreError."""
     try:
         import fsspec
     except ImportError:
@@ -177,7 +169,7 @@ def open_store(where: str) -> Store:
 
 
 def manifest_name(short: str, cell: str, run: str) -> str:
-    """Of the file that makes a run count as collected."""
+    """The name of a run's manifest."""
     return f"{short},{cell},{run}.json"
 
 

@@ -25,7 +25,7 @@ import dask
 import distributed
 
 from daemon.fleet import replay_many
-from daemon.fleet.replay_many import LOOKS_A_JOB, Job, With, jobs_of, runs_in_store, work
+from daemon.fleet.replay_many import LOOKS_A_JOB, ReplayJob, ReplayWith, jobs_of, runs_in_store, work
 from daemon.fleet.store import open_store
 
 WORKERS = (1, 2, 20, 50, 100, 200)
@@ -59,7 +59,7 @@ def in_earnest(store: str, workers: int) -> Replayed:
         client.wait_for_workers(workers)
         for core, address in enumerate(client.scheduler_info(n_workers=-1)["workers"]):
             client.run(os.sched_setaffinity, 0, {sorted(os.sched_getaffinity(0))[core]}, workers=[address])
-        jobs = jobs_of(runs, With(), out)
+        jobs = jobs_of(runs, ReplayWith(), out)
         client.run(work, replace(jobs[0], out=f"{out}/first"))
         before, began, own = client.run(time.process_time), time.perf_counter(), time.process_time()
         results, failed = replay_many.replay_many(jobs, workers, cluster.scheduler_address)
@@ -69,7 +69,7 @@ def in_earnest(store: str, workers: int) -> Replayed:
         return Replayed(wall_s, own_s, spent, sum(len(r["looks"]) for _, r in results), len(jobs))
 
 
-def slept(job: Job, seconds: float) -> str:
+def slept(job: ReplayJob, seconds: float) -> str:
     """A piece whose work is sleeping; its result is written as a real one."""
     time.sleep(seconds)
     open_store(job.out).write(json.dumps({"looks": [{}] * 40}).encode(), "done", f"{job.key}.json")
@@ -88,7 +88,9 @@ def simulated(store: str, workers: int, seconds: float) -> tuple[float, float]:
         distributed.Client(cluster) as client,
     ):
         client.wait_for_workers(workers)
-        jobs = [Job(f"{k:024x}", run, run.looks, out, With(), "0") for k in range(workers * PIECES_A_WORKER)]
+        jobs = [
+            ReplayJob(f"{k:024x}", run, run.looks, out, ReplayWith(), "0") for k in range(workers * PIECES_A_WORKER)
+        ]
         began, spent = time.perf_counter(), time.process_time()
         futures = client.map(slept, jobs, [seconds] * len(jobs), key=[f"slept-{job.key}" for job in jobs])
         for future in distributed.as_completed(futures):

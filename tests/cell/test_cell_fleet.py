@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from daemon import ctl
-from daemon.fleet.judged import TIMINGS
-from daemon.fleet.replay_many import Job, With, jobs_of, replay_many, runs_in_store
+from daemon.fleet.replay_many import ReplayJob, ReplayWith, jobs_of, replay_many, runs_in_store
+from daemon.fleet.replay_results import TIMINGS
 from daemon.fleet.store import Store, open_store
 from daemon.store import folders
 from daemon.store.model import load, save
@@ -90,9 +90,9 @@ def bare(results: list[tuple[str, Any]]) -> list[Any]:
     ]
 
 
-def jobs(store: Store, out: Path, monkeypatch: pytest.MonkeyPatch, looks: int = 2) -> list[Job]:
+def jobs(store: Store, out: Path, monkeypatch: pytest.MonkeyPatch, looks: int = 2) -> list[ReplayJob]:
     monkeypatch.setattr("daemon.fleet.replay_many.LOOKS_A_JOB", looks)
-    return jobs_of(runs_in_store(store), With(), str(out))
+    return jobs_of(runs_in_store(store), ReplayWith(), str(out))
 
 
 def process(*words: str) -> subprocess.Popen[str]:
@@ -162,7 +162,7 @@ import sys
 from daemon.fleet import replay_many as r
 from daemon.fleet.store import open_store
 r.LOOKS_A_JOB = 2
-jobs = r.jobs_of(r.runs_in_store(open_store(sys.argv[1])), r.With(), sys.argv[2])
+jobs = r.jobs_of(r.runs_in_store(open_store(sys.argv[1])), r.ReplayWith(), sys.argv[2])
 r.replay_many(jobs, 0, sys.argv[3])
 """
 

@@ -47,7 +47,7 @@ def test_the_same_run_under_another_name_is_not_taken_twice(store: Store, cell: 
     runs = cell("north")
     told = collect(store, [source_of(f"north={runs}"), source_of(f"copy={runs}")])
     assert told.collected == 1
-    assert told.lines == ["copy/20260102T030405Z: is north/20260102T030405Z again; not taken twice"]
+    assert told.lines == ["copy/20260102T030405Z: is the same run as north/20260102T030405Z; not collected twice"]
     assert store.names("runs", "copy") == []
 
 
@@ -112,8 +112,8 @@ def damaged(run: Path, how: str) -> None:
         ("a line is garbled", "run.jsonl:4: unreadable line"),
         ("the ledger was altered", "wire.jsonl:2: does not follow from the line before it"),
         ("a kept file was changed", "changed: its content"),
-        ("a picture was cut short", "not a whole picture"),
-        ("a picture is gone", "the picture is not"),
+        ("a picture was cut short", "not a complete image"),
+        ("a picture is gone", "missing, although its look exists"),
     ],
 )
 def test_a_damaged_run_is_told_of_set_apart_and_stays_on_its_cell(
@@ -173,7 +173,7 @@ def test_the_disk_of_a_cell_is_freed_of_what_is_safe_and_of_nothing_else(store: 
     (runs / "20260103T030405Z" / "images" / "000003-left.png").write_bytes(b"another")
     told = collect(store, [source], free=True)
     assert told.freed == 1
-    assert told.lines == ["north/20260103T030405Z: is another than what was collected; it stays on the cell"]
+    assert told.lines == ["north/20260103T030405Z: differs from what was collected; it stays on the cell"]
     assert sorted(folder.name[:8] for folder in runs.iterdir()) == ["20260103", "20260104"]
     assert picks(store) == [("north", 6)]
 

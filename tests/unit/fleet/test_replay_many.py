@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from daemon.fleet.collect import collect, source_of
-from daemon.fleet.judged import summed
-from daemon.fleet.replay_many import Run, With, jobs_of, run_in_folder, with_of
+from daemon.fleet.replay_many import ReplayWith, Run, jobs_of, replay_with, run_in_folder
 from daemon.fleet.replay_page import write_replay_page
+from daemon.fleet.replay_results import summed
 from daemon.fleet.store import StoreError, open_store
 from daemon.store import folders
 from tests.fakes.made_run import MadeRun
@@ -23,22 +23,22 @@ CALIBRATION = folders.HOUSE / "etc" / "calibration.yaml"
 
 
 def test_a_run_is_cut_into_pieces_that_hold_each_look_once() -> None:
-    jobs = jobs_of([RUN], With(), "/out")
+    jobs = jobs_of([RUN], ReplayWith(), "/out")
     assert [seq for job in jobs for seq in job.looks] == list(RUN.looks)
     assert max(len(job.looks) for job in jobs) == 40
     assert len({job.key for job in jobs}) == len(jobs)
 
 
 def test_a_piece_is_another_for_another_run_and_another_model(tmp_path: Path) -> None:
-    def keys(run: Run, chosen: With) -> set[str]:
+    def keys(run: Run, chosen: ReplayWith) -> set[str]:
         return {job.key for job in jobs_of([run], chosen, "/out")}
 
     model = tmp_path / "model.npz"
     model.write_bytes(b"1")
-    one = With((("model", str(model)),))
+    one = ReplayWith((("model", str(model)),))
     first = keys(RUN, one)
     assert first == keys(RUN, one)
-    assert not first & keys(RUN, With())
+    assert not first & keys(RUN, ReplayWith())
     assert not first & keys(Run("north", RUN.name, "cd" * 32, "/runs/x", False, RUN.looks), one)
     model.write_bytes(b"2")
     assert not first & keys(RUN, one)
@@ -47,11 +47,11 @@ def test_a_piece_is_another_for_another_run_and_another_model(tmp_path: Path) ->
 def test_what_to_replay_with_is_told_by_its_kind(tmp_path: Path) -> None:
     model = tmp_path / "m.npz"
     model.write_bytes(b"")
-    chosen = with_of([str(model), str(CALIBRATION), str(folders.HOUSE / "etc" / "facetd.yaml")])
+    chosen = replay_with([str(model), str(CALIBRATION), str(folders.HOUSE / "etc" / "facetd.yaml")])
     assert dict(chosen.files) == {"model": str(model), "calibration": str(CALIBRATION)}
     assert chosen.settings is not None
     with pytest.raises(StoreError, match="a second calibration"):
-        with_of([str(CALIBRATION), str(CALIBRATION)])
+        replay_with([str(CALIBRATION), str(CALIBRATION)])
 
 
 def test_a_run_in_a_folder_is_known_by_its_content_and_its_computer(tmp_path: Path) -> None:

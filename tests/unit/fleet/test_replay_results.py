@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.fleet.judged import differences, kinds_of, light_of, summed
+from daemon.fleet.replay_results import differences, kinds_of, light_of, summed
 
 
 def look(seq: int, *parts: tuple[str | None, str | None, str | None], **more: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""What a replay came to: each look then and now as plain values, and all of them counted. Pure.
+"""Results of a replay: each look, recorded and replayed, as plain values, and counts over all of them. Pure.
 
-A name is right or wrong only where the pick proved it: the hand then held that very part under a name.
+A name counts as right or wrong only where the pick proved it: the gripper then held this part, under a name.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from daemon.review.replay import ReplayedLook, apart_mm, paired, untimed
 
 Json = dict[str, Any]
 LIGHTS = ((60.0, "under 60"), (120.0, "60 to 120"), (180.0, "120 to 180"), (float("inf"), "over 180"))
-"""Grey levels of the brightest hundredth, of the darker eye."""
+"""99th-percentile brightness of the darker camera image, in grey levels."""
 _BRIGHTNESS = {name: number for number, (_, name) in enumerate(LIGHTS)}
 UNKNOWN = "unknown"
 TIMINGS = ("then_ms", "now_ms")
 
 
-def judged(run: Digest, seen: Iterable[ReplayedLook | str]) -> Json:
-    """The looks of one run, or of some of it: {looks, skipped}, as JSON has it."""
+def result_of(run: Digest, seen: Iterable[ReplayedLook | str]) -> Json:
+    """The result of one run, or of some of its looks, as JSON values: {run, looks, skipped}."""
     proofs, looks, skipped = proofs_of(run), [], []
     for one in seen:
         if isinstance(one, str):
@@ -35,7 +35,7 @@ def judged(run: Digest, seen: Iterable[ReplayedLook | str]) -> Json:
 
 
 def _look(seen: ReplayedLook, proof: Proof | None) -> Json:
-    """now: the whole scene, where anything came out differently; it is what a picture of it is drawn from."""
+    """One look as JSON values. now: the replayed scene where anything differs, for the page to draw."""
     record = seen.record
     return {
         **{name: record.get(name) for name in ("seq", "cycle", "purpose")},
@@ -61,14 +61,14 @@ def _pair(then: Json | None, now: Json | None, seen: ReplayedLook, proof: Proof 
 
 
 def light_of(health: Mapping[str, Any]) -> str:
-    """In which light a look was taken."""
+    """The class of brightness (LIGHTS) of a look, from its measures."""
     levels = [health.get(f"darkness_{eye}") for eye in ("left", "right")]
-    known = [level for level in levels if isinstance(level, (int, float))]
-    return next(name for most, name in LIGHTS if min(known) < most) if known else "not measured"
+    measured = [level for level in levels if isinstance(level, (int, float))]
+    return next(name for most, name in LIGHTS if min(measured) < most) if measured else "not measured"
 
 
 def summed(results: Sequence[tuple[str, Json]]) -> Json:
-    """Everything counted, of (cell, result of judged): the whole, and per cell, part and light, each in their order."""
+    """Count the (cell, result) pairs: in total, and by cell, part and light, each in order."""
     groups: dict[str, dict[str, list[tuple[Json, Json]]]] = {k: defaultdict(list) for k in ("cell", "part", "light")}
     looks = [(cell, look) for cell, result in results for look in result["looks"]]
     every: list[tuple[Json, Json]] = []
@@ -104,9 +104,10 @@ def _unique(looks: Iterable[Json]) -> Iterable[Json]:
 
 
 def counted(pairs: Sequence[tuple[Json, Json]]) -> Json:
-    """named: parts with a name; proved: those the hand then held; right, wrong: of them, by that; mm: apart.
+    """Count (look, part) pairs, each figure as [then, now]. named: parts with a name; proved: parts that the gripper
+    then held; right, wrong: names of proved parts; mm: distance between then and now.
 
-    then and now of each. Looks that only followed a part were told its name: they count for mm alone.
+    Looks that only followed a part had its name given: they count for mm only.
     """
     whole = [pair for look, pair in pairs if look["whole"]]
     proved = [pair for pair in whole if pair["proved"]]
@@ -127,13 +128,13 @@ def counted(pairs: Sequence[tuple[Json, Json]]) -> Json:
 
 
 def _times(looks: Iterable[Json]) -> Json:
-    """Median ms of a look then and now, over looks of which both are known."""
+    """Median ms of a look, [then, now], over looks that have both times."""
     both = [(look["then_ms"], look["now_ms"]) for look in looks if look["then_ms"] and look["now_ms"]]
     return {"ms": [round(median(times), 2) for times in zip(*both, strict=True)] if both else [None, None]}
 
 
 def differences(results: Sequence[tuple[str, Json]]) -> list[Json]:
-    """Every look that came out differently: names disproved or lost that were proved first, then what is worse."""
+    """Every look with a difference, worst first: lost or wrong names that a pick had proved, then other regressions."""
     found = [
         {"cell": cell, "run": result["run"], **{k: v for k, v in look.items() if k not in TIMINGS}}
         for cell, result in results
@@ -149,7 +150,7 @@ def differences(results: Sequence[tuple[str, Json]]) -> list[Json]:
 
 
 def kinds_of(found: Sequence[Json]) -> dict[str, int]:
-    """How often a name became which: `cube -> unknown`."""
+    """How often a name became another: `cube -> unknown`."""
     return dict(
         Counter(
             f"{pair['then'] or 'nothing'} -> {pair['now'] or 'nothing'}"
