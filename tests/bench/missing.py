@@ -1,11 +1,11 @@
 """Makes the constants of daemon/vision/evidence/missing.py again: what speaks against a part tells near twins.
 
-Without an option: TWIN, BY_MISSING, BY_BOTH and BY_OFF are fitted to what is kept in tests/data/near_twins.csv and held
-beside the code's, and each kind of evidence is left out in turn. With `--dump` that table is made anew: what speaks
-against each part, at its final pose, that is named while the check is switched off, over the shared scenes and the
-look-alike families' even seeds, where the part alone is taught and where its twin alone is; looks that show nothing by
-which the two differ are left out. With `--held-out` the odd seeds are looked at: names lost and strangers left. Choose
-nothing by them.
+Without an option: TWIN, BY_MISSING, BY_BOTH, BY_OFF and BY_RIVAL are fitted to what is kept in
+tests/data/near_twins.csv and held beside the code's, and each kind of evidence is left out in turn. With `--dump` that
+table is made anew: what speaks against each part, at its final pose, that is named while the check is switched off,
+over the shared scenes and the look-alike families' even seeds, where the part alone is taught and where its twin alone
+is; looks that show nothing by which the two differ are left out. With `--held-out` the odd seeds are looked at: names
+lost and strangers left. Choose nothing by them.
 
 usage: python -m tests.bench.missing [--dump | --held-out] [PAIRS]
 PAIRS a family. FACETD_RENDERED names a folder that keeps what was rendered.
@@ -52,7 +52,7 @@ RIDGE = 0.05
 end."""
 LOST = 0.02
 """The share of right names at whose loss kinds of evidence are compared."""
-KINDS = ("missing", "missed by both", "off its faces")
+KINDS = ("missing", "missed by both", "off its faces", "a look-alike")
 TOLD_S = 20.0
 
 
@@ -161,10 +161,10 @@ def write(seen: list[Seen]) -> None:
     """The kept table made anew."""
     with KEPT.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow([*Seen._fields[:4], "missing", "both_px", "off_px"])
+        rows.writerow([*Seen._fields[:4], "missing", "both_px", "off_px", "rival"])
         for one in seen:
             found = one.against
-            figures = f"{found.missing:.5f}", f"{found.both_px:.2f}", f"{found.off_px:.2f}"
+            figures = f"{found.missing:.5f}", f"{found.both_px:.2f}", f"{found.off_px:.2f}", f"{found.rival:.2f}"
             rows.writerow([*one[:3], int(one.right), *figures])
 
 
@@ -174,13 +174,13 @@ def read() -> list[Seen]:
         return [
             Seen(
                 r["set"], r["family"], r["seed"], r["right"] == "1",
-                Against(float(r["missing"]), float(r["both_px"]), float(r["off_px"])),
+                Against(*(float(r[name]) for name in ("missing", "both_px", "off_px", "rival"))),
             )
             for r in csv.DictReader(file)
         ]  # fmt: skip
 
 
-def fitted(seen: list[Seen], kinds: Sequence[int] = (0, 1, 2)) -> Fit:
+def fitted(seen: list[Seen], kinds: Sequence[int] = (0, 1, 2, 3)) -> Fit:
     """The logistic regression of near twins on some of the KINDS: most likely by Newton's method, its intercept moved
     from the twins' share of the table to that of what is seen."""
     twin = np.array([not one.right for one in seen], float)
@@ -200,7 +200,7 @@ def fitted(seen: list[Seen], kinds: Sequence[int] = (0, 1, 2)) -> Fit:
 
 def in_code() -> Array:
     """The constants of the code, as Fit.weights has them."""
-    return np.array([missing.TWIN, missing.BY_MISSING, missing.BY_BOTH, missing.BY_OFF])
+    return np.array([missing.TWIN, missing.BY_MISSING, missing.BY_BOTH, missing.BY_OFF, missing.BY_RIVAL])
 
 
 def agrees(fit: Fit) -> bool:
@@ -213,9 +213,8 @@ def verdict(fit: Fit) -> str:
     found = ", ".join(f"{w:.2f} +- {e:.2f}" for w, e in zip(fit.weights, fit.errors, strict=True))
     code = ", ".join(f"{w:g}" for w in in_code())
     differs = "do not differ" if agrees(fit) else "DIFFER"
-    return (
-        f"fitted TWIN, BY_MISSING, BY_BOTH, BY_OFF {found}; in code {code}: they {differs} by more than half an error"
-    )
+    names = "TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL"
+    return f"fitted {names} {found}; in code {code}: they {differs} by more than half an error"
 
 
 def _what_it_does(name: str, seen: list[Seen]) -> None:

@@ -1,10 +1,12 @@
-"""What speaks against a named part, whichever way it got its name: edges it should show that neither picture has, and
-edges inside it that lie off its faces.
+"""What speaks against a named part, whichever way it got its name: edges it should show that neither picture has, edges
+inside it that lie off its faces, and a look-alike that fits better.
 
 A near twin that was never taught (a mirror image, another size, a corner cut off) has most edges where the part has
 them; some of the part's own are not there. An edge between equal greys shows in no picture, so each place on an edge
 counts as much as the levels on its two hands let one expect. Where both cameras miss the same place it is no accident
-of one of them: such places count once more. In: named parts, both images. Out: their confidence, or no name.
+of one of them: such places count once more. Print beside an edge makes it fade here and there, a part that is not there
+makes it end: only what is missing up to a corner counts so. In: named parts, both images. Out: their confidence, or no
+name.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.evidence.off_faces import off_faces_px
+from daemon.vision.evidence.rivals import untaught_rival
 from daemon.vision.geometry import Polyhedron, hidden
 from daemon.vision.image import CameraImage, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.model import Model
@@ -36,6 +39,8 @@ CLEARLY, SPREADS, FAINT, STEP = 8.0, 2.0, 0.2, 0.6
 """Where both cameras count: the difference of levels, in sigmas and in spreads of the levels along the facets' borders
 (print makes them differ); the share of it that a slope must be to be the edge; and the share of it that the step there
 must fall short of."""
+AT_END = 3
+"""Of its places, how many beside a corner may be there though the edge ends before it."""
 FEWEST = 8
 """Places by which a facet's level is known; with fewer, all of its borders say it."""
 _OFFSETS_PX = np.arange(-REACH_PX, REACH_PX + 1.0)
@@ -49,29 +54,35 @@ _TENTHS = 2.56
 """Standard deviations between the tenth and the ninetieth of hundred."""
 MISSING_PX, OFF_PX = 2.0, 5.0
 """Lengths from where on evidence grows as their logarithm: what is beside a missing place is missing too."""
-TWIN, BY_MISSING, BY_BOTH, BY_OFF = -6.6, 0.62, 0.82, 1.9
+RIVAL_NATS = 10.0
+"""What a look-alike's lead is counted in."""
+TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -6.78, 0.56, 1.52, 2.12, 2.74
 """Log odds that what fits is a near twin, where nothing speaks against the part, and how they grow with the per cent
-missing, with the length both cameras miss, and with the length off its faces: a logistic regression on 282 parts
-named rightly in rendered looks and 73 near twins of look-alike families, taken for as seldom as three in 200 of what
-is seen. tests/bench/missing.py makes it again; tests/bench/look_alikes.py shows what it does."""
-_WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF
-MOST_LIKELY_TWIN = 0.05
+missing, with the length both cameras miss, with the length off its faces, and with each RIVAL_NATS for a look-alike: a
+logistic regression on 282 parts named rightly in rendered looks and 73 near twins of look-alike families, taken for as
+seldom as three in 200 of what is seen. tests/bench/missing.py makes it again; tests/bench/look_alikes.py shows what it
+does."""
+_WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
+MOST_LIKELY_TWIN = 0.035
 """Likelier, and the part has no name."""
 
 
 @dataclass(frozen=True)
 class Against:
     """What speaks against a part: missing, the share of its edges that is not there though the levels beside it differ;
-    both_px, of these what both cameras miss, px over both; off_px, edges inside it that lie off its faces."""
+    both_px, of these what both cameras miss, px over both; off_px, edges inside it that lie off its faces; rival, nats
+    by which a look-alike that nobody taught fits better."""
 
     missing: float
     both_px: float
     off_px: float
+    rival: float
 
     @property
-    def terms(self) -> tuple[float, float, float]:
+    def terms(self) -> tuple[float, float, float, float]:
         """What the log odds of a near twin grow with."""
-        return 100 * self.missing, float(np.log1p(self.both_px / MISSING_PX)), float(np.log1p(self.off_px / OFF_PX))
+        lengths = float(np.log1p(self.both_px / MISSING_PX)), float(np.log1p(self.off_px / OFF_PX))
+        return 100 * self.missing, *lengths, self.rival / RIVAL_NATS
 
     @property
     def twin(self) -> float:
@@ -79,7 +90,9 @@ class Against:
         return float(1 / (1 + np.exp(-TWIN - np.dot(_WEIGHTS, self.terms))))
 
     def __str__(self) -> str:
-        missing, both, off = np.multiply(_WEIGHTS, self.terms)
+        missing, both, off, rival = np.multiply(_WEIGHTS, self.terms)
+        if rival > max(missing + both, off):
+            return "its mirror image, or one with a tip the other way, fits better"
         if off > missing + both:
             return f"edges of {self.off_px:.0f} px inside it lie before or behind its faces"
         return f"{self.missing:.0%} of what that should show is in neither picture"
@@ -103,7 +116,8 @@ def _checked(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
 def speaks_against(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Against:
     """What speaks against a part's being at cyclopean_from_part (4, 4)."""
     both = edge_places(solid, pose, eyes)
-    return Against(missing_share(both), missing_in_both_px(both), off_faces_px(solid, pose, eyes))
+    found = missing_share(both), missing_in_both_px(both), off_faces_px(solid, pose, eyes)
+    return Against(*found, untaught_rival(solid, pose, eyes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +125,8 @@ class EdgePlaces:
     """What one camera shows at places along the edges of a part: length_px (E,) a place; weight (E,) of each edge;
     and of each place (E, S): visible, whether the camera should see it; there, whether an edge is near, as a worn one
     is; close, whether one as strong as expected is; expected, by how many sigmas the levels on its hands should differ:
-    those of the facets, as their borders that show have them, or what lies beyond them there; step, the share of that
-    by which they do; spread, of the levels along the borders of those facets, in sigmas.
+    those of the facets, as their borders that show have them, or what lies beside the edge there; step, the share of
+    that by which they do; spread, of the levels along the borders of those facets, in sigmas.
     """
 
     length_px: Array
@@ -143,15 +157,27 @@ def missing_share(both: Sequence[EdgePlaces]) -> float:
 
 
 def missing_in_both_px(both: Sequence[EdgePlaces]) -> float:
-    """Length of edge, px over both pictures, that neither camera has and that one at least should see clearly."""
+    """Length of edge, px over both pictures, that neither camera has up to a corner and that one at least should see
+    clearly."""
     missing, found = [], []
     for seen in both:
         shows = seen.close | (seen.step >= STEP)
         clear = (seen.expected >= CLEARLY) & (seen.expected >= SPREADS * seen.spread)
         missing.append(seen.visible & clear & ~shows)
         found.append(seen.visible & shows)
-    lost = ~found[0] & ~found[1]
-    return float(sum((seen.length_px[:, None] * (each & lost)).sum() for seen, each in zip(both, missing, strict=True)))
+    lost: Flags = np.asarray(~found[0] & ~found[1])
+    return float(
+        sum((seen.length_px[:, None] * _ending(each & lost)).sum() for seen, each in zip(both, missing, strict=True))
+    )
+
+
+def _ending(missing: Flags) -> Flags:
+    """(E, S) which of missing places belong to a row of such that reaches to AT_END places from an end of the edge."""
+    broken: Flags = np.pad(~missing, ((0, 0), (1, 1)), constant_values=True)
+    place = np.arange(broken.shape[1])
+    before = np.maximum.accumulate(np.where(broken, place, 0), 1)[:, 1:-1]
+    after = np.minimum.accumulate(np.where(broken, place, place[-1])[:, ::-1], 1)[:, ::-1][:, 1:-1]
+    return np.asarray(missing & ((before <= AT_END) | (after >= place[-1] - AT_END)))
 
 
 def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> EdgePlaces:
@@ -176,8 +202,9 @@ def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -
     beside = levels.reshape(len(ends), PLACES, -1)[..., _BESIDE].mean(3)
     there = np.asarray((peaks(slopes, LEAST_SIGMAS) & _ON_PLACE).any(2))
     usual, spread = _usual(hands, beside, visible, there, len(solid.facets))
-    facet = (hands >= 0)[:, None]
-    before, after = np.moveaxis(np.where(facet, usual[hands][:, None], beside), 2, 0)
+    raised = np.linalg.norm(solid.bisectors, axis=1) > 0  # of facets that meet in a hollow either may shade the other
+    known = ((hands >= 0) & raised[:, None])[:, None]
+    before, after = np.moveaxis(np.where(known, usual[hands][:, None], beside), 2, 0)
     expected = np.abs(after - before)
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
     close = np.asarray((peaks(slopes, least) & _CLOSE).any(2))

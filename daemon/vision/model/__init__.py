@@ -24,7 +24,7 @@ from daemon.vision.model.model import (
 )
 from daemon.vision.model.regularisation import regularise
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
-from daemon.vision.model.symmetry import EXACT_MM, symmetries, turns_onto_themselves
+from daemon.vision.model.symmetry import EXACT_MM, mirror_images, symmetries, turns_onto_themselves
 
 __all__ = [
     "EXACT_MM",
@@ -50,6 +50,7 @@ __all__ = [
     "learn_solids",
     "learn_view",
     "merge_views",
+    "mirror_images",
     "regularise",
     "relational_view",
     "relearnt",

@@ -14,12 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
 MOST_AT_ONCE = 2_000_000
 """Distances between corners that are held at once."""
+KEPT_MM, MOST_MIRRORED = 2.0, 12
+"""How far from a corner of its own a solid's mirror image may have one that is taken for it; and how many ways to lay
+it there are kept."""
 
 
 class Turns(NamedTuple):
@@ -35,6 +38,41 @@ def symmetries(solid: Polyhedron) -> Turns:
     """The turns that take a solid onto itself to EXACT_MM. A solid that was measured has no other than none: what its
     corners differ by tells its turns apart."""
     return turns_onto_themselves((solid,), EXACT_MM)[0]
+
+
+class MirrorImage(NamedTuple):
+    """A solid in a mirror, laid where it keeps corners of the one it is of; kept (F,): which of its facets are that
+    one's."""
+
+    solid: Polyhedron
+    kept: Flags
+
+
+@lru_cache(maxsize=256)
+def mirror_images(solid: Polyhedron) -> tuple[MirrorImage, ...]:
+    """A solid in mirrors that keep at least two sides of one of its facets, those that keep most corners first; none
+    where one keeps all, as the solid is then its own mirror image."""
+    corners, (here, after, before, *_) = solid.corners_mm, _flags((solid,))
+    a, b, c = (corners[which] for which in (here, after, before))
+    lengths, turned = (
+        np.linalg.norm(np.stack([one - a, other - a, one - other], 1), axis=2) for one, other in ((b, c), (c, b))
+    )
+    one, other = np.nonzero((np.abs(lengths[:, None] - turned) < 2 * KEPT_MM).all(2))
+    flip = _frames(a, c, b)[other] @ np.diag([1.0, 1.0, -1.0]) @ _frames(a, b, c)[one].transpose(0, 2, 1)
+    moved = (corners - a[one, None]) @ flip.transpose(0, 2, 1) + a[other, None]
+    kept = _apart2(moved, np.broadcast_to(corners, moved.shape)).min(2) < KEPT_MM**2
+    if not len(kept) or kept.all(1).any():
+        return ()
+    found = list[int]()
+    for k in np.argsort(-kept.sum(1), kind="stable").tolist():
+        if len(found) == MOST_MIRRORED:
+            break
+        if all(np.abs(moved[k] - moved[same]).max() > KEPT_MM for same in found):
+            found.append(k)
+    facets = [ring[::-1] for ring in solid.facets]
+    return tuple(
+        MirrorImage(exact(moved[k], facets), np.array([kept[k, ring].all() for ring in solid.rings])) for k in found
+    )
 
 
 def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:

@@ -19,6 +19,7 @@ from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
+from daemon.vision.recognition import group_recognition
 from daemon.vision.refine.edge_pose import facets_in_view
 from daemon.vision.refine.edge_samples import edge_samples_of
 from daemon.vision.refine.expected_edges import ShapeBatch
@@ -105,6 +106,8 @@ def test_print_outside_the_picture_says_nothing() -> None:
 
 
 def test_the_name_of_a_part_that_leaves_the_picture_must_be_surer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(by_edges, "LEAST_CUT_OFF", 1.1)
     pictures, rig = shown(CORNER_FIRST, cut_by(CORNER_FIRST, 0.15))
+    monkeypatch.setattr(group_recognition, "LEAST_PROBABILITY", 1.1)  # facets name nothing
+    assert any(one.named for one in look(*pictures, rig, model()).parts)
+    monkeypatch.setattr(by_edges, "LEAST_CUT_OFF", 1.1)
     assert not any(one.named for one in look(*pictures, rig, model()).parts)

@@ -7,11 +7,19 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon.vision.evidence.rivals import by_own_edges
+from daemon.vision.evidence import missing
+from daemon.vision.evidence.missing import RIVAL_NATS
+from daemon.vision.evidence.rivals import by_own_edges, inverted_corners, untaught_rival
 from daemon.vision.geometry import exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
+from daemon.vision.look import look
+from daemon.vision.model import mirror_images
 from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import ShapeBatch
+from tests.bench import look_alikes
+from tests.bench.simulated_looks import true_rig
+from tests.fakes.many_parts import taught
+from tests.fakes.photographed import cell
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, Body, pose
 
@@ -48,3 +56,34 @@ def test_a_face_alone_says_no_more_than_the_part_that_has_it() -> None:
 def test_an_edge_that_is_not_there_speaks_against_the_part_that_has_it() -> None:
     whole, other = shown(CUBE.corners_mm, CUBE.facets), shown(longer(CUBE, 1.4), CUBE.facets)
     assert by_own_edges(whole, other) > 10.0
+
+
+def test_a_mirror_image_and_a_raised_tip_are_held_against_a_part_and_what_is_its_own_mirror_image_has_none() -> None:
+    assert not mirror_images(exact(CUBE.corners_mm, CUBE.facets))
+    assert untaught_rival(exact(CUBE.corners_mm, CUBE.facets), WHERE, eyes()) == 0.0
+    assert [len(inverted_corners(exact(*one))) for one in (_block_with_tip(12.0), _block_with_tip(-12.0))] == [1, 1]
+    sunk = inverted_corners(exact(*_block_with_tip(12.0)))[0]
+    assert sunk.corners_mm == pytest.approx(_block_with_tip(-12.0)[0])
+
+
+def _block_with_tip(mm: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """A block of 40 mm with a pyramid on it, or taken out of it."""
+    square = np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]])
+    low, high = (np.column_stack([square, np.full(4, z)]) for z in (0.0, 30.0))
+    sides = [(k, (k + 1) % 4, (k + 1) % 4 + 4, k + 4) for k in range(4)]
+    tip = [(k + 4, (k + 1) % 4 + 4, 8) for k in range(4)]
+    return np.vstack([low, high, [0.0, 0.0, 30.0 + mm]]), [(3, 2, 1, 0), *sides, *tip]
+
+
+@pytest.mark.parametrize("seed", [6, 26, 46])
+def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the part that lies there, and of its mirror image as the same look takes it to lie there."""
+    monkeypatch.setattr(missing, "MOST_LIKELY_TWIN", 1.0)
+    pair, lies, photo = look_alikes.shown("mirror", seed)
+    eyes_on, nats = open_stereo(photo.left, photo.right, true_rig(cell())), list[float]()
+    for part in (pair.parts[lies], pair.parts[1 - lies]):
+        model = taught((part,))
+        (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
+        nats.append(untaught_rival(model.metric[part.label].solid, found.cyclopean_from_part, eyes_on))
+    assert nats[0] == 0.0
+    assert nats[1] > RIVAL_NATS
