@@ -153,6 +153,8 @@ def _train(args: argparse.Namespace) -> int:
     if args.views:
         model = _taught_views(model, args.views, calibration)
     model, refused = _taught_drawings(model, args.mesh, args.unit)
+    if len(refused) == 1 and not model.labels:
+        raise OfflineError(refused[0])
     for line in refused:
         print(f"facetctl {args.command}: not learned: {line}", file=sys.stderr)
     if not model.labels:
@@ -170,9 +172,11 @@ def _train(args: argparse.Namespace) -> int:
 
 def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises OfflineError."""
+    from daemon.pick.grasp import GripperGeometry
     from daemon.store.outside import read_file
     from daemon.teaching.mesh import LARGEST_BYTES, MeshError, UnitError
     from daemon.teaching.solid_from_mesh import read_drawing
+    from daemon.teaching.understood import understood
     from daemon.vision.model import TeachError, learn_solid
 
     refused = []
@@ -188,8 +192,8 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
         except TeachError as error:
             refused.append(f"{name}: {error}")
         else:
-            for note in drawing.notes:
-                print(f"{name}: {note}")
+            for line in understood(drawing, GripperGeometry().opening_mm):
+                print(f"{label}: {line}")
     return model, refused
 
 

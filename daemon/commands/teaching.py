@@ -32,6 +32,7 @@ from daemon.teaching.mesh import UNITS_MM, MeshError, UnitError
 from daemon.teaching.solid_from_mesh import Drawing, read_drawing
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
 from daemon.teaching.trainer import ROUND, teaching_note
+from daemon.teaching.understood import understood
 from daemon.vision.model import TeachError
 from daemon.vision.values import Facet
 
@@ -146,6 +147,9 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     name = spelt(file.rpartition("/")[2])
     try:  # what is wrong with the file is said before anything is asked
         drawing, unit = await _understood(context, name, content, unit, frontend)
+        opening_mm = context.config.values.pick.gripper.opening_mm
+        told = await context.study(understood, drawing, opening_mm)
+        await frontend.say("\n".join(told))
         label = await _label(context, words[:at], frontend, shown=False)
         odd = await context.study(context.trainer.odd_drawing, label, name, content, unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
@@ -157,7 +161,6 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     count = Counter(view.note["facets"][0])
     facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
     lines = [f"Stored as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets})."]
-    lines += [f"  In the file: {note}." for note in drawing.notes]
     lines.append(verdict)
     unmade = (await simulated_parts.know_drawings(context)).get(label)
     if unmade is not None:
@@ -165,7 +168,7 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     elif context.hardware.hand is not None:
         lines.append(f"In the simulated cell: `show {label}`, or `scatter {label}` onto the table.")
     lines.append("Next: `train`.")
-    return CommandResult("\n".join(lines), {"kept": True, "view": view.name, **data})
+    return CommandResult("\n".join(lines), {"kept": True, "view": view.name, "understood": told, **data})
 
 
 async def _understood(

@@ -53,6 +53,7 @@ class ModelError(FileError):
 class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
     facets: list[list[int]]
     types: list[str]
+    smooth: list[tuple[int, int]] = []
 
 
 class _ViewHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -224,7 +225,8 @@ def _arrays(model: Model) -> Arrays:
 
 
 def _solid_header(solid: Polyhedron) -> dict[str, Any]:
-    return {"facets": [list(f) for f in solid.facets], "types": list(solid.types)}
+    header: dict[str, Any] = {"facets": [list(f) for f in solid.facets], "types": list(solid.types)}
+    return header | ({"smooth": sorted(map(list, solid.smooth))} if solid.smooth else {})
 
 
 def _view_header(view: TaughtView) -> dict[str, Any]:
@@ -347,7 +349,7 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
     if corners.shape != (len(corners), 3) or covariance.shape != (len(corners), 3, 3):
         raise ValueError(f"{name}: corners {corners.shape}, covariance {covariance.shape}")
     facets = tuple(tuple(f) for f in header.facets)
-    if any(not 0 <= k < len(corners) for f in facets for k in f):
+    if any(not 0 <= k < len(corners) for f in (*facets, *header.smooth) for k in f):
         raise ValueError(f"{name}: a facet names a corner that does not exist")
     if len(facets) < 2 or any(len(set(f)) < 3 for f in facets) or len(header.types) != len(facets):
         raise ValueError(f"{name}: fewer than two facets, or one without three corners or a type")
@@ -355,7 +357,7 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
         raise ValueError(f"{name}: corners, or their uncertainty, beyond {LARGEST_MM:g} mm")
     if len(corners) and np.linalg.eigvalsh(covariance).min() < -1e-6:
         raise ValueError(f"{name}: a covariance that is not positive semi-definite")
-    return Polyhedron(corners, facets, covariance, tuple(header.types))
+    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth))
 
 
 def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:

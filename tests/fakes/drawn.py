@@ -27,6 +27,37 @@ def prism(outline: list[tuple[float, float]], height: float) -> tuple[np.ndarray
     return corners, [tuple(range(count))[::-1], tuple(range(count, 2 * count)), *sides]
 
 
+def bored_block(a: float, b: float, c: float, radius: float, strips: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """A box with a bore through its middle along z, its flat sides cut into triangles about the bore."""
+    turns = 2 * np.pi * np.arange(strips) / strips
+    ring = np.column_stack([a / 2 + radius * np.cos(turns), b / 2 + radius * np.sin(turns)])
+    outer = np.array([[a, b], [0, b], [0, 0], [a, 0]], float)
+    level = [np.column_stack([np.vstack([ring, outer]), np.full(strips + 4, z)]) for z in (0.0, c)]
+    high = strips + 4
+    rings: list[tuple[int, ...]] = []
+    for k in range(strips):
+        after, corner = (k + 1) % strips, strips + 4 * k // strips
+        rings += [(high + k, corner + high, high + after), (k, after, corner)]  # top, bottom
+        rings.append((k, high + k, high + after, after))  # the bore's wall, seen from inside it
+        beyond = strips + 4 * ((k + 1) % strips) // strips
+        if beyond != corner:
+            rings += [(high + after, high + corner, high + beyond), (after, beyond, corner)]
+            rings.append((corner, beyond, beyond + high, corner + high))
+    return np.vstack(level), rings
+
+
+def ball(radius: float, strips: int = 24) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """A ball in strips of quadrilaterals, and triangles at its poles."""
+    heights, turns = np.linspace(0, np.pi, strips // 2 + 1)[1:-1], 2 * np.pi * np.arange(strips) / strips
+    rows = [[np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)] for h in heights for t in turns]
+    corners = radius * np.array([*rows, [0, 0, 1], [0, 0, -1]])
+    last, top, bottom = len(rows) - strips, len(rows), len(rows) + 1
+    after = [(k, (k + 1) % strips) for k in range(strips)]
+    rings: list[tuple[int, ...]] = [(top, a, b) for a, b in after] + [(bottom, last + b, last + a) for a, b in after]
+    rings += [(r + a, r + strips + a, r + strips + b, r + b) for r in range(0, last, strips) for a, b in after]
+    return corners, rings
+
+
 L_BLOCK = [(0, 0), (60, 0), (60, 25), (25, 25), (25, 60), (0, 60)]
 
 

@@ -21,6 +21,7 @@ from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.order import PickOrder
+from daemon.pick.settings import Settings as PickSettings
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
 
@@ -219,7 +220,7 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
             calibration=folder / "calibration.yaml",
             state=folder / "state",
             kind="real",
-            values=SimpleNamespace(cameras={"left": "a", "right": "b"}),
+            values=SimpleNamespace(cameras={"left": "a", "right": "b"}, pick=PickSettings()),
         ),
         parts=["cube", "pyramid"],
         started_s=0.0,

@@ -18,13 +18,15 @@ SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
     """corners_mm (K, 3), in any one frame; facets: corner indices of each, anticlockwise from outside; covariance_mm2
-    (K, 3, 3) of the corners; types: the facet library's name of each facet, empty where none was typed.
+    (K, 3, 3) of the corners; types: the facet library's name of each facet, empty where none was typed; smooth: sides
+    of facets that do not show, as the surface goes on smoothly into a curved one, by their corners, smaller first.
     """
 
     corners_mm: Array
     facets: tuple[tuple[int, ...], ...]
     covariance_mm2: Array
     types: tuple[str, ...] = ()
+    smooth: frozenset[tuple[int, int]] = frozenset()
 
     @cached_property
     def rings(self) -> tuple[Index, ...]:
@@ -69,11 +71,13 @@ class Polyhedron:
 
     @cached_property
     def lines(self) -> tuple[Index, Flags]:
-        """Every edge once, by its two corners (E, 2), and which facets it bounds (F, E)."""
-        number = {pair: k for k, pair in enumerate(dict.fromkeys((min(e), max(e)) for e in self.edges))}
+        """Every edge that shows once, by its two corners (E, 2), and which facets it bounds (F, E)."""
+        shown = (pair for pair in dict.fromkeys((min(e), max(e)) for e in self.edges) if pair not in self.smooth)
+        number = {pair: k for k, pair in enumerate(shown)}
         bounds = np.zeros((len(self.facets), len(number)), bool)
         for (a, b), (facet, _) in self.edges.items():
-            bounds[facet, number[min(a, b), max(a, b)]] = True
+            if (min(a, b), max(a, b)) in number:
+                bounds[facet, number[min(a, b), max(a, b)]] = True
         return np.array(list(number), np.intp).reshape(-1, 2), bounds
 
     @cached_property
@@ -166,6 +170,7 @@ class Polyhedron:
             tuple(tuple(place[k] for k in self.facets[f]) for f in facets),
             self.covariance_mm2[kept],
             tuple(self.types[f] for f in facets) if self.types else (),
+            frozenset((place[a], place[b]) for a, b in self.smooth if a in place and b in place),
         )
 
     def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:

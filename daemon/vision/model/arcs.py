@@ -36,13 +36,13 @@ def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
         return None
     flat = _in_plane(corners_mm)
     most_mm = ROUND_MM + ROUND_SIGMAS * float(np.sqrt(np.trace(covariance_mm2, axis1=1, axis2=2).mean() / 3))
-    for count in range(n, FEWEST_CORNERS - 1, -1):
-        for first in range(n if count < n else 1):
-            points = flat[(first + np.arange(count)) % n]
-            centre, radius, worst = _circle(points)
-            if worst < most_mm and _turns_evenly(points, centre):
-                sector = 2 * np.pi if count == n else _sector(points, centre)
-                return Arc(first, count, sector, radius)
+    runs = [(n, 0, True), *((count, first, False) for count in range(n, FEWEST_CORNERS - 1, -1) for first in range(n))]
+    for count, first, closed in runs:  # all corners of a D lie on its circle, and its straight side does not
+        points = flat[(first + np.arange(count)) % n]
+        centre, radius, worst = _circle(points)
+        round_once = np.vstack([points, points[:1]]) if closed else points
+        if worst < most_mm and _turns_evenly(round_once, centre):
+            return Arc(first, count, 2 * np.pi if closed else _sector(points, centre), radius)
     return None
 
 

@@ -93,7 +93,7 @@ CUBE = drawn.box()
 GAP = drawn.obj(CUBE[0], CUBE[1][:5])
 TWO = drawn.obj(np.vstack([CUBE[0], CUBE[0] + 100]), [*CUBE[1], *(tuple(k + 8 for k in ring) for ring in CUBE[1])])
 FIN = drawn.obj(np.vstack([CUBE[0], [[0, 0, 90], [50, 0, 90]]]), [*CUBE[1], (1, 5, 9, 8), (8, 9, 5, 1)])
-BALL = drawn.obj(*drawn.prism([(30 * np.cos(a), 30 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 60)[:-1]], 40))
+BALL = drawn.obj(*drawn.ball(30.0))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ BALL = drawn.obj(*drawn.prism([(30 * np.cos(a), 30 * np.sin(a)) for a in np.lins
         ("part.obj", GAP, "not closed: 4 edges have a triangle on one side only, one from ("),
         ("part.obj", TWO, "2 bodies that do not touch, one of 50 x 50 x 50 mm about (125 125 125)"),
         ("part.obj", FIN, "more than two triangles share an edge, one from ("),
-        ("part.obj", BALL, "61 facets: a curved surface?"),
+        ("part.obj", BALL, "0 flat facets: a curved surface"),
         ("part.obj", b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", "1 triangles bound no solid"),
         ("part.obj", drawn.obj(CUBE[0] * [1, 1, 0], CUBE[1]), "not closed: 4 edges have a triangle on"),
     ],

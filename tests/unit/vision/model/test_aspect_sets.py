@@ -55,12 +55,12 @@ def test_a_learnt_drawing_names_the_part_from_everywhere_and_survives_the_file()
 
 def test_a_drawn_shape_stays_the_drawings_when_a_view_of_many_facets_makes_the_matrix_larger() -> None:
     model = learn_solid(empty_model(LIBRARY), block(40, 50, 60), "brick", "brick/1")
-    angles = np.arange(16) * np.pi / 8
-    drum = solid("drum.obj", drawn.obj(*drawn.prism([(30 * np.cos(a), 30 * np.sin(a)) for a in angles], 40)))
-    view = imagined_view(drum, np.array([0.6, 0.0, 0.8]), RIG)
+    outline = [(0.0, 0.0), *((80.0 - 20 * (k // 2), 10.0 * ((k + 1) // 2)) for k in range(8)), (0.0, 40.0)]
+    stairs = solid("stairs.obj", drawn.obj(*drawn.prism(outline, 40)))
+    view = imagined_view(stairs, np.array([0.6, 0.6, 0.53]), RIG)
     assert view is not None
     assert len(view.facets) > model.artmap.slots
-    larger = learn_view(model, view, "drum")
+    larger = learn_view(model, view, "stairs")
     assert larger.artmap.slots == len(view.facets)
     assert larger.metric["brick"] is model.metric["brick"]
-    assert [v.label for v in larger.views] == [*(v.label for v in model.views), "drum"]
+    assert [v.label for v in larger.views] == [*(v.label for v in model.views), "stairs"]

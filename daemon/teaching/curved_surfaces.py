@@ -1,0 +1,108 @@
+"""Flat regions of a drawing -> which of them are strips that a program cut a curved surface into, and what that is: a
+cylinder (a bore, a boss, a fillet), a cone, or another shape. Pure.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon.arrays import Array, Index
+from daemon.teaching.flat_regions import FlatRegions
+from daemon.vision.facets import connected
+
+STRIP_RAD = np.radians(31.0)
+"""By so much at most a curved surface turns from strip to strip: twelve to a circle, and a little."""
+ALIKE_WIDTHS = 3.0
+"""Strips side by side are at most so much different in width; a flat face is wider than the strips of its fillet."""
+FEWEST_STRIPS, SURE_STRIPS, EVENLY = 3, 6, 1.5
+"""So few flat faces side by side are a curved surface; fewer than the second turn evenly, within the third."""
+ROUND_SHARE = 0.02
+"""How far, as a share of its radius, corners of a cylinder may lie off its circle."""
+ALONG_SIN = 0.02
+"""The most a cylinder's normals lean along its axis."""
+WHOLE_RAD = np.radians(330.0)
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedSurface:
+    """kind: cylinder, cone or free; regions: its strips; radius_mm of a cylinder, else 0; sweep_rad: how far round it
+    goes; hollow: whether what is outside of the part is at its centre."""
+
+    kind: str
+    regions: tuple[int, ...]
+    radius_mm: float
+    sweep_rad: float
+    hollow: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether it goes all the way round."""
+        return bool(self.sweep_rad > WHOLE_RAD)
+
+    def __str__(self) -> str:
+        if self.kind != "cylinder":
+            return "cone" if self.kind == "cone" else "curved surface"
+        if self.whole:
+            return f"{'bore' if self.hollow else 'boss'} of {2 * self.radius_mm:.3g} mm"
+        return f"{'hollow' if self.hollow else 'outer'} rounding of radius {self.radius_mm:.3g} mm"
+
+
+def curved_surfaces(regions: FlatRegions) -> tuple[CurvedSurface, ...]:
+    """Strips that lie side by side, each turned by little against the next and about as wide."""
+    count = len(regions.areas)
+    linked = np.zeros((count, count), bool)
+    turns: dict[tuple[int, int], float] = {}
+    for (one, other), shared in regions.shared_mm.items():
+        turn = regions.turn_rad(one, other)
+        widths = regions.areas[[one, other]] / max(shared, 1e-9)
+        if turn < STRIP_RAD and widths.max() < ALIKE_WIDTHS * widths.min():
+            linked[one, other] = True
+            turns[one, other] = turn
+    found = []
+    for members in connected(linked):
+        own = [turn for (one, _), turn in turns.items() if one in set(members)] if len(members) < SURE_STRIPS else [1.0]
+        if len(members) >= FEWEST_STRIPS and max(own) < EVENLY * min(own):
+            found.append(_surface(regions, tuple(members), turns))
+    return tuple(found)
+
+
+def _surface(regions: FlatRegions, members: tuple[int, ...], turns: dict[tuple[int, int], float]) -> CurvedSurface:
+    normals = regions.normals[list(members)]
+    corners = regions.corners[sorted({k for r in members for loop in regions.loops[r] for k in loop})]
+    pairs = [pair for pair in turns if pair[0] in members and pair[1] in members]
+    axis = np.linalg.svd(normals)[2][2]
+    if np.abs(normals @ axis).max() < ALONG_SIN:
+        centre, radius, off = _circle(corners, axis)
+        if off < ROUND_SHARE * radius + 0.05:
+            middles = np.array([regions.corners[list(regions.loops[r][0])].mean(axis=0) for r in members])
+            hollow = bool(np.mean(((middles - centre) * normals).sum(axis=1)) < 0)
+            sweep = sum(turns[pair] for pair in pairs) / 2 + float(np.mean([turns[pair] for pair in pairs]))
+            return CurvedSurface("cylinder", members, radius, min(sweep, 2 * np.pi), hollow)
+    lean = np.linalg.svd(normals - normals.mean(axis=0))[1][2] / np.sqrt(len(members))
+    return CurvedSurface("cone" if lean < ALONG_SIN and len(members) > 3 else "free", members, 0.0, 0.0, False)
+
+
+def _circle(points: Array, axis: Array) -> tuple[Array, float, float]:
+    """Through points (N, 3) seen along an axis: a point of the circle's axis, its radius, how far points lie off."""
+    across = np.linalg.svd(axis[None])[2][1:]
+    flat = points @ across.T
+    solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(solution[2] + solution[:2] @ solution[:2], 0.0)))
+    off = float(np.abs(np.linalg.norm(flat - solution[:2], axis=1) - radius).max())
+    return solution[:2] @ across, radius, off
+
+
+def owners(regions: FlatRegions, surfaces: tuple[CurvedSurface, ...]) -> Index:
+    """(R,) the curved surface that each region is a strip of; -1: a flat face."""
+    owner = np.full(len(regions.areas), -1, np.intp)
+    for k, surface in enumerate(surfaces):
+        owner[list(surface.regions)] = k
+    return owner
+
+
+def counted(names: list[str]) -> str:
+    """['bore of 8 mm', 'bore of 8 mm', 'cone'] -> '2 of: bore of 8 mm, cone'."""
+    return ", ".join(name if count == 1 else f"{count} x {name}" for name, count in Counter(names).items())

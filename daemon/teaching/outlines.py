@@ -1,0 +1,125 @@
+"""Borders of a drawing's flat faces -> rings a camera could measure: straight sides without corners in them, arcs as
+few chords, and which sides do not show because the surface goes on smoothly there. Pure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from daemon.arrays import Array, Index
+from daemon.teaching.curved_surfaces import STRIP_RAD
+from daemon.teaching.flat_regions import FlatRegions
+from daemon.vision.geometry import sides_of
+
+STRAIGHT_DEG = 1.0
+CHORD_MM = 0.15
+"""How far the chords an arc is cut into lie off it at most; half of it in, half of it out: less than a camera sees."""
+ON_CIRCLE_MM = 0.05
+
+
+@dataclass(eq=False)
+class Outlines:
+    """Rings under construction. points: the drawing's corners, and behind them those of chords; smooth: sides that do
+    not show, by their ends, the smaller first."""
+
+    points: list[Array]
+    rings: list[tuple[int, ...]] = field(default_factory=list)
+    smooth: set[tuple[int, int]] = field(default_factory=set)
+
+
+def outlines(regions: FlatRegions, faces: list[int], owner: Index, step_mm: float) -> Outlines:
+    """The outer ring of each of these flat faces; owner (R,): the curved surface each region is of, or -1."""
+    made = Outlines(list(regions.corners))
+    for face in faces:
+        ring = list(regions.loops[face][0])
+        kinds = [_kind(regions, face, side, owner) for side in sides_of(ring)]
+        turned = next((k for k in range(len(ring)) if kinds[k - 1] != kinds[k]), None)
+        if turned is None and kinds[0][0] >= 0:
+            made.rings.append(_chords(made, [*ring, ring[0]], step_mm, kinds[0][1]))
+            continue
+        first = turned or 0
+        ring, kinds = ring[first:] + ring[:first], kinds[first:] + kinds[:first]
+        made.rings.append(_straightened(made, _pieces(made, ring, kinds, step_mm)))
+    return made
+
+
+def _kind(regions: FlatRegions, face: int, side: tuple[int, int], owner: Index) -> tuple[int, bool]:
+    """The curved surface beyond a side, or -1; and whether the surface goes on smoothly there."""
+    other = regions.beyond[side]
+    surface = int(owner[other])
+    return surface, surface >= 0 and regions.turn_rad(face, other) < STRIP_RAD
+
+
+def _pieces(made: Outlines, ring: list[int], kinds: list[tuple[int, bool]], step_mm: float) -> list[int]:
+    """The ring with the sides along each curved surface drawn anew."""
+    found: list[int] = []
+    at = 0
+    for (surface, smooth), run in groupby(kinds):
+        count = len(list(run))
+        stretch = [ring[k % len(ring)] for k in range(at, at + count + 1)]
+        at += count
+        if surface >= 0:
+            stretch = [*_chords(made, stretch, step_mm, smooth), stretch[-1]]
+        found += stretch[:-1]
+    return found
+
+
+def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) -> tuple[int, ...]:
+    """A border along a curved surface without its last corner: an arc of a circle as few chords, anything else as it
+    is drawn. Sides that do not show are kept in mind."""
+    points = np.array([made.points[k] for k in stretch])
+    closed = stretch[0] == stretch[-1]
+    arc = _arc(points, closed, ON_CIRCLE_MM + step_mm) if len(stretch) > 3 else None
+    if arc is None:
+        new = stretch
+    else:
+        inner = list(range(len(made.points), len(made.points) + len(arc)))
+        made.points.extend(arc)
+        new = [*inner, inner[0]] if closed else [stretch[0], *inner, stretch[-1]]
+    if smooth:
+        made.smooth |= {(min(a, b), max(a, b)) for a, b in pairwise(new)}
+    return tuple(new[:-1])
+
+
+def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
+    """(N, 3) the corners of chords along points (M, 3) on a circle, without the ends where it is open; None where they
+    are on none. The chords lie as far inside the circle at their middles as outside at their ends."""
+    middle = points.mean(axis=0)
+    x, y, normal = np.linalg.svd(points - middle)[2]
+    flat = (points - middle) @ np.column_stack([x, y])
+    solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
+    centre = solution[:2]
+    radius = float(np.sqrt(max(solution[2] + centre @ centre, 0.0)))
+    off = np.abs(np.linalg.norm(flat - centre, axis=1) - radius).max()
+    if off > near_mm or np.abs((points - middle) @ normal).max() > near_mm or radius > 1e4:
+        return None
+    angles = np.unwrap(np.arctan2(*(flat - centre).T[::-1]))
+    sweep = float(angles[-1] - angles[0])
+    step = 2 * np.arccos(max(1 - CHORD_MM / radius, 0.5))
+    count = max(int(np.ceil(abs(sweep) / step)), 6 if closed else 1)
+    at = angles[0] + sweep * (np.arange(count) if closed else np.arange(1, count)) / count
+    out = 2 / (1 + np.cos(sweep / count / 2))
+    ring = centre + out * radius * np.column_stack([np.cos(at), np.sin(at)])
+    return np.asarray(middle + ring @ np.array([x, y]))
+
+
+def _straightened(made: Outlines, ring: list[int]) -> tuple[int, ...]:
+    """Without corners at which the border goes straight on, and shows or does not show on both sides."""
+    kept = list(ring)
+    at = 0
+    while at < len(kept) and len(kept) > 2:
+        a, b, c = (kept[(at + step) % len(kept)] for step in (-1, 0, 1))
+        one, two = made.points[b] - made.points[a], made.points[c] - made.points[b]
+        cosine = float(one @ two / max(float(np.linalg.norm(one) * np.linalg.norm(two)), 1e-12))
+        sides = (min(a, b), max(a, b)) in made.smooth, (min(b, c), max(b, c)) in made.smooth
+        if cosine > np.cos(np.radians(STRAIGHT_DEG)) and sides[0] == sides[1]:
+            kept.pop(at)
+            if sides[0]:
+                made.smooth.add((min(a, c), max(a, c)))
+            at = max(at - 1, 0)
+        else:
+            at += 1
+    return tuple(kept)

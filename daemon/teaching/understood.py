@@ -1,0 +1,71 @@
+"""What was understood of a drawing, in lines for a person who is to say whether that is the part. Pure."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from itertools import combinations
+
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.teaching.solid_from_mesh import Drawing
+from daemon.vision.geometry import Polyhedron, inside
+
+ALONG_COS = np.cos(np.radians(0.5))
+OPPOSITE_COS = -np.cos(np.radians(3.0))
+
+
+def understood(drawing: Drawing, opening_mm: float) -> list[str]:
+    """Size, facets, holes, what is no facet, what was mended, the part's frame, and how a gripper could hold it."""
+    size = " x ".join(f"{side:.4g}" for side in drawing.size_mm)
+    solid = drawing.solid
+    facets = f"{len(solid.facets)} facets ({_counted(solid.types)})"
+    holes = f", {drawing.holes} {'hole' if drawing.holes == 1 else 'holes'} in them" if drawing.holes else ""
+    lines = [f"{size} mm along the drawing's x, y, z. {facets}{holes}."]
+    if drawing.curved:
+        lines.append(f"Curved, so no facets: {_counted(str(one) for one in drawing.curved)}.")
+    lines += [f"In the file: {note}." for note in drawing.notes]
+    origin = " ".join(f"{value + 0.0:.4g}" for value in np.round(drawing.origin_mm, 2))
+    axes = ", ".join(_axis(row) for row in solid.laid_flat[0, :3, :3])
+    lines.append(f"The part's frame: its origin at ({origin}) of the drawing, its x, y, z along the drawing's {axes}.")
+    lines.append(_held(solid, opening_mm))
+    return lines
+
+
+def _counted(names: Iterable[str]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in Counter(names).most_common())
+
+
+def _axis(way: Array) -> str:
+    """+x, -y, or a direction in numbers."""
+    k = int(np.abs(way).argmax())
+    if abs(way[k]) > ALONG_COS:
+        return f"{'+' if way[k] > 0 else '-'}{'xyz'[k]}"
+    return f"({' '.join(f'{value + 0.0:.2f}' for value in np.round(way, 2))})"
+
+
+def _held(solid: Polyhedron, opening_mm: float) -> str:
+    """Between which of its flat facets."""
+    widths = sorted({round(width, 1) for width in _widths(solid)})
+    fitting = [f"{width:g}" for width in widths if width < opening_mm]
+    if fitting:
+        return f"The gripper can hold it by flat facets {', '.join(fitting)} mm apart (it opens {opening_mm:g} mm)."
+    if widths:
+        return f"The gripper opens {opening_mm:g} mm; flat facets to hold it by are {widths[0]:g} mm apart or more."
+    return "No two flat facets lie opposite each other: the gripper may not hold it."
+
+
+def _widths(solid: Polyhedron) -> list[float]:
+    """mm between facets that look away from each other, one across from the middle of the other."""
+    found = []
+    for one, other in combinations(range(len(solid.facets)), 2):
+        normal = solid.normals[one]
+        width = float((solid.centres_mm[one] - solid.centres_mm[other]) @ normal)
+        if normal @ solid.normals[other] < OPPOSITE_COS and width > 0:
+            across = solid.laid_flat[one, :3, :3][:2]
+            rings = [solid.corners_mm[solid.rings[facet]] @ across.T for facet in (one, other)]
+            middles = [solid.centres_mm[facet] @ across.T for facet in (other, one)]
+            if any(inside(middle[None], ring[None])[0, 0] for middle, ring in zip(middles, rings, strict=True)):
+                found.append(width)
+    return found
