@@ -1,3 +1,4 @@
-"""The live page: what the daemon tells at its socket and writes into its run, shown in a browser on this machine. A
-process of its own. Nothing here can move the arm: the one word it ever says to the daemon is `status`.
+"""The dashboard: a page for a browser on this machine, from the daemon's status and its run as it is written.
+
+It is a process of its own and cannot move the arm: it sends the daemon no command but `status`.
 """

@@ -1,4 +1,4 @@
-"""`facetctl dashboard`: arguments in, a page on the loopback interface."""
+"""Command `facetctl dashboard`: serve the page on the loopback interface."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until control-C. Raises LiveError."""
+    """Serve until control-C. Raises DashboardError."""
     from daemon.dashboard.server import serve
 
-    print(f"http://127.0.0.1:{args.port}/   (control-C ends it; nothing can be moved from there)", flush=True)
+    print(f"http://127.0.0.1:{args.port}/   (control-C ends it; nothing can be moved from the page)", flush=True)
     serve(args.port, args.socket)
     return 0

@@ -1,4 +1,4 @@
-"""Following the daemon: its status and notices at the socket, its run as it is written. It may go and come back."""
+"""Follow the daemon: its status and notices at the socket, its run as it is written. The daemon may end and restart."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from daemon.store.outside import FileError, open_below, read_below
 from daemon.store.pictures import LARGEST_BYTES
 from daemon.store.runs import RUN
 
-ASK_S, AGAIN_S, READ_S = 1.0, 1.0, 0.25
-"""How often the daemon is asked how things stand, sought where none answers, and its run looked at."""
+STATUS_S, RECONNECT_S, READ_S = 1.0, 1.0, 0.25
+"""Periods of the status request, of the search for a daemon, and of reading its run."""
 TAIL_BYTES = 4_000_000
-"""Of a run that is under way: enough for the last picks."""
+"""Bytes read of a run in progress: enough for the last picks."""
 LONGEST_MESSAGE = 4_000_000
 HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "frontend": "dashboard"}\n'
-"""All that is ever said to the daemon."""
+"""All that is ever sent to the daemon."""
 
 
 async def follow_daemon(now: DashboardState, run: RunFollower, socket_path: Path | None) -> None:
-    """Keep `now` up to date for ever. socket_path: None: where the daemon usually has it."""
+    """Keep `now` up to date for ever. socket_path None: the daemon's usual places."""
     await asyncio.gather(_follow_socket(now, run, socket_path), _follow_run(run))
 
 
@@ -40,15 +40,15 @@ async def _follow_socket(now: DashboardState, run: RunFollower, socket_path: Pat
                 finally:
                     writer.close()
         now.answered(None)
-        await asyncio.sleep(AGAIN_S)
+        await asyncio.sleep(RECONNECT_S)
 
 
 async def _converse(
     now: DashboardState, run: RunFollower, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
 ) -> None:
-    """Until the daemon hangs up."""
+    """Exchange messages until the daemon closes the connection."""
     writer.write(HELLO + STATUS)
-    asking = asyncio.create_task(_ask(writer))
+    requests = asyncio.create_task(_request_status(writer))
     try:
         while line := await reader.readline():
             message = json.loads(line)
@@ -60,12 +60,12 @@ async def _converse(
                 if data.get("run"):
                     run.go_to(Path(str(data["run"])))
     finally:
-        asking.cancel()
+        requests.cancel()
 
 
-async def _ask(writer: asyncio.StreamWriter) -> None:
+async def _request_status(writer: asyncio.StreamWriter) -> None:
     while True:
-        await asyncio.sleep(ASK_S)
+        await asyncio.sleep(STATUS_S)
         writer.write(STATUS)
 
 
@@ -76,7 +76,7 @@ async def _follow_run(run: RunFollower) -> None:
 
 
 class RunFollower:
-    """Reads what is added to run.jsonl of the daemon's present run."""
+    """Reads the records added to the daemon's current run."""
 
     def __init__(self, now: DashboardState) -> None:
         self._now = now
@@ -84,7 +84,7 @@ class RunFollower:
         self._at, self._rest = 0, b""
 
     def go_to(self, folder: Path) -> None:
-        """The run that is being written; one that is read already is read on."""
+        """Switch to a run, unless it is the one already followed."""
         if folder == self.folder:
             return
         self.folder, self._at, self._rest = folder, 0, b""
@@ -94,7 +94,7 @@ class RunFollower:
             self._at = max(file.tell(), os.fstat(file.fileno()).st_size - TAIL_BYTES)
 
     def read(self) -> None:
-        """What was written since."""
+        """Read what was written since the last call."""
         if self.folder is None:
             return
         with contextlib.suppress(FileError, OSError), open_below(self.folder, RUN) as file:
@@ -109,15 +109,15 @@ class RunFollower:
                 self._take(line)
 
     def _take(self, line: bytes) -> None:
-        with contextlib.suppress(ValueError):  # the piece of a line at which reading began; another's file
+        with contextlib.suppress(ValueError):  # half a line where reading began, or a line of another program
             self._now.recorded(record_of(line))
 
-    def told_of(self, seq: int, eye: str) -> bool:
-        """Whether one of the last looks said that it has that picture."""
+    def expects(self, seq: int, eye: str) -> bool:
+        """Whether the record of one of the last looks names this image."""
         return bool(self._now.pictures.get(seq, {}).get(eye))
 
     def picture(self, seq: int, eye: str) -> bytes | None:
-        """A picture of one of the last looks, as its file has it; None where there is none in the run's folder."""
+        """The file of an image of one of the last looks; None where it is not in the run's folder."""
         name = self._now.pictures.get(seq, {}).get(eye)
         if self.folder is None or not name:
             return None

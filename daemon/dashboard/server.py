@@ -1,4 +1,4 @@
-"""The dashboard's server: loopback, GET alone, through starlette and uvicorn (extra `dashboard`)."""
+"""The dashboard's web server: loopback, GET only, with starlette and uvicorn (extra `dashboard`)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from daemon.store.folders import how_to_add
 
 LOOPBACK = "127.0.0.1"
 SEND_S, ALIVE_S = 0.3, 10.0
-"""How often a viewer is told what changed, at most; and that the server lives, at least."""
+"""Shortest period between updates to a viewer, and longest period between signs of life."""
 PICTURE_S = 5.0
-"""A picture that was told of and is not there by then never will be."""
-ONLY_OURS = "; ".join(
+"""How long to wait for an image that a record names before its file is written."""
+CONTENT_POLICY = "; ".join(
     (
         "default-src 'none'",
         *(f"{kind}-src 'self'" for kind in ("script", "style", "connect")),
@@ -31,11 +31,11 @@ ONLY_OURS = "; ".join(
 
 
 class DashboardError(FacetdError):
-    """The page cannot be served; the message says why and what to do."""
+    """The page cannot be served: why, and what to do."""
 
 
 def serve(port: int, socket_path: Path | None) -> None:
-    """Serve until told to end. Raises DashboardError without the libraries or where the port is taken."""
+    """Serve until control-C. Raises DashboardError without the libraries, or where the port is in use."""
     try:
         import uvicorn
     except ImportError:
@@ -47,11 +47,11 @@ def serve(port: int, socket_path: Path | None) -> None:
         try:
             uvicorn.Server(config).run()
         except SystemExit:
-            raise DashboardError(f"port {port} cannot be had; --port takes another") from None
+            raise DashboardError(f"port {port} is not available; choose another with --port") from None
 
 
 def app(socket_path: Path | None) -> Any:
-    """The page as an ASGI application. Raises DashboardError without the libraries."""
+    """The dashboard as an ASGI application. Raises DashboardError without the libraries."""
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
@@ -72,7 +72,7 @@ def app(socket_path: Path | None) -> Any:
 
     def asset(content: str, kind: str) -> Any:
         async def answer(_: Request) -> Response:
-            headers = {"Content-Security-Policy": ONLY_OURS, "Cache-Control": "no-cache"}
+            headers = {"Content-Security-Policy": CONTENT_POLICY, "Cache-Control": "no-cache"}
             return Response(content, media_type=kind, headers=headers)
 
         return answer
@@ -81,7 +81,7 @@ def app(socket_path: Path | None) -> Any:
         return StreamingResponse(changes(now), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
     async def picture(request: Request) -> Response:
-        content = await written(run, request.path_params["seq"], request.path_params["eye"])
+        content = await picture_once_written(run, request.path_params["seq"], request.path_params["eye"])
         if content is None:
             return Response(status_code=404)
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
@@ -99,26 +99,26 @@ def app(socket_path: Path | None) -> Any:
     return Starlette(routes=routes, lifespan=lifespan, middleware=[hosts])
 
 
-async def written(run: RunFollower, seq: int, eye: str) -> bytes | None:
-    """One of the last looks' pictures. A look is told of before they are on the disk: they are waited for."""
+async def picture_once_written(run: RunFollower, seq: int, eye: str) -> bytes | None:
+    """Wait for an image of one of the last looks: a look's record comes before its files."""
     ends_s = asyncio.get_running_loop().time() + PICTURE_S
     while (content := run.picture(seq, eye)) is None:
-        if not run.told_of(seq, eye) or asyncio.get_running_loop().time() > ends_s:
+        if not run.expects(seq, eye) or asyncio.get_running_loop().time() > ends_s:
             return None
         await asyncio.sleep(SEND_S)
     return content
 
 
 async def changes(now: DashboardState) -> AsyncIterator[str]:
-    """Server-Sent Events: everything as it is now, again when it has changed; a comment now and then, so that a viewer
-    who is gone is noticed."""
-    told, quiet_s = -1, 0.0
+    """Server-Sent Events: the whole state at first and after each change; comments in between, to detect a closed
+    page."""
+    sent, idle_s = -1, 0.0
     while True:
-        if now.version != told:
-            told, quiet_s = now.version, 0.0
+        if now.version != sent:
+            sent, idle_s = now.version, 0.0
             yield f"data: {json.dumps(now.json(), default=str)}\n\n"
-        elif quiet_s >= ALIVE_S:
-            quiet_s = 0.0
+        elif idle_s >= ALIVE_S:
+            idle_s = 0.0
             yield ": still here\n\n"
         await asyncio.sleep(SEND_S)
-        quiet_s += SEND_S
+        idle_s += SEND_S

@@ -1,4 +1,4 @@
-"""What there is to see at this moment, folded from records, states and notices as they come. Pure; no file, no line."""
+"""State of the dashboard, updated by records, status and notices as they come. Pure."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ SHOWN = (
     *("state", "doing", "target", "stop", "fault", "pending", "enabled", "paused", "auto"),
     *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "up_s"),
 )
-"""What of the daemon's status is shown."""
+"""Fields of the daemon's status on the page."""
 LOOKS = 4
-"""So many are kept."""
+"""Looks whose images stay available."""
 
 
 @dataclass
 class DashboardState:
-    """daemon: None while none answers. version counts the changes."""
+    """All that the page shows. daemon: its status, None without an answer; version: counts the changes."""
 
     daemon: Json | None = None
     run: str | None = None
     start: Json = field(default_factory=dict)
     look: Json | None = None
     pictures: dict[int, Mapping[str, str]] = field(default_factory=dict)
-    """Of the last looks, by record and eye: a viewer may still be drawing the one before."""
+    """Files of the last looks, by record and camera: a viewer may still load those of the look before."""
     approach: list[Json] = field(default_factory=list)
     picks: deque[Json] = field(default_factory=lambda: deque(maxlen=20))
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=40))
@@ -39,7 +39,7 @@ class DashboardState:
     _began_s: float = 0.0
 
     def answered(self, status: Json | None) -> None:
-        """What the daemon says of itself, or that none answers."""
+        """Take over the daemon's status; None: no daemon answers."""
         daemon = None if status is None else {key: status.get(key) for key in SHOWN}
         steady = {**(daemon or {}), "up_s": None} == {**(self.daemon or {}), "up_s": None}
         if not steady or (daemon is None) != (self.daemon is None):
@@ -47,24 +47,24 @@ class DashboardState:
         self.daemon = daemon
 
     def noticed(self, text: str) -> None:
-        """A line that the daemon tells everybody."""
+        """Add a notice of the daemon."""
         self.lines.append(text)
         self.version += 1
 
     def began(self, run: str) -> None:
-        """Another run is being written."""
+        """Start with another run."""
         self.run, self.look, self.pictures = run, None, {}
         self.approach.clear()
         self.version += 1
 
     def recorded(self, record: Record) -> None:
-        """One record of the run. Raises nothing, whatever it holds."""
+        """Take over a record of the run. Raises nothing, whatever the record."""
         kind = record.get("kind")
         try:
             self._fold(str(kind), record)
             line = record_line(record, self.start.get("utc_offset_s") or 0)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
-            return  # a record that another version wrote: the others are shown
+            return  # a record of another version
         if line is not None:
             self.lines.append(line)
         self.version += 1
@@ -77,11 +77,11 @@ class DashboardState:
             self._began_s = float(record["mono_s"])
         elif kind == "look":
             self.look = stop_json(LookStep(record.get("stop"), str(record.get("purpose")), record, None, ()))
-            kept = list(self.pictures.items())[1 - LOOKS :]
-            self.pictures = dict([*kept, (int(record["seq"]), dict(record.get("images") or {}))])
+            recent = list(self.pictures.items())[1 - LOOKS :]
+            self.pictures = dict([*recent, (int(record["seq"]), dict(record.get("images") or {}))])
         elif kind == "estimate":
-            told_mm = {"look": record.get("stop"), "mm": record.get("predicted_mm"), "deg": record.get("predicted_deg")}
-            self.approach.append(told_mm | {"label": record.get("label")})
+            error = {"mm": record.get("predicted_mm"), "deg": record.get("predicted_deg")}
+            self.approach.append({"look": record.get("stop"), **error, "label": record.get("label")})
         elif kind == "cycle_end":
             self.picks.append(
                 {
@@ -95,7 +95,7 @@ class DashboardState:
             )
 
     def json(self) -> Json:
-        """All of it, for the page."""
+        """The state as JSON values."""
         return {
             "daemon": self.daemon,
             "run": self.run,

@@ -31,7 +31,7 @@ async def until(holds: Callable[[], bool]) -> None:
 def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("ASK_S", "AGAIN_S", "READ_S"):
+    for name in ("STATUS_S", "RECONNECT_S", "READ_S"):
         monkeypatch.setattr(follow, name, 0.02)
     first, second = (MadeRun(tmp_path / f"2026010{k}T000000Z") for k in (1, 2))
     first.pick()
@@ -65,7 +65,7 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
 
 def test_whoever_may_only_look_may_watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All that is ever said is heard at a frontend that lets nothing move: the page asks for no more than that."""
-    monkeypatch.setattr(follow, "ASK_S", 0.02)
+    monkeypatch.setattr(follow, "STATUS_S", 0.02)
     context = fake_context(tmp_path)
     rights = Rights(ConsoleSettings())
     monkeypatch.setattr(rights, "of", lambda peer: "look")

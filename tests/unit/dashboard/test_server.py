@@ -130,10 +130,10 @@ def test_a_picture_that_was_told_of_and_is_not_written_yet_is_waited_for(
     run.folder = tmp_path
 
     async def story() -> tuple[bytes | None, bytes | None]:
-        asking = asyncio.create_task(server.written(run, 7, "left"))
+        asking = asyncio.create_task(server.picture_once_written(run, 7, "left"))
         await asyncio.sleep(0.05)
         assert not asking.done()
         (tmp_path / "left.png").write_bytes(b"a picture")
-        return await asking, await server.written(run, 7, "right")
+        return await asking, await server.picture_once_written(run, 7, "right")
 
     assert asyncio.run(story()) == (b"a picture", None), "what nobody told of is not waited for"
