@@ -113,7 +113,7 @@ class Service:
         except (CellError, FrontendError, InUseError, OSError) as error:
             status, self._why = NO_DEVICE, plain(error)
         if status != STOPPED:
-            journal.tell("trouble", self._why, journal.ERROR)
+            journal.write("trouble", self._why, journal.ERROR)
             journal.notify(f"STATUS={self._why}")
         await self._end()
         return status
@@ -168,12 +168,12 @@ class Service:
             context.trainer.memory = config.values.memory
             context.cycle.use(context.trainer.in_use)
             context.worker.prepare(context.trainer.in_use)
-            context.troubles.tell("calibration", None)
+            context.troubles.report("calibration", None)
             answered = who
         except FacetdError as error:
             if disabled:
                 disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {error}"
-            journal.tell("reload", f"refused, the configuration is unchanged: {error}", journal.ERROR)
+            journal.write("reload", f"refused, the configuration is unchanged: {error}", journal.ERROR)
             raise
         finally:
             if disabled:
@@ -184,7 +184,7 @@ class Service:
         if late:
             text += f" Takes effect after a restart: {', '.join(late)}."
         context.record_start(reloaded=True)
-        journal.tell("reload", text)
+        journal.write("reload", text)
         return text
 
     # Starting
@@ -208,7 +208,7 @@ class Service:
         run_log = self._run_log = RunLog(
             folder,
             fsync_every_s=config.values.log.sync_s,
-            on_trouble=lambda text: loop.call_soon_threadsafe(troubles.tell, "log", text and f"log: {text}"),
+            on_trouble=lambda text: loop.call_soon_threadsafe(troubles.report, "log", text and f"log: {text}"),
             recovery=recovery,
         )
         auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
@@ -222,7 +222,7 @@ class Service:
         if left is not None:
             pick_order = None if auto is None else PickOrder(**auto)
             context.cycle.recover(left.state or "an unknown state", left.hand_closed, pick_order)
-            troubles.tell("restart", as_left(left))
+            troubles.report("restart", as_left(left))
         context.record_start()
         self._started = True
         if self._hardware.robot.stopped_on_opening:
@@ -237,7 +237,7 @@ class Service:
         self.beside(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
-        journal.tell("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
+        journal.write("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
 
     def _furnish(
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
@@ -262,7 +262,7 @@ class Service:
                 values.console.tty,
                 self._interpreter,
                 self._interrupt,
-                lambda text: context.troubles.tell("console", text),
+                lambda text: context.troubles.report("console", text),
             )
             self.beside(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
@@ -310,9 +310,9 @@ class Service:
 
     def _on_trouble(self, source: str, text: str | None) -> None:
         if text is None:
-            journal.tell("trouble_over", f"{source}: OK again", journal.NOTICE)
+            journal.write("trouble_over", f"{source}: OK again", journal.NOTICE)
         else:
-            journal.tell("trouble", text, journal.WARNING)
+            journal.write("trouble", text, journal.WARNING)
             self._notice(f"TROUBLE {text}")
 
     def _logged(self, kind: str, text: str, who: str | None) -> None:
@@ -383,7 +383,7 @@ class Service:
         if self._lock is not None:
             os.close(self._lock)
         if self._ready:
-            journal.tell("run_end", f"ended: {self._why}")
+            journal.write("run_end", f"ended: {self._why}")
         journal.flush(0.3)
 
 
@@ -415,7 +415,7 @@ def _moved(before: tuple[Config, Calibration], after: tuple[Config, Calibration]
 
 def _tell_notes(config: Config) -> None:
     for note in config.notes:
-        journal.tell("trouble", note, journal.NOTICE)
+        journal.write("trouble", note, journal.NOTICE)
 
 
 def make_room(config: Config) -> None:
@@ -424,9 +424,9 @@ def make_room(config: Config) -> None:
     most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
 
     def tell_stuck(run: Path, why: str) -> None:
-        journal.tell("trouble", journal.stuck(run, why), journal.WARNING)
+        journal.write("trouble", journal.stuck(run, why), journal.WARNING)
 
-    journal.tell_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
+    journal.write_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
 
 
 async def _bring_to_rest(supervisor: Supervisor) -> None:
@@ -439,7 +439,7 @@ def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None
     """What went wrong where nobody awaits it: in a callback, or in telling of a stop."""
     if "exception" in context and not {"task", "future"} & context.keys():
         error = context["exception"]
-        journal.tell("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
+        journal.write("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
 
 
 async def _within(seconds: float, work: Awaitable[Any]) -> None:
@@ -448,8 +448,8 @@ async def _within(seconds: float, work: Awaitable[Any]) -> None:
         async with asyncio.timeout(seconds):
             await work
     except TimeoutError:
-        journal.tell(
+        journal.write(
             "trouble", f"{getattr(work, '__qualname__', 'a step')} took longer than {seconds:g} s", journal.WARNING
         )
     except Exception as error:
-        journal.tell("trouble", f"while ending: {type(error).__name__}: {error}", journal.ERROR)
+        journal.write("trouble", f"while ending: {type(error).__name__}: {error}", journal.ERROR)

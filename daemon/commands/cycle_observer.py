@@ -35,7 +35,7 @@ class CycleObserver:
         if eye != self._drift.alone or context.calibration is not self._calibration:
             self._drift, self._calibration = DriftWatch(alone=eye), context.calibration
         drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
-        context.troubles.tell("calibration", None if drift is None else drift.text)
+        context.troubles.report("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
             failing = context.cycle.supervisor.fail("calibration", drift.text, FaultCause(CauseCode.CAMERA_KNOCKED))
             self._beside(failing, "calibration drift")

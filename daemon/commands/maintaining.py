@@ -16,7 +16,7 @@ from daemon.maintenance import doctor as doctors
 async def doctor(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Check the installation and the cell; say what to correct."""
     findings = await asyncio.to_thread(doctors.examine, context.config, True)
-    findings += doctors.from_service(context.hardware, context.troubles.standing, context.cycle.supervisor.fault)
+    findings += doctors.from_service(context.hardware, context.troubles.active, context.cycle.supervisor.fault)
     return doctor_answer(findings)
 
 

@@ -54,7 +54,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
     left_out: Any = state["skipped"]
     lines += map(_left_out, left_out)
-    lines += [f"TROUBLE   {text}" for text in context.troubles.standing.values()]
+    lines += [f"TROUBLE   {text}" for text in context.troubles.active.values()]
     lines[1:1] = _to_do(state)
     data: dict[str, Any] = {
         **state,
@@ -62,7 +62,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
-        "troubles": dict(context.troubles.standing),
+        "troubles": dict(context.troubles.active),
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),
     }

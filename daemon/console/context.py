@@ -103,7 +103,7 @@ class CommandContext:
         self.cycle.supervisor.between_jobs("cameras are changed")
         await self.cycle.supervisor.run("change cameras", changed(), moves=False)
         self.log.record("eyes", alone=alone, why=why)
-        self.troubles.tell("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
+        self.troubles.report("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
 
     async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
         """Start `auto` in the background. Raises RefusedError where it may not start; `auto_ends` then still waits for

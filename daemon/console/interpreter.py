@@ -397,7 +397,7 @@ def either(names: list[str]) -> str:
 
 
 def _own_fault(error: Exception, before: str = "") -> CommandResult:
-    journal.tell("trouble", traceback.format_exc(), journal.ERROR)
+    journal.write("trouble", traceback.format_exc(), journal.ERROR)
     message = f"{before}internal error in facetd: {type(error).__name__}: {_one_line(error)}"
     message += "; run `bundle` and send the file to the maintainer"
     return CommandResult(message, {"error": message, "why": "internal"}, NOT_DONE)

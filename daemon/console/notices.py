@@ -70,7 +70,7 @@ class Notices:
             try:
                 frontend.notice(text)
             except Exception as error:  # a frontend that fails does not keep it from the others
-                journal.tell("trouble", f"notice not shown: {type(error).__name__}: {error}", journal.WARNING)
+                journal.write("trouble", f"notice not shown: {type(error).__name__}: {error}", journal.WARNING)
 
     @property
     def can_ask(self) -> bool:

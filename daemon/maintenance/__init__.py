@@ -1,1 +1,1 @@
-"""What keeps a service running for years: watching, telling, checking, packing up for a maintainer."""
+"""Maintenance of a service that runs for years: watchdog, journal, metrics, doctor, support bundle."""

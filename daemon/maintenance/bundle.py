@@ -1,7 +1,7 @@
-"""Everything a maintainer would ask for, in one file. Reads and packs; nothing leaves the machine.
+"""Pack the support bundle: one file with all that a maintainer needs. Nothing leaves the machine.
 
-Configuration, the calibration in use, model state, the newest runs' records (pictures of the newest one only, up to a
-limit), the journal, versions and what the kernel says of the devices.
+It has configuration, calibration in use, model state, records of the newest runs, images of the newest run up to a
+limit, journal, versions, and the kernel's messages about devices.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from daemon.store.runs import list_runs
 
 RUNS = 5
 PICTURES_MB, MOST_MB = 40, 1000
-"""Of the newest run's pictures, and of all files together: one may say that it is as large as no disk."""
+"""Limits for the newest run's images, and for all files: a sparse file may be larger than the disk."""
 COMMANDS = {
     "journal.txt": ["journalctl", "-u", "facetd", "-b", "--no-pager", "-n", "5000"],
     "unit.txt": ["systemctl", "show", "facetd.service"],
@@ -42,13 +42,13 @@ COMMANDS = {
 
 
 def pack(config: Config, into: Path) -> Path:
-    """Write facetd-<host>-<time>.tar.gz into a folder and give its path. Raises OSError."""
+    """Write facetd-<host>-<time>.tar.gz into a folder; returns its path. Raises OSError."""
     into.mkdir(parents=True, exist_ok=True)
     stem = f"facetd-{platform.node() or 'cell'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     path = into / f"{stem}.tar.gz"
     making, left = path.with_name(f".{path.name}.{secrets.token_hex(4)}"), MOST_MB * 1_000_000
     try:
-        with tarfile.open(making, "x:gz", compresslevel=6) as archive:  # never into what somebody put there
+        with tarfile.open(making, "x:gz", compresslevel=6) as archive:  # a new name: never into an existing file
             for name, content in _texts(config):
                 entry = tarfile.TarInfo(f"{stem}/{name}")
                 entry.size, entry.mtime = len(content), int(time.time())
@@ -63,8 +63,7 @@ def pack(config: Config, into: Path) -> Path:
 
 
 def _add(archive: tarfile.TarFile, name: str, file: BinaryIO, most_bytes: int) -> int:
-    """What a file holds: a link would point to somewhere on this machine, and a log that grows is cut where it was.
-    Gives how many bytes that were."""
+    """Add a file's content (never a link), up to its present size, as a log may grow. Returns the number of bytes."""
     entry = tarfile.TarInfo(name)
     about = os.fstat(file.fileno())
     entry.size, entry.mtime, entry.mode = min(about.st_size, most_bytes), int(about.st_mtime), 0o644
@@ -92,7 +91,7 @@ def _output(command: list[str]) -> bytes:
 
 
 def _files(config: Config) -> Iterator[tuple[str, AbstractContextManager[BinaryIO]]]:
-    """What a person named is read by whatever link; of a run, only what lies in it."""
+    """Links are followed for files that the configuration names, not inside runs."""
     yield "facetd.yaml", open_file(config.path)
     yield "calibration.yaml", open_file(config.calibration)
     for name in ("facets", "parts"):

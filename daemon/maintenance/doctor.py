@@ -1,6 +1,6 @@
-"""What an installation needs, checked one thing at a time, each with what to do about it. Reads only; moves nothing.
+"""Check an installation: files, devices, disk, clock, service; each finding with its remedy. Reads only; moves nothing.
 
-Works beside a running daemon (which holds the devices) and without one.
+It works with a running daemon, which has the devices open, and without one.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EARLIEST_YEAR = 2024
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One thing looked at: how it is, and what to do where it is not good."""
+    """Result of one check: what was found, and the remedy (mend) where it is not good."""
 
     level: CheckLevel
     what: str
@@ -44,13 +44,13 @@ class CheckResult:
     mend: str = ""
 
     def line(self) -> str:
-        """For a terminal."""
+        """The result as one line of text."""
         sign = {"good": "ok  ", "note": "note", "bad": "BAD "}[self.level]
         return f"{sign} {self.what}: {self.found}" + (f". {self.mend}" if self.mend else "")
 
 
 def examine(config: Config, running: bool) -> list[CheckResult]:
-    """Every check that needs no daemon. running: a daemon holds the devices, so they are not tried."""
+    """Run every check that needs no daemon. running: a daemon has the devices open, so these are not tried."""
     findings: list[CheckResult] = []
     for check in CHECKS:
         try:
@@ -61,13 +61,13 @@ def examine(config: Config, running: bool) -> list[CheckResult]:
 
 
 def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | None) -> list[CheckResult]:
-    """What only the running daemon knows. fault: the one that stands."""
-    heard = hardware.robot.heard_s
+    """Checks that only the running daemon can make. fault: the active one."""
+    heard_s = hardware.robot.heard_s
     findings = []
     if "cameras" not in troubles:
         findings.append(CheckResult("good", "cameras", hardware.eyes.describe()))
-    if "controller" not in troubles and heard is not None:
-        ago = f"answered {hardware.clock() - heard:.0f} s ago at {hardware.where}"
+    if "controller" not in troubles and heard_s is not None:
+        ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))
     if fault is not None:
         findings.append(CheckResult("bad", "fault", fault, mend_of(fault) or "Remove the cause, then `resume`"))
@@ -77,7 +77,7 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
 
 
 def mend_of(text: str) -> str:
-    """What to do about a fault or a trouble, by its own words; empty where they say nothing, or an operator's stop."""
+    """The remedy for a fault or a trouble, from its text; empty for an unknown cause or an operator's stop."""
     cause = next(why.causes_of_record(read_prose(text)))
     return "" if cause.stage == "operator" or cause.code is CauseCode.INTERNAL else cause.remedy
 
@@ -128,7 +128,7 @@ def _model(config: Config, _: bool) -> Iterator[CheckResult]:
         yield CheckResult("note", "model", "no model is in use yet", "Make one: `teach LABEL`, `train`, `accept`")
     else:
         labels = ", ".join(model_store.load(model_store.current).labels)
-        yield CheckResult("good", "model", f"version {model_store.current} knows {labels}")
+        yield CheckResult("good", "model", f"version {model_store.current} with the parts {labels}")
     for view in model_store.views():
         if view.damage:
             yield CheckResult("bad", "views", view.damage)
@@ -138,8 +138,8 @@ def _cameras(config: Config, running: bool) -> Iterator[CheckResult]:
     if config.kind != "real":
         return
     settings = sections.camera_settings(config)
-    for eye in settings.devices.values():
-        yield from _device(f"camera {eye}", eye, "video", running) if eye.startswith("/") else ()
+    for path in settings.devices.values():
+        yield from _device(f"camera {path}", path, "video", running) if path.startswith("/") else ()
 
 
 def _controller_port(config: Config, running: bool) -> Iterator[CheckResult]:
@@ -154,7 +154,7 @@ def _console_port(config: Config, running: bool) -> Iterator[CheckResult]:
 
 
 def _device(what: str, path: str, group: str, running: bool) -> Iterator[CheckResult]:
-    """Whether a device is there, is a device, may be used, and is free."""
+    """Check that a device exists, is a device, may be used, and is free."""
     try:
         mode = os.stat(path).st_mode
     except OSError as error:
@@ -172,7 +172,7 @@ def _device(what: str, path: str, group: str, running: bool) -> Iterator[CheckRe
 
 
 def _holders(path: str) -> list[str]:
-    """Programs that have a device open, as far as this user may see."""
+    """Programs that have a device open, as far as this user may know."""
     target, found = os.path.realpath(path), []
     for process in Path("/proc").glob("[0-9]*"):
         try:
@@ -184,30 +184,31 @@ def _holders(path: str) -> list[str]:
 
 
 def _disk(config: Config, _: bool) -> Iterator[CheckResult]:
-    """The runs' disk, and that of the state where it is another."""
+    """Check the disk of the runs, and that of the state where it is another."""
     folders = [next(p for p in (one, *one.parents) if p.exists()) for one in (config.runs, config.state)]
     disks = {os.stat(folder).st_dev: folder for folder in folders}
     free_mb = {disk: shutil.disk_usage(folder).free / 1e6 for disk, folder in disks.items()}
-    well = True
+    good = True
     for disk, folder in disks.items():
         if not os.access(folder, os.W_OK):
-            well = False
+            good = False
             yield CheckResult("bad", "disk", f"{folder} cannot be written", "The daemon's user must own it")
         elif free_mb[disk] < config.values.log.keep_free_mb:
-            well = False
+            good = False
             mend = "Free disk space; facetd removes only old runs (log.quota_mb)"
             yield CheckResult("bad", "disk", f"{free_mb[disk]:.0f} MB free in {folder}", mend)
-    if well:
+    if good:
         runs = len(list_runs(config.runs))
-        kept = "1 run" if runs == 1 else f"{runs} runs"
-        yield CheckResult("good", "disk", f"{next(iter(free_mb.values())):.0f} MB free, {kept} kept in {config.runs}")
+        count = "1 run" if runs == 1 else f"{runs} runs"
+        free = next(iter(free_mb.values()))
+        yield CheckResult("good", "disk", f"{free:.0f} MB free, {count} in {config.runs}")
 
 
 def _clock(config: Config, _: bool) -> Iterator[CheckResult]:
     year = datetime.now(UTC).year
     newest = max((run.stat().st_mtime for run in list_runs(config.runs)), default=0.0)
     if year < EARLIEST_YEAR or newest > time.time() + 60:
-        found = f"the clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which is wrong"
+        found = f"the clock shows {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, which is wrong"
         yield CheckResult(
             "bad", "clock", found, "Set it, or enable systemd-timesyncd; the times in the run log depend on it"
         )
@@ -219,11 +220,11 @@ def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
     if not Path("/run/systemd/system").is_dir() or shutil.which("systemctl") is None:
         yield CheckResult("note", "unit", "this machine does not run systemd; the daemon is started by hand")
         return
-    asked = subprocess.run(
+    shown = subprocess.run(
         ["systemctl", "show", "facetd.service", "-p", "LoadState,ActiveState,UnitFileState,NRestarts"],
         capture_output=True, text=True, timeout=5, check=False,
     )  # fmt: skip
-    unit = dict(line.split("=", 1) for line in asked.stdout.splitlines() if "=" in line)
+    unit = dict(line.split("=", 1) for line in shown.stdout.splitlines() if "=" in line)
     if unit.get("LoadState") != "loaded":
         yield CheckResult("note", "unit", "facetd.service is not installed", "Install it: deploy/install.sh install")
     else:

@@ -1,7 +1,5 @@
-"""What the machine's keeper sees: sd_notify and structured journal records under systemd, else lines on stderr.
-
-The words and fields are given; nothing is decided here. Without systemd-python everything still works, as plain text.
-"""
+"""Write to systemd's journal and notify systemd (sd_notify); without systemd, or without its library, lines on
+stderr."""
 
 from __future__ import annotations
 
@@ -23,10 +21,10 @@ except ImportError:
     systemd_journal = None
 
 STOPPED = "stopped "
-"""How the fault begins that a stop of somebody's latches (arm/supervisor.py)."""
+"""Begin of the fault text of a person's stop (arm/supervisor.py)."""
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 
-# One id for each kind of message, so that `journalctl MESSAGE_ID=...` finds all of a kind on any machine.
+# One id a kind of message, so that `journalctl MESSAGE_ID=...` finds all of that kind on any machine.
 MESSAGE_IDS: Mapping[str, str] = {
     "run_start": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d10",
     "run_end": "6f1f5a0d3f0e4a5e9a3c8a1c2f4b7d11",
@@ -42,33 +40,34 @@ MESSAGE_IDS: Mapping[str, str] = {
 }
 
 
-def tell(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
-    """One record: text for people; fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left out.
+def write(kind: str, text: str, priority: int = INFO, **fields: Any) -> None:
+    """Write one record: text for people, fields (CYCLE, PART, STOP, RULE, ...) for journalctl; None fields are left
+    out.
 
-    Returns at once: a journal, or a terminal, that takes nothing must not hold up whoever moves an arm.
+    Returns at once: a blocked journal or terminal must not delay the arm.
     """
     plain = {name: printable(str(value)) for name, value in fields.items() if value is not None}
     _JOURNAL.put((kind, visible(text), priority, plain))
 
 
-def tell_removed(runs: Sequence[Path]) -> None:
-    """Which runs the quota took; nothing where it took none."""
+def write_removed(runs: Sequence[Path]) -> None:
+    """Report the runs that the quota removed, if any."""
     if runs:
-        tell("trouble", f"quota: removed {', '.join(folder.name for folder in runs)}", NOTICE)
+        write("trouble", f"quota: removed {', '.join(folder.name for folder in runs)}", NOTICE)
 
 
 def stuck(run: Path, why: str) -> str:
-    """Of a run that the quota cannot remove."""
+    """Text about a run that the quota cannot remove."""
     return f"quota: {run} cannot be removed: {why}; move it away (it no longer counts)"
 
 
 def flush(timeout_s: float) -> None:
-    """Wait until what was told is out, but no longer than that."""
+    """Wait until all records are written, at most timeout_s."""
     _JOURNAL.flush(timeout_s)
 
 
 class JournalThread:
-    """Says things in a thread of its own, in order; what piles up beyond a thousand is dropped."""
+    """Writes records in order, in its own thread; drops records beyond a backlog of a thousand."""
 
     def __init__(self) -> None:
         self._waiting: queue.Queue[tuple[str, str, int, dict[str, str]] | threading.Event] = queue.Queue(1000)
@@ -92,14 +91,14 @@ class JournalThread:
             if isinstance(item, threading.Event):
                 item.set()
             else:
-                with contextlib.suppress(Exception):  # a journal that is gone, a closed stderr: the next may be heard
-                    _say(*item)
+                with contextlib.suppress(Exception):  # no journal, a closed stderr: the next record may succeed
+                    _write(*item)
 
 
 _JOURNAL = JournalThread()
 
 
-def _say(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
+def _write(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
     if systemd_journal is not None and os.environ.get("JOURNAL_STREAM"):
         identity = {"MESSAGE_ID": MESSAGE_IDS[kind]} if kind in MESSAGE_IDS else {}
         systemd_journal.send(text, PRIORITY=priority, SYSLOG_IDENTIFIER="facetd", **identity, **fields)
@@ -108,10 +107,10 @@ def _say(kind: str, text: str, priority: int, fields: dict[str, str]) -> None:
 
 
 def notify(*states: str) -> None:
-    """sd_notify: READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1, one each; nothing where nobody listens. None
-    becomes two, whatever stands in it.
+    """Notify systemd (sd_notify): READY=1, STATUS=..., WATCHDOG=1, STOPPING=1, RELOADING=1; nothing without systemd.
 
-    Never waits: a listener that reads nothing would stop the main loop, and with it the arm's stop.
+    A line break in a state cannot make two of it. Never waits: a listener that does not read would block the main loop,
+    and with it the arm's stop.
     """
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
@@ -128,32 +127,31 @@ def notify(*states: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """How often WATCHDOG=1 is wanted (half of systemd's limit), or None where nobody watches."""
+    """Period of WATCHDOG=1, half of systemd's limit; None without a watchdog."""
     limit_us = os.environ.get("WATCHDOG_USEC", "")
-    theirs = os.environ.get("WATCHDOG_PID", str(os.getpid()))
-    return int(limit_us) / 2e6 if limit_us.isdecimal() and theirs == str(os.getpid()) else None
+    watched = os.environ.get("WATCHDOG_PID", str(os.getpid()))
+    return int(limit_us) / 2e6 if limit_us.isdecimal() and watched == str(os.getpid()) else None
 
 
 class JournalledLog:
-    """A run log whose records that matter to the machine's keeper are written to the journal as well, and those that an
-    operator may want to see unasked (faults, refusals, what others do) to `notice`, with their kind, their text and
-    whose doing it is. It only writes: nothing is decided by what is logged."""
+    """A run log that also writes important records to the journal, and passes faults, refusals and commands to `notice`
+    with kind, text and operator. It only writes: no decision depends on it."""
 
     def __init__(self, log: Any, notice: Callable[[str, str, str | None], None] = lambda *_: None) -> None:
         self.log, self._notice = log, notice
 
     def record(self, kind: str, /, **fields: Any) -> None:
-        """Write one record. What it cannot be written to keeps nobody from hearing of it."""
+        """Write one record; the journal gets it even where the run log fails."""
         try:
             self.log.record(kind, **fields)
         finally:
-            self._say(kind, fields)
+            self._write_journal(kind, fields)
 
-    def _say(self, kind: str, fields: Mapping[str, Any]) -> None:
+    def _write_journal(self, kind: str, fields: Mapping[str, Any]) -> None:
         text = _line(kind, fields)
         if text is None:
             return
-        said = {
+        plain = {
             "CYCLE": fields.get("cycle"),
             "PART": fields.get("label") or fields.get("target"),
             "STOP": fields.get("stops"),
@@ -161,18 +159,18 @@ class JournalledLog:
             "OUTCOME": fields.get("outcome"),
             "WHO": fields.get("who"),
         }
-        tell(kind, text, _priority(kind, fields), **said)
+        write(kind, text, _priority(kind, fields), **plain)
         if kind in ("fault", "rest", "refusal", "command", "model"):
             self._notice(kind, text, fields.get("who"))
 
 
 def fault_line(fault: str) -> str:
-    """A fault for people. Somebody's stop latches one as well, and is no failure of anything."""
+    """A fault for people; a person's stop latches one as well, but is not a failure."""
     return f"STOPPED {fault.removeprefix(STOPPED)}" if fault.startswith(STOPPED) else f"FAULT {fault}"
 
 
 def _line(kind: str, fields: Mapping[str, Any]) -> str | None:
-    """The sentence for people, or None for what only the run log needs."""
+    """The text of a record for people; None for a record that only the run log needs."""
     match kind:
         case "cycle_start":
             return f"cycle {fields.get('cycle')}: looking for {fields.get('target') or 'any part'}"

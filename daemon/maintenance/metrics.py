@@ -1,4 +1,4 @@
-"""Prometheus metrics on the loopback interface, through the well-kept client library; an extra, off unless asked."""
+"""Prometheus metrics on the loopback interface (extra `metrics`), off unless metrics.port is set."""
 
 from __future__ import annotations
 
@@ -18,72 +18,72 @@ from daemon.store.folders import how_to_add
 
 LOOPBACK = "127.0.0.1"
 MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0
-"""At once; how long one may say nothing, and how long it may take, a byte now and then."""
+"""Most simultaneous scrapes; longest silence of one, and its longest duration."""
 
 
 COUNTERS = {
     "tried": f"picks tried. {DEFINITION}",
-    "picked": "picks tried that succeeded: the part was seen to be picked",
-    "released": "picks tried whose part was let go over the bin and not confirmed",
+    "picked": "picks tried that succeeded: the cameras confirmed the part in the gripper",
+    "released": "picks tried whose part was released over the bin without confirmation",
     "failed": "picks tried without success",
-    "aborted": "picks that a person ended; not tried",
+    "aborted": "picks that a person ended; they do not count as tried",
 }
-"""By their keys in the status of the pick cycle."""
+"""Key in the status of the pick cycle -> meaning."""
 
 
 class MetricsHandler(WSGIRequestHandler):
     timeout = SILENCE_S
 
     def log_message(self, *_: Any) -> None:
-        """Scrapes are not told."""
+        """Scrapes are not logged."""
 
 
 class MetricsHTTPServer(ThreadingMixIn, WSGIServer):
-    """A thread for each scrape, and no more of them than the unit has room for: who comes on top is hung up."""
+    """One thread a scrape, at most MOST_SCRAPES; further connections are closed."""
 
     daemon_threads = True
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._room = threading.BoundedSemaphore(MOST_SCRAPES)
+        self._slots = threading.BoundedSemaphore(MOST_SCRAPES)
         self._began_s: dict[Any, float] = {}
 
     def service_actions(self) -> None:
-        """Hang up who takes too long; asked twice a second."""
+        """Close connections that take too long; called twice a second."""
         for request, began_s in list(self._began_s.items()):
             if time.monotonic() - began_s > LONGEST_S:
                 with contextlib.suppress(OSError):
                     request.shutdown(socket.SHUT_RDWR)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Begin to answer, where there is room."""
-        if self._room.acquire(blocking=False):
+        """Start an answer if a slot is free."""
+        if self._slots.acquire(blocking=False):
             self._began_s[request] = time.monotonic()
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and make room again."""
+        """Answer, then free the slot."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             del self._began_s[request]
-            self._room.release()
+            self._slots.release()
 
     def handle_error(self, *_: Any) -> None:
-        """Who hangs up in the middle, or says nothing, is nobody's trouble."""
+        """Broken and silent connections are not errors."""
 
 
 class MetricsServer:
-    """Answers scrapes on one port, in a thread of its own; reads values only."""
+    """Answers scrapes on one port, in its own thread; reads values only."""
 
     def __init__(self, context: WatchedDaemon, port: int) -> None:
         self._context, self._port = context, port
         self._server: Any = None
 
     def open(self) -> None:
-        """Listen. Raises ConfigError without the library, OSError where the port is taken."""
+        """Listen. Raises ConfigError without the library, or where the port is in use."""
         try:
             from prometheus_client import CollectorRegistry, make_wsgi_app
         except ImportError:
@@ -119,14 +119,14 @@ class MetricsCollector:
         for name, text in COUNTERS.items():
             yield CounterMetricFamily(f"facetd_{name}", text, value=float(state[name]))  # type: ignore[arg-type]
         gauges = {
-            "facetd_fault": ("1 while a fault stands", state["fault"] is not None),
+            "facetd_fault": ("1 while a fault is active", state["fault"] is not None),
             "facetd_enabled": ("1 while the arm may move", state["enabled"]),
-            "facetd_busy": ("1 while something is being done", state["doing"] is not None),
-            "facetd_troubles": ("troubles that stand", len(context.troubles.standing)),
+            "facetd_busy": ("1 while a job is running", state["doing"] is not None),
+            "facetd_troubles": ("active troubles", len(context.troubles.active)),
             "facetd_up_seconds": ("seconds since start", time.monotonic() - context.started_s),
             "facetd_camera_silence_seconds": ("since the last pair", _since(now, context.hardware.eyes.heard_s)),
             "facetd_controller_silence_seconds": ("since its last answer", _since(now, context.hardware.robot.heard_s)),
-            "facetd_parts_taught": ("labels the model in use knows", len(context.trainer.model.labels)),
+            "facetd_parts_taught": ("parts of the model in use", len(context.trainer.model.labels)),
         }
         for name, (text, value) in gauges.items():
             yield GaugeMetricFamily(name, text, value=float(value))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What this room looks at: as much of the running daemon as is watched and measured, and what is wrong with it now."""
+"""Active troubles of the daemon, and the part of the running daemon that maintenance watches."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from daemon.teaching.trainer import Trainer
 
 @dataclass
 class Troubles:
-    """What is wrong now, by source, in one line each; on_change(source, text or None) is told of every change."""
+    """The active troubles: source -> one line of text. on_change(source, text or None) is called at each change."""
 
     on_change: Callable[[str, str | None], None] = lambda _, __: None
-    standing: dict[str, str] = field(default_factory=dict)
+    active: dict[str, str] = field(default_factory=dict)
 
-    def tell(self, source: str, text: str | None) -> None:
-        """Say that something is wrong, or (None) that it no longer is."""
-        if self.standing.get(source) == text:
+    def report(self, source: str, text: str | None) -> None:
+        """Report a trouble of a source, or None: the trouble is over."""
+        if self.active.get(source) == text:
             return
         if text is None:
-            self.standing.pop(source, None)
+            self.active.pop(source, None)
         else:
-            self.standing[source] = text
+            self.active[source] = text
         self.on_change(source, text)
 
 
 class WatchedDaemon(Protocol):
-    """The running daemon, from below: daemon/console/context.py has this shape."""
+    """The running daemon as maintenance sees it; daemon/console/context.py implements it."""
 
     config: Config
     hardware: Hardware
@@ -44,4 +44,4 @@ class WatchedDaemon(Protocol):
     roll_due: bool
 
     def roll_if_due(self) -> None:
-        """Go on in a new run folder where the present one has become large."""
+        """Continue in a new run folder where the current one is large."""

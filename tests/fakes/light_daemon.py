@@ -258,7 +258,7 @@ def light_daemon(folder: Path, began_s: float = 1.8e9, config: str = CONFIG) -> 
         patch.object(time, "time", lambda: daemon.now_s),
         patch.object(build_room, "build", daemon._build),
         patch.object(service, "Worker", ComputesHere),
-        patch.object(journal, "tell", lambda kind, text, *_, **__: daemon.told.append((kind, text))),
+        patch.object(journal, "write", lambda kind, text, *_, **__: daemon.told.append((kind, text))),
         *(patch.object(module, "datetime", Wall) for module in (service, context, runlog)),
     ]
     for each in patches:

@@ -597,7 +597,7 @@ class Story:
             patch.object(time, "monotonic", self.loop.time),
             patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
             patch.object(build_room, "build", self._build),
-            patch.object(journal, "tell", lambda *_, **__: None),
+            patch.object(journal, "write", lambda *_, **__: None),
             patch.object(moving, "POLL_S", SLICE_S),
             patch.object(runlog, "_Worker", AtOnce),
             patch.object(service, "Worker", TakesTime),

@@ -55,7 +55,7 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         assert here.cycle.supervisor.fault is None
         assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
         assert here.log.said("eyes")[0]["alone"] == "left"
-        assert "left camera alone" in here.context.troubles.standing["eyes"]
+        assert "left camera alone" in here.context.troubles.active["eyes"]
         assert not here.log.said("move")
 
     lived(story)
@@ -174,7 +174,7 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
         assert (await cameras.run(here.context, ["both"], FakeFrontend())).text == "Using both cameras."
         assert here.cycle.cell.alone is None
         assert here.cycle.cell.rig is here.context.calibration.rig
-        assert "eyes" not in here.context.troubles.standing
+        assert "eyes" not in here.context.troubles.active
 
     lived(story)
 

@@ -30,7 +30,7 @@ def test_the_journal_says_each_thing_once(
     monkeypatch: pytest.MonkeyPatch, kind: str, fields: dict[str, object], sentence: str
 ) -> None:
     told: list[tuple[str, str]] = []
-    monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append((kind, text)))
+    monkeypatch.setattr(journal, "write", lambda kind, text, priority, **more: told.append((kind, text)))
     noticed: list[str] = []
     journal.JournalledLog(Nowhere(), lambda kind, text, who: noticed.append(text)).record(kind, **fields)
     assert told == [(kind, sentence)]
@@ -43,7 +43,7 @@ def test_a_log_that_cannot_be_written_keeps_nobody_from_hearing_of_a_fault(monke
             raise OSError(28, "No space left on device")
 
     told: list[str] = []
-    monkeypatch.setattr(journal, "tell", lambda kind, text, priority, **more: told.append(text))
+    monkeypatch.setattr(journal, "write", lambda kind, text, priority, **more: told.append(text))
     noticed: list[str] = []
     with pytest.raises(OSError, match="No space"):
         journal.JournalledLog(Full(), lambda kind, text, who: noticed.append(text)).record(
@@ -62,10 +62,10 @@ def test_a_journal_that_is_gone_loses_what_is_told_meanwhile_and_nothing_after(
             raise ValueError("I/O operation on closed file")
         said.append(text)
 
-    monkeypatch.setattr(journal, "_say", say)
+    monkeypatch.setattr(journal, "_write", say)
     monkeypatch.setattr(journal, "_JOURNAL", journal.JournalThread())
     for text in ("first", "lost", "last"):
-        journal.tell("trouble", text)
+        journal.write("trouble", text)
     journal.flush(5.0)
     assert said == ["first", "last"]
 
@@ -91,6 +91,6 @@ def test_whatever_a_name_holds_the_readiness_socket_hears_one_state_a_line(
 
 
 def test_what_is_told_on_a_terminal_does_not_steer_it(capsys: pytest.CaptureFixture[str]) -> None:
-    journal.tell("trouble", "first\nsecond \x1b]0;title\x07\x9b")
+    journal.write("trouble", "first\nsecond \x1b]0;title\x07\x9b")
     journal.flush(5)
     assert capsys.readouterr().err == "facetd: first\nsecond ^[]0;title^G?\n"

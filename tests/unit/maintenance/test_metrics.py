@@ -38,7 +38,7 @@ def watched(**state: Any) -> Any:
         hardware=SimpleNamespace(
             clock=lambda: 100.0, eyes=SimpleNamespace(heard_s=98.5), robot=SimpleNamespace(heard_s=None)
         ),
-        troubles=SimpleNamespace(standing={"disk": "full"}),
+        troubles=SimpleNamespace(active={"disk": "full"}),
         trainer=SimpleNamespace(model=SimpleNamespace(labels=("cube", "pyramid"))),
         config=SimpleNamespace(document=document),
         started_s=0.0,

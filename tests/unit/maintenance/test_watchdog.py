@@ -109,10 +109,10 @@ def test_a_camera_lost_while_the_arm_may_move_stops_it_once_and_is_told_until_it
     async def play(watched: WatchedCell, _: Watchdog) -> None:
         watched.camera_fails = True
         await asyncio.sleep(1.3)
-        assert watched.context.troubles.standing["cameras"] == "cameras: no stereo pair within 0.1 s"
+        assert watched.context.troubles.active["cameras"] == "cameras: no stereo pair within 0.1 s"
         watched.camera_fails = False
         await asyncio.sleep(1.2)
-        assert "cameras" not in watched.context.troubles.standing
+        assert "cameras" not in watched.context.troubles.active
 
     assert watching(tmp_path, play).failed == ["cameras: no stereo pair within 0.1 s"]
 
@@ -122,7 +122,7 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
         watched.permit.withdraw()
         watched.camera_fails = True
         await asyncio.sleep(0.8)
-        assert "cameras" in watched.context.troubles.standing
+        assert "cameras" in watched.context.troubles.active
 
     assert watching(tmp_path, play).failed == []
 
@@ -133,11 +133,11 @@ def test_once_a_lost_line_is_opened_again_nobody_knows_how_arm_and_hand_stand(tm
     async def play(watched: WatchedCell, _: Watchdog) -> None:
         watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
         watched.open.side_effect = lambda: watched.line_opened_anew.assert_called()  # type: ignore[attr-defined]
-        watched.context.troubles.tell("controller", "controller: no answer")
+        watched.context.troubles.report("controller", "controller: no answer")
         await asyncio.sleep(0.7)
         watched.open.assert_called()  # type: ignore[attr-defined]
 
-    assert not watching(tmp_path, play).context.troubles.standing
+    assert not watching(tmp_path, play).context.troubles.active
 
 
 def test_devices_that_were_opened_just_now_are_asked_only_once_they_have_been_silent(tmp_path: Path) -> None:
@@ -272,7 +272,7 @@ def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_w
     async def play(watched: WatchedCell, _: Watchdog) -> None:
         watched.close, watched.open = AsyncMock(), AsyncMock()  # type: ignore[attr-defined]
         watched.stopping, watched.connected = True, connected
-        watched.context.troubles.tell("controller", "controller: no answer")
+        watched.context.troubles.report("controller", "controller: no answer")
         await asyncio.sleep(0.7)
         assert watched.open.called is not connected  # type: ignore[attr-defined]
 
@@ -283,7 +283,7 @@ def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr("daemon.maintenance.journal.tell", lambda _, text, *__: told.append(text))
+    monkeypatch.setattr("daemon.maintenance.journal.write", lambda _, text, *__: told.append(text))
     watched = WatchedCell(tmp_path)
     first = watched.run_log.folder
     watched.context.roll_if_due = lambda: watched.run_log.roll(tmp_path / "runs" / "next")
@@ -307,7 +307,7 @@ def test_a_folder_for_runs_that_cannot_be_made_again_is_a_trouble_until_it_can(t
     watched.context.roll_if_due = full
     shutil.rmtree(tmp_path / "runs")
     Watchdog(watched.context)._check_folder()
-    assert watched.context.troubles.standing["log"].endswith("No space left on device; free some space there")
+    assert watched.context.troubles.active["log"].endswith("No space left on device; free some space there")
     asyncio.run(Watchdog(watched.context)._keep_quota())
     watched.run_log.close()
 
@@ -320,7 +320,7 @@ def test_a_quota_that_cannot_be_kept_is_a_trouble_until_it_can(tmp_path: Path) -
         for failing in (OSError(errno.EIO, os.strerror(errno.EIO), "runs"), None):
             with patch("daemon.maintenance.watchdog.enforce_quota", side_effect=failing, return_value=[]):
                 await asyncio.sleep(QUOTA_S + 1.0)
-            told.append(watched.context.troubles.standing.get("disk"))
+            told.append(watched.context.troubles.active.get("disk"))
 
     watching(tmp_path, play)
     assert told == ["disk: old runs cannot be removed: runs: Input/output error", None]
@@ -339,7 +339,7 @@ def test_a_run_that_the_quota_cannot_remove_is_told_until_it_is_gone(tmp_path: P
         for quota in (cannot, lambda *_: []):
             with patch("daemon.maintenance.watchdog.enforce_quota", quota):
                 await asyncio.sleep(QUOTA_S + 1.0)
-            told.append(watched.context.troubles.standing.get("runs"))
+            told.append(watched.context.troubles.active.get("runs"))
 
     watching(tmp_path, play)
     assert told[0] is not None
@@ -394,7 +394,7 @@ def test_a_new_run_that_a_full_disk_does_not_take_is_told(tmp_path: Path) -> Non
         watch = Watchdog(watched.context)
         asyncio.run(watch._keep_quota())
     watch._roll(busy=True)
-    assert "disk" not in watched.context.troubles.standing
+    assert "disk" not in watched.context.troubles.active
     watch._roll(busy=False)
-    assert "cannot start a new run folder" in watched.context.troubles.standing["disk"]
+    assert "cannot start a new run folder" in watched.context.troubles.active["disk"]
     watched.run_log.close()

@@ -33,7 +33,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
         between._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
         between.looked(LOOK)
         await asyncio.sleep(0.01)
-        standing: dict[str, str] = context.troubles.standing
+        standing: dict[str, str] = context.troubles.active
         return standing
 
     return asyncio.run(story()), failed

@@ -798,7 +798,7 @@ def test_an_arm_found_at_work_is_asked_about_at_that_start_and_not_at_the_next(s
     context = story._service.context
     assert context is not None
     assert context.cycle.status()["fault"] is None
-    assert context.troubles.standing == {}
+    assert context.troubles.active == {}
 
 
 @pytest.mark.parametrize("word", ["DISABLE", "abort"])
