@@ -57,6 +57,7 @@ OFFLINE: dict[str, str] = {
     "stream": "daemon.cli.cameras",
     "demo": "daemon.cli.demo",
     "arm": "daemon.cli.arm",
+    "thesis": "daemon.cli.thesis",
 }
 """Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
 OWN: dict[str, tuple[str, str]] = {

@@ -1,14 +1,15 @@
 """Calibration by ruler and pin (D'Souza, section 4.2.1): baseline, a known width at several distances; his
 compensation.
 
-For a cell without a board. The table it prints shows the depth errors.
+For a cell without a board. It prints how far off the measured depths come out, before and after
+compensation, and the readings that `stereo_formula: thesis_compensated` takes.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,8 @@ from daemon.calibration.file import Calibration, Quality, now, save_calibration
 from daemon.calibration.recorded import keep_old
 from daemon.calibration.session import triangulate
 from daemon.store.yamlfile import read
-from daemon.vision.geometry import Camera, Converging, StereoRig, by_formula
+from daemon.vision.geometry import Camera, StereoRig
+from daemon.vision.thesis import Converging, by_formula
 
 Length = Annotated[float, Meta(gt=0)]
 Pixel = tuple[float, float]
@@ -58,8 +60,12 @@ class Measured(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class QuickResult:
-    """focal_sigma_px: standard deviation over the widths (nan for one); at_mm (K,): true depths; then the depth errors
-    (K,) of formula (2.3), of the same compensated (each reading from the others), and of exact rays."""
+    """The rig and how far off the measured depths are.
+
+    focal_px and its standard deviation over the widths (nan for one). K depths: at_mm (K,) true; errors (K,) mm of
+    formula (2.3), of the same compensated by all readings and by the others alone (what a new depth may expect), and of
+    exact rays; readings_mm: (depth by the formula, its error), the setting `vision.depth_readings_mm`.
+    """
 
     rig: StereoRig
     focal_px: float
@@ -67,7 +73,16 @@ class QuickResult:
     at_mm: Array
     formula_mm: Array
     compensated_mm: Array
+    left_out_mm: Array
     rays_mm: Array
+
+    @property
+    def readings_mm(self) -> list[tuple[float, float]]:
+        """The setting `vision.depth_readings_mm`, to 0.01 mm, nearest first."""
+        return sorted(
+            (round(float(at + off), 2), round(float(off), 2))
+            for at, off in zip(self.at_mm, self.formula_mm, strict=True)
+        )
 
 
 def calibrate_quick(measured: Measured) -> QuickResult:
@@ -79,14 +94,17 @@ def calibrate_quick(measured: Measured) -> QuickResult:
         for side in ("left", "right")
     )
     at = np.array([d.at_mm for d in measured.depths], float)
-    uncompensated = Converging(
-        measured.baseline_mm, float(focal.mean()), measured.fixation_mm, np.zeros(1), np.zeros(1)
-    )
-    seen = by_formula(left, right, rig, uncompensated)[:, 2] if len(at) else at
-    rays = triangulate(rig, left, right)[:, 2] if len(at) else at
+    bare = Converging(measured.baseline_mm, float(focal.mean()), measured.fixation_mm, np.zeros(1), np.zeros(1))
     sigma = float(focal.std(ddof=1)) if len(focal) > 1 else float("nan")
-    compensated = _compensated(seen, seen - at) if len(at) > 2 else seen
-    return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, compensated - at, rays - at)
+    if not len(at):
+        return QuickResult(rig, float(focal.mean()), sigma, *[at] * 5)
+    seen = by_formula(left, right, rig, bare)[:, 2]
+    order = np.argsort(seen)
+    read = replace(bare, at_mm=seen[order], error_mm=(seen - at)[order])
+    compensated = by_formula(left, right, rig, read, compensated=True)[:, 2]
+    left_out = _left_out(seen, seen - at) if len(at) > 2 else seen
+    rays = triangulate(rig, left, right)[:, 2]
+    return QuickResult(rig, float(focal.mean()), sigma, at, seen - at, compensated - at, left_out - at, rays - at)
 
 
 def _rig(measured: Measured, focal: float) -> StereoRig:
@@ -102,14 +120,14 @@ def _rig(measured: Measured, focal: float) -> StereoRig:
     return StereoRig(cameras[0], cameras[1], measured.image_size)
 
 
-def _compensated(seen: Array, error: Array) -> Array:
-    """Each depth minus the error interpolated between the other readings (section 4.2.4): none corrects itself."""
+def _left_out(seen: Array, error: Array) -> Array:
+    """Each depth less the error interpolated between the other readings (section 4.2.4): none corrects itself."""
     order = np.argsort(seen)
-    compensated = seen.copy()
+    mended = seen.copy()
     for k in range(len(seen)):
         others = order[order != k]
-        compensated[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
-    return compensated
+        mended[k] = seen[k] - np.interp(seen[k], seen[others], error[others])
+    return mended
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -130,18 +148,36 @@ def run(args: argparse.Namespace) -> int:
     kept = keep_old(args.out)
     save_calibration(Calibration(result.rig, None, Quality(method="quick", made=now())), args.out)
     if args.json:
-        print(json.dumps({"focal_px": round(result.focal_px, 3), "depths": len(result.at_mm), **_figures(result)}))
+        print(
+            json.dumps(
+                {
+                    "focal_px": round(result.focal_px, 3),
+                    "depths": len(result.at_mm),
+                    **_figures(result),
+                    "depth_readings_mm": result.readings_mm,
+                }
+            )
+        )
         return 0
-    sigma_text = f" +- {result.focal_sigma_px:.1f}" if np.isfinite(result.focal_sigma_px) else ""
-    print(f"focal length {result.focal_px:.1f}{sigma_text} px over the widths")
+    doubt = f" +- {result.focal_sigma_px:.1f}" if np.isfinite(result.focal_sigma_px) else ""
+    print(f"focal length {result.focal_px:.1f}{doubt} px over the widths")
     if len(result.at_mm):
-        print("  depth mm   formula (2.3)   compensated   exact rays: error, mm")
-        for at, *errors in zip(result.at_mm, result.formula_mm, result.compensated_mm, result.rays_mm, strict=True):
+        print("Error of the depth, mm:")
+        print("  depth mm   formula (2.3)   compensated   by the others   exact rays")
+        columns = result.formula_mm, result.compensated_mm, result.left_out_mm, result.rays_mm
+        for at, *errors in zip(result.at_mm, *columns, strict=True):
             print(f"{at:10.0f}" + "".join(f"{e:14.2f}" for e in errors))
+        share = [f"{100 * np.abs(off / result.at_mm).mean():.2f} %" for off in columns]
+        print("      mean" + "".join(f"{s:>14}" for s in share))
+        readings = ", ".join(f"[{at:.2f}, {off:.2f}]" for at, off in result.readings_mm)
+        print("To compensate by these readings, put this into facetd.yaml:")
+        print(f"  vision: {{stereo_formula: thesis_compensated, depth_readings_mm: [{readings}]}}")
     else:
-        print("no depths were measured: the accuracy is unknown; expect errors of some percent")
+        print("No depths were measured, so the accuracy is unverified: expect errors of some percent.")
     print(f"written: {args.out}" + ("" if kept is None else f" (the old one is {kept.name})"))
-    print("a ruler measures a baseline, and so every depth, to some percent: calibrate with a board before picking")
+    print(
+        "A ruler measures a baseline to some percent, and so does every depth: calibrate with a board before picking."
+    )
     return 0
 
 
@@ -152,5 +188,6 @@ def _figures(result: QuickResult) -> dict[str, float | None]:
     return {
         "formula_rms_mm": rms(result.formula_mm),
         "compensated_rms_mm": rms(result.compensated_mm),
+        "left_out_rms_mm": rms(result.left_out_mm),
         "rays_rms_mm": rms(result.rays_mm),
     }

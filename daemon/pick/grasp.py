@@ -145,14 +145,18 @@ def centre_of_mass(solid: Polyhedron) -> Array:
     return np.asarray(middle + volumes @ spread.sum(axis=1) / (4.0 * volumes.sum()))
 
 
-def closing_directions(normals: Array, corners_mm: Array) -> list[Array]:
-    """Horizontal unit directions (3,) worth closing along: each side face's normal, evenly between two faces that look
-    away from each other, and along and across the longest edge; world frame."""
-    seeds = [a - b for a, b in combinations(normals, 2) if a @ b < -0.3]
-    seeds += [n for n in normals if abs(n[2]) < 0.95]
-    gaps = corners_mm[:, None] - corners_mm[None]
-    i, j = np.unravel_index(int(np.linalg.norm(gaps, axis=2).argmax()), (len(corners_mm),) * 2)
-    seeds += [gaps[i, j], np.cross(UP, gaps[i, j])]
+def closing_directions(solid: Polyhedron) -> list[Array]:
+    """Horizontal unit directions (3,) worth closing along, in the solid's frame, whose z is up.
+
+    Each side face's normal, evenly between two faces that look away from each other, and along and across the longest
+    edge (D'Souza, section 6.1).
+    """
+    seeds = [a - b for a, b in combinations(solid.normals, 2) if a @ b < -0.3]
+    seeds += [n for n in solid.normals if abs(n[2]) < 0.95]
+    here, after, _ = solid.steps
+    sides = solid.corners_mm[after] - solid.corners_mm[here]
+    longest = sides[int(np.linalg.norm(sides, axis=1).argmax())]
+    seeds += [longest, np.cross(UP, longest)]
     found: list[Array] = []
     for seed in seeds:
         flat = seed * (1.0, 1.0, 0.0)
@@ -310,7 +314,7 @@ def grasps(
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
     mass, sides = centre_of_mass(solid), _sides(solid)
     found: list[PlannedGrasp] = []
-    for along in closing_directions(solid.normals, solid.corners_mm):
+    for along in closing_directions(solid):
         middles = [mass, *_legs(solid, along, gripper)]
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
             rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))

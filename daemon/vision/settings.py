@@ -13,9 +13,10 @@ from msgspec import Meta
 
 from daemon.quantities import Few, Pixels, Seconds, Share
 
-CornerDetector = Literal["line_fit", "mic", "median"]
+CornerDetector = Literal["line_fit", "mic", "median", "slope"]
 Sigmas = Annotated[float, Meta(gt=0, le=1000)]
 Depth = Annotated[float, Meta(gt=0, le=100_000)]
+DepthReading = tuple[Depth, Annotated[float, Meta(ge=-10_000, le=10_000)]]
 StereoFormula = Literal["exact", "thesis", "thesis_compensated"]
 
 
@@ -47,11 +48,14 @@ class VisionSettings:
     """How corners are found and depth is computed, and the limits that tell a facet from something else."""
 
     corner_detector: CornerDetector = "line_fit"
-    """`line_fit` intersects lines fitted to the gradient; `mic` and `median` are the thesis's detectors (D'Souza,
-    sections 4.5.1, 4.2.2)."""
+    """`line_fit` intersects lines fitted to the gradient; `mic`, `median` and `slope` are the thesis's detectors
+    (D'Souza, sections 4.5.1, 4.2.2, 4.5.3)."""
     stereo_formula: StereoFormula = "exact"
     """`exact` intersects viewing rays; `thesis` is D'Souza (2.3); `thesis_compensated` adds its piecewise linear error
     compensation (section 4.2.4)."""
+    depth_readings_mm: tuple[DepthReading, ...] = ()
+    """For `thesis_compensated`: measured depths, each `[depth by the formula, its error]` in mm, as `facetctl calibrate
+    quick` prints them. Without any, the formula's error is worked out from the calibration."""
     shrinks: Annotated[tuple[Annotated[int, Meta(ge=1, le=16)], ...], Meta(min_length=1)] = (1, 2, 4)
     """Pixel sizes, in camera pixels, at which closed regions are sought. A look that has taught parts uses the coarse
     effort instead."""

@@ -1,4 +1,4 @@
-"""`make bench`: run every measuring module of this folder, or those named, and print their tables.
+"""`make bench`: run every measuring module and package of this folder, or those named, and print their tables.
 
 A module here has a `main()` that measures and prints; nothing in this folder passes or fails. Those in long/ take many
 minutes and run when named (`long.picks`), or by a target of their own.
@@ -13,11 +13,13 @@ from pathlib import Path
 
 
 def main(names: list[str]) -> int:
-    round_of_all = sorted(f.stem for f in Path(__file__).parent.glob("[!_]*.py"))
+    here = Path(__file__).parent
+    packages = {f.parent.name for f in here.glob("*/__main__.py")}
+    round_of_all = sorted({f.stem for f in here.glob("[!_]*.py")} | packages)
     sys.argv = sys.argv[:1]
     for name in names or round_of_all:
         print(f"\n=== {name}", flush=True)
-        importlib.import_module(f"tests.bench.{name}").main()
+        importlib.import_module(f"tests.bench.{name}" + (".__main__" if name in packages else "")).main()
     return 0
 
 

@@ -1,7 +1,7 @@
 """The rest of the ART family, which the daemon never runs: ART 1, Fuzzy ART and ARTMAP, Gaussian ARTMAP, voting, and
 the
 rotation layer over plain matrices as the thesis has it. Kept as what the memory is compared with (docs/THESIS.md) and
-benchmarked (tests/bench/art.py, tests/bench/thesis.py).
+benchmarked (tests/bench/art.py, tests/bench/thesis/).
 """
 
 from daemon.art.errors import ArtError, InputError, NotTrainedError, ParameterError

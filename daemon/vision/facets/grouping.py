@@ -50,22 +50,25 @@ def nearest_first(groups: Iterable[Group]) -> tuple[Group, ...]:
     return tuple(sorted(groups, key=lambda g: float(np.mean([f.corners_mm[:, 2].mean() for f in g.facets]))))
 
 
-def lying_under(facets: Sequence[Facet]) -> int | None:
-    """The facet of a group that the part stands on: a shadow (or mark) on the table that meets the part's lower edge.
+def lying_under(facets: Sequence[Facet]) -> tuple[int, ...]:
+    """The facets of a group that the part stands on: shadows (or marks) on the table that meet the part's lower edges.
 
-    All else of the part rises from its plane towards the cameras. Of a solid's own faces that is true only for two that
-    meet in a hollow, so a group of fewer than three facets is left alone.
+    They lie in one plane, from which each other facet rises towards the cameras. Of a solid's own faces that is true
+    only for two that meet in a hollow, so a group of fewer than three facets is left alone.
     """
     if len(facets) < 3:
-        return None
-    for k, facet in enumerate(facets):
+        return ()
+    for facet in facets:
         normal, d = fit_plane(facet.corners_mm)
-        rise, doubt = [], []
-        for other in (f for f in facets if f is not facet):
-            apart = np.linalg.norm(other.corners_mm[:, None] - facet.corners_mm[None], axis=2).min(1) > _APART_MM
-            rise.append((other.corners_mm @ normal - d)[apart])
-            doubt.append(np.sqrt(np.einsum("i,nij,j->n", normal, other.covariance_mm2, normal))[apart])
-        heights, sigma = np.concatenate(rise), np.concatenate(doubt)
-        if len(heights) and np.all(heights > -_FLUSH_MM - 2 * sigma) and np.median(heights) > _RISE_MM:
-            return k
-    return None
+        heights = [other.corners_mm @ normal - d for other in facets]
+        doubt = [2 * np.sqrt(np.einsum("i,nij,j->n", normal, f.covariance_mm2, normal)) for f in facets]
+        apart = [np.linalg.norm(f.corners_mm[:, None] - facet.corners_mm, axis=2).min(1) > _APART_MM for f in facets]
+        none_below = all(np.all((h > -_FLUSH_MM - s)[far]) for h, s, far in zip(heights, doubt, apart, strict=True))
+        flush = tuple(k for k, (h, s) in enumerate(zip(heights, doubt, strict=True)) if np.all(h < _FLUSH_MM + s))
+        if (
+            none_below
+            and len(flush) < len(facets)
+            and all(h.max() > _RISE_MM for k, h in enumerate(heights) if k not in flush)
+        ):
+            return flush
+    return ()

@@ -15,9 +15,10 @@ from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
 from daemon.vision.facets.vertices import merge_vertices
-from daemon.vision.geometry import Baseline, StereoRig, by_formula, converging
-from daemon.vision.image import Outline, StereoImages, find_corners, open_stereo
+from daemon.vision.geometry import Baseline, StereoRig
+from daemon.vision.image import Outline, StereoImages, open_stereo
 from daemon.vision.settings import VisionSettings
+from daemon.vision.thesis import by_formula, converging, find_corners
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
@@ -75,11 +76,11 @@ def _grouped(
     for members, group in sets:
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
-        if under is None:
+        if not under:
             groups.append(whole)
             continue
-        under_parts.append(members[under])
-        for rest, own in _welded([c for c in members if c is not members[under]]):
+        under_parts += [members[k] for k in under]
+        for rest, own in _welded([c for k, c in enumerate(members) if k not in under]):
             groups.append(_settled(rest, own, eyes.geometry, settings))
     if settings.stereo_formula != "exact":
         groups = [replace(g, facets=tuple(_by_formula(g.facets, eyes.rig, settings))) for g in groups]
@@ -151,7 +152,7 @@ def _with_detected_corners(c: Candidate, eyes: StereoImages, settings: VisionSet
 
 
 def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSettings) -> list[Facet]:
-    constants = converging(rig)
+    constants = converging(rig, settings.depth_readings_mm)
     compensated = settings.stereo_formula == "thesis_compensated"
     return [replace(f, corners_mm=by_formula(f.left_px, f.right_px, rig, constants, compensated)) for f in facets]
 

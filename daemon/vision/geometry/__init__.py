@@ -19,14 +19,12 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
-from daemon.vision.geometry.vergence import Converging, by_formula, converging
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [
     "FACING",
     "Baseline",
     "Camera",
-    "Converging",
     "Fits",
     "Measures",
     "PlanarShape",
@@ -40,10 +38,8 @@ __all__ = [
     "axes_in",
     "baseline",
     "border_loops",
-    "by_formula",
     "chi_square_limit",
     "chi_square_tail",
-    "converging",
     "convex",
     "corner_covariance",
     "different",

@@ -15,7 +15,7 @@ from daemon.vision.image.edge_lines import (
     slopes_across,
     stretch_slopes,
 )
-from daemon.vision.image.grey import BLOCK_PX, SATURATED, VisionError, as_grey, block_means
+from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
 from daemon.vision.image.outlines import Outline, outlined
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
@@ -30,7 +30,6 @@ from daemon.vision.image.segments import (
     segment_corners,
 )
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
-from daemon.vision.image.thesis_corners import find_corners
 
 __all__ = [
     "BLOCK_PX",
@@ -38,6 +37,7 @@ __all__ = [
     "SATURATED",
     "CameraImage",
     "Fitted",
+    "Grey",
     "Outline",
     "Scale",
     "SegmentCorners",
@@ -48,7 +48,6 @@ __all__ = [
     "as_grey",
     "block_means",
     "edge_sigmas",
-    "find_corners",
     "find_segments",
     "find_sides",
     "fit_sides",

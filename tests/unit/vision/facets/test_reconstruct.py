@@ -18,9 +18,9 @@ from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry.rectified import baseline
 from daemon.vision.geometry.rig import Camera, StereoRig
-from daemon.vision.geometry.vergence import by_formula, converging
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.settings import VisionSettings
+from daemon.vision.thesis import by_formula, converging
 from daemon.vision.values import Facet, FacetView
 from tests.fakes.limit import limit
 from tests.fakes.painted import paint_pair
@@ -218,8 +218,23 @@ def test_a_shadow_that_the_part_stands_on_is_told_from_its_faces() -> None:
     solid = frames.apply(where, CUBE.corners_mm)
     faces = [lying(solid[list(CUBE.facets[k])]) for k in seen_facets(CUBE, where)]
     shadow = np.array([[-25.0, -25, 0], [25, -25, 0], [60, -70, 0], [-10, -70, 0]])
-    assert lying_under(faces) is None
-    assert lying_under([*faces, lying(frames.apply(where, shadow))]) == len(faces)
+    assert lying_under(faces) == ()
+    assert lying_under([*faces, lying(frames.apply(where, shadow))]) == (len(faces),)
+
+
+def test_the_shadows_of_two_lamps_are_told_from_a_flat_part_s_faces() -> None:
+    """As many corners lie on the table as rise from it: a pyramid from above."""
+    where = pose(np.array([0.1, 0.05, 1.0]), 0.0)
+    solid = frames.apply(where, KNOWN["pyramid"].corners_mm)
+    faces = [lying(solid[list(KNOWN["pyramid"].facets[k])]) for k in seen_facets(KNOWN["pyramid"], where)]
+    left, right = (
+        np.array([[-25.0, 25, 0], [-25, -25, 0], [-45, -30, 0]]),
+        np.array([[25.0, -25, 0], [25, 25, 0], [70, 30, 0]]),
+    )
+    shadows = [lying(frames.apply(where, corners)) for corners in (left, right)]
+    assert len(faces) == 4
+    assert lying_under(faces) == ()
+    assert lying_under([*faces, *shadows]) == (4, 5)
 
 
 def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:

@@ -15,7 +15,7 @@ from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
 from daemon.vision.image.edge_lines import MeasuredImage, find_sides, fit_sides
 from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.regions import smoothed, unit_noise
-from daemon.vision.image.thesis_corners import find_corners, mic_response
+from daemon.vision.thesis.corners import find_corners, mic_response
 from tests.fakes.limit import side_bound
 
 FINER = 8

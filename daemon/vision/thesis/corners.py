@@ -1,7 +1,7 @@
-"""D'Souza's corner detectors: minimum intensity change (section 4.5.1) and median difference (section 4.2.2).
+"""D'Souza's corner detectors: minimum intensity change (4.5.1), median difference (4.2.2), slope of borders (4.5.3).
 
-Both look for a corner near where one is expected, and give it to a pixel or, by averaging, to a fraction of one. The
-lines of edge_lines.py are the better way; these are kept so that the two can be compared.
+Each looks for a corner near where one is expected, and gives it to a pixel or, by averaging, to a fraction of one. The
+lines of daemon/vision/image/edge_lines.py are the better way; these are kept so that they can be compared.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
+from daemon.vision.thesis.borders import slope_corners
 
 WINDOW_PX = 20
 _SIGMAS = 5.0
@@ -45,6 +46,8 @@ def find_corners(image: NDArray[np.float32], near_px: Array, detector: str, nois
     image: (H, W) grey levels. Weaker responses than 0.8 of the window's strongest are suppressed, and what is left is
     averaged, as D'Souza does.
     """
+    if detector == "slope":
+        return _averaged(slope_corners(image, noise_sigma), near_px)
     respond = mic_response if detector == "mic" else median_response
     height, width = image.shape
     half = WINDOW_PX // 2
@@ -61,3 +64,11 @@ def find_corners(image: NDArray[np.float32], near_px: Array, detector: str, nois
             rows, columns = np.nonzero(response >= _KEPT * peak)
             found[k] = left + 2 + columns.mean(), top + 2 + rows.mean()
     return found
+
+
+def _averaged(corners: Array, near_px: Array) -> Array:
+    """The mean of the corners (M, 2) in the window about each expected one (N, 2); nan where there is none."""
+    inside = (np.abs(corners[None] - near_px[:, None]) <= WINDOW_PX / 2).all(2)
+    count = inside.sum(1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(inside.astype(float) @ corners / count[:, None])

@@ -1,16 +1,17 @@
-"""Depth as D'Souza computes it: his formula (2.3) for eyes that converge a little, and his compensation of its error.
+"""Depth as D'Souza computes it: his formula (2.3) for converging cameras, and his compensation of its error.
 
-Kept beside the exact rays of rectified.py so that the two can be compared on the same corners.
+Kept beside the exact rays of daemon/vision/geometry/rectified.py so that the two can be compared on the same corners.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry.rig import StereoRig
+from daemon.vision.geometry import StereoRig
 
 _READINGS = np.linspace(0.5, 2.0, 9)
 
@@ -29,18 +30,24 @@ class Converging:
     error_mm: Array
 
 
-def converging(rig: StereoRig) -> Converging:
-    """The thesis's constants of a calibrated rig, with depth errors read at nine distances about the fixation point."""
+def converging(rig: StereoRig, readings_mm: Sequence[tuple[float, float]] = ()) -> Converging:
+    """The thesis's constants of a calibrated rig, with readings (depth by the formula, its error) mm on the axis.
+
+    Without measured readings, nine about the fixation point are worked out from the rig.
+    """
     focal = float(np.mean([c.matrix[k, k] for c in (rig.left, rig.right) for k in (0, 1)]))
     turns = [c.cyclopean_from_camera[:3, 2] for c in (rig.left, rig.right)]
     vergence = turns[0][0] / turns[0][2] - turns[1][0] / turns[1][2]
     fixation = rig.baseline_mm / vergence if vergence > 1e-6 else 1e9
     bare = Converging(rig.baseline_mm, focal, fixation, np.zeros(1), np.zeros(1))
+    if readings_mm:
+        read = np.array(sorted(readings_mm))
+        return replace(bare, at_mm=read[:, 0], error_mm=read[:, 1])
     truth = _READINGS * min(fixation, 1000.0)
     points = np.stack([np.zeros_like(truth), np.zeros_like(truth), truth], 1)
     seen = by_formula(rig.left.project(points), rig.right.project(points), rig, bare)[:, 2]
     order = np.argsort(seen)
-    return Converging(rig.baseline_mm, focal, fixation, seen[order], (seen - truth)[order])
+    return replace(bare, at_mm=seen[order], error_mm=(seen - truth)[order])
 
 
 def by_formula(
