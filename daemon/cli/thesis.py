@@ -12,9 +12,6 @@ from pathlib import Path
 from daemon.errors import DONE, FacetdError, spelt
 from daemon.quantities import decimal, shown
 
-CELLS = " #"
-"""How an empty cell of the pattern and an edge are printed."""
-
 
 class SilhouetteError(FacetdError):
     """A picture in which no object stands out: which file."""
@@ -66,5 +63,5 @@ def _silhouettes(args: argparse.Namespace) -> int:
     for path, pattern, node in zip(args.pictures, patterns, nodes, strict=True):
         print(f"category {node + 1}: {spelt(str(path))}")
         if args.show:
-            print("\n".join("  " + "".join(CELLS[int(cell)] for cell in row) for row in pattern.reshape(20, 20)))
+            print("\n".join("  " + "".join("#" if cell else " " for cell in row) for row in pattern.reshape(20, 20)))
     return DONE

@@ -104,6 +104,7 @@ def file_with(leaf: Leaf, value: str) -> tuple[str, int]:
     data["cameras"] = json.loads(msgspec.json.encode(CameraSettings("a", "b")))
     data["arm"]["dialect"] = {}
     data["console"]["tty"] = {"device": "d"}
+    data["vision"]["depth_readings_mm"] = [[600.0, 1.0]]
     data["pick"]["limits"]["keep_out"] = [{"name": "a post", "low_mm": [0, 0, 0], "high_mm": [1, 1, 1]}]
     for name in GONE:
         *above, key = name.split(".")
