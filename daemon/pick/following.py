@@ -22,7 +22,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import Fit, edge_support, fit_each, fit_edges, refit, shown
+from daemon.vision.refine import Fit, edge_support, edges_gone, fit_each, fit_edges, refit, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -37,6 +37,9 @@ HELD = 0.9
 """Of the length of its edges, what proves a part to be in the hand that closed around it. 237 held parts of printed
 ones over patterned tables showed 1.0 mostly, 0.95 nearly always and nothing where they were out of view; with the hand
 open, three of 711 looks showed as much."""
+GONE = 0.5
+"""Of the length of its edges, what must have gone as the gripper opened to prove that a part was in it. Two faces in
+the same light melt into one, so that not all of them need have shown."""
 FACETS_REACH_MM, REACH_MM = 2.0, 6.0
 """How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
@@ -161,6 +164,14 @@ def in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     does not."""
     near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
     return edge_support(target.shape, _eyes_on_the_hand(taken, mount), near, REACH_MM) >= HELD
+
+
+def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount) -> bool:
+    """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
+    was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
+    near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
+    eyes = _eyes_on_the_hand(before, mount), _eyes_on_the_hand(after, mount)
+    return edges_gone(target.shape, *eyes, near, REACH_MM) >= GONE
 
 
 def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:

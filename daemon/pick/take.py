@@ -11,7 +11,7 @@ from daemon.arm import BeliefSource, NotSettledError, capsule_around
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import viewpoints
-from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, mount_of, still_there
+from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
 from daemon.pick.grasp import GripperGeometry
 from daemon.pick.looking import Look, Taken, taken_here
 from daemon.pick.outcome import InGripper, released
@@ -130,17 +130,19 @@ async def over_bin(
     context: PickContext, world: WorldModel
 ) -> Literal[PickEvent.BINNED, PickEvent.DROPPED, PickEvent.STILL_HELD, PickEvent.DRY]:
     """Let go above the bin; of a part that this pick grasped, look into the gripper before and after. What a pick
-    brings counts as picked only where both agree that the part left the gripper there."""
+    brings counts as picked only where the two together show that the part left the gripper there."""
     target = world.target
     await _to_the_bin(context, world, "bin")
-    above = await _in_gripper(context, target)
+    before = await _gripper_pair(context, target)
     await _open_gripper(context)
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
         return PickEvent.DRY
     if target is None:
         return PickEvent.BINNED
-    opened = await _in_gripper(context, target)
+    after = await _gripper_pair(context, target)
+    mount, gripper = mount_of(context.cell), context.settings.gripper
+    above, opened = await context.cell.compute(_shown_in_gripper, target, before, after, mount, gripper)
     world.outcome, world.why = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
     code = CauseCode.RELEASE_UNCONFIRMED if world.outcome is Outcome.RELEASED else DecisionCode.PICKED
@@ -152,24 +154,31 @@ async def over_bin(
     return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.BINNED
 
 
-async def _in_gripper(context: PickContext, target: Target | None) -> InGripper:
-    """What the gripper shows of the target from where the arm is at rest. Where the pictures do not come to rest (a
-    conveyor below), nothing can be told."""
+async def _gripper_pair(context: PickContext, target: Target | None) -> Taken | None:
+    """A pair of the gripper that may hold the target, from where the arm is at rest; None where the pictures do not
+    come to rest (a conveyor below)."""
     cell, reading = context.cell, context.mover.belief.at
     if target is None or context.mover.dry:
-        return InGripper.UNCLEAR
+        return None
     assert reading is not None
     try:
-        taken = await taken_here(cell, reading, cell.clock(), context.settings.settling)
+        return await taken_here(cell, reading, cell.clock(), context.settings.settling)
     except NotSettledError:
-        return InGripper.UNCLEAR
-    return await cell.compute(_shown_in_gripper, target, taken, mount_of(cell), context.settings.gripper)
+        return None
 
 
-def _shown_in_gripper(target: Target, taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> InGripper:
-    if in_hand(target, taken, mount):
-        return InGripper.PART
-    return InGripper.EMPTY if came_back_empty(taken, mount, gripper) else InGripper.UNCLEAR
+def _shown_in_gripper(
+    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, gripper: GripperGeometry
+) -> tuple[InGripper, InGripper]:
+    """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
+    above = opened = InGripper.UNCLEAR
+    if after is not None and in_hand(target, after, mount):
+        opened = InGripper.PART
+    if before is not None and after is not None and left_hand(target, before, after, mount):
+        above = InGripper.PART
+    elif before is not None and came_back_empty(before, mount, gripper):
+        above = InGripper.EMPTY
+    return above, opened
 
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
@@ -183,6 +192,8 @@ async def _to_the_bin(context: PickContext, world: WorldModel, purpose: str) -> 
 
 
 async def _open_gripper(context: PickContext) -> None:
+    """Where the arm came to rest above the bin, and nowhere that somebody else moved it meanwhile."""
+    await context.mover.still_there("the gripper is to open above the bin")
     await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
 
 

@@ -19,7 +19,7 @@ from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
-from daemon.pick.following import CameraMount, Target, in_hand
+from daemon.pick.following import CameraMount, Target, in_hand, left_hand
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.looking import Taken
 from daemon.pick.settings import Settings
@@ -67,6 +67,8 @@ class FakePair:
     right: FakePicture
     of: Any = None
     """The world it was taken in."""
+    held: str | None = None
+    """What was in its gripper then."""
 
 
 @dataclass(eq=False)
@@ -236,7 +238,7 @@ class FakeEyes:
                 image[:, 200 + 10 * (self.shaking % 30) :] += 100
         if self.world.light != (1.0, 1.0):
             images = [(i * f).clip(0, 255).astype(np.uint8) for i, f in zip(images, self.world.light, strict=True)]
-        return FakePair(*(FakePicture(i, self.world.now_s) for i in images), self.world)
+        return FakePair(*(FakePicture(i, self.world.now_s) for i in images), self.world, self.world.held)
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
         self.world.before("expose")
@@ -306,10 +308,19 @@ class TruthRecogniser:
 def truly_in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     """What a look at the gripper shows: of a fake cell the truth, whose pictures show nothing."""
     world: Any = getattr(taken.pictures, "of", None)
-    return in_hand(target, taken, mount) if world is None else world.held == target.label
+    return in_hand(target, taken, mount) if world is None else taken.pictures.held == target.label  # type: ignore[attr-defined]
 
 
-take.in_hand = truly_in_hand  # wherever a fake cell is at work; any other is looked at as it is
+def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount) -> bool:
+    """The same of two looks, the gripper opened between them."""
+    pairs: list[Any] = [before.pictures, after.pictures]
+    if getattr(pairs[0], "of", None) is None:
+        return left_hand(target, before, after, mount)
+    return [pair.held for pair in pairs] == [target.label, None]
+
+
+# Wherever a fake cell is at work; any other is looked at as it is.
+take.in_hand, take.left_hand = truly_in_hand, truly_left_hand
 
 
 def build(world: World) -> Workcell:

@@ -3,6 +3,7 @@
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
+    edges_gone,
     facets_in_view,
     facets_laid,
     fit_each,
@@ -30,6 +31,7 @@ __all__ = [
     "best_fitted",
     "edge_samples_of",
     "edge_support",
+    "edges_gone",
     "facets_in_view",
     "facets_laid",
     "fit_each",

@@ -185,6 +185,21 @@ def edge_support(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: f
     return 0.0 if found is None or fit_of(found) is None else clear_share(found, eyes)
 
 
+def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, near: Array, reach_mm: float) -> float:
+    """How surely a part lay within some reach_mm of `near` (4, 4) cyclopean_from_part before, and does no longer: the
+    share of its edges that were clear before and are not after; 0 where too few of them showed on their place before.
+    """
+    found = locate(shape, before, near, reach_mm)
+    if found is None or fit_of(found) is None:
+        return 0.0
+    now = measured([seen.edges for seen in found.observed], after)
+    then, still = (
+        [_clear(seen, view) for seen, view in zip(observed, eyes.views, strict=True)]
+        for observed, eyes in ((found.observed, before), (now, after))
+    )
+    return _share(found.observed, [was & ~stays for was, stays in zip(then, still, strict=True)])
+
+
 def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> int:
     """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on, nor mostly outside
     the picture."""

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arm import Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand
+from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand, left_hand
 from daemon.pick.looking import Taken
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact
@@ -35,18 +35,33 @@ def taken(pair: Any, rig: StereoRig) -> Taken:
 IN_THE_HAND = rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0])
 
 
-def look_back(seed: int, holds_cube: bool) -> tuple[Any, CameraMount]:
-    """A pair from over a patterned table, the hand upright, and how the cameras sit on it; the seed prints the cube."""
+def over_a_table(
+    holds_cube: bool, gap_mm: float, turned_deg: float = 0.0, height_mm: float = 0.0, **looks: Any
+) -> tuple[Any, CameraMount]:
+    """A pair from over a table, the hand upright and turned, and how the cameras sit on it."""
     believed = load_calibration(CONFIG.calibration)
-    with SimulatedCell(ETC / "simcell.yaml", seed=seed, table="patterned", parts="printed") as cell:
-        cell.world_from_tool = lambda real_s=None: rigid(turn([1, 0, 0], np.pi), [470.0, 0.0, 0.0])  # type: ignore[method-assign]
+    upright = rigid(turn([0, 0, 1], np.radians(turned_deg)) @ turn([1, 0, 0], np.pi), [470.0, 0.0, height_mm])
+    with SimulatedCell(ETC / "simcell.yaml", **looks) as cell:
+        cell.world_from_tool = lambda real_s=None: upright  # type: ignore[method-assign]
         if holds_cube:
             cell.world.scatter(["pyramid"], np.random.default_rng(0))
             cell.world.put("cube", IN_THE_HAND, PartPlace.HAND)
-        cell.world.gap_mm = 50.0 if holds_cube else 0.0
+        cell.world.gap_mm = gap_mm
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
     return taken(pair, believed.rig), CameraMount(believed.rig, believed.tool_from_cyclopean)
+
+
+def look_back(seed: int, holds_cube: bool) -> tuple[Any, CameraMount]:
+    """A pair from over a patterned table; the seed prints the cube. A hand without it has met fingers."""
+    return over_a_table(holds_cube, 50.0 if holds_cube else 0.0, seed=seed, table="patterned", parts="printed")
+
+
+def grasped() -> Any:
+    """The cube as it was thought to be held: a little askew."""
+    askew = frames.perturb(IN_THE_HAND, np.array([2.0, -1.0, 1.5, *np.radians([1.5, -1.0, 2.0])]))
+    cube = part_shape("cube").hull
+    return SimpleNamespace(shape=exact(cube.vertices, cube.faces), tool_from_part=askew)
 
 
 def seems_empty(seed: int, holds_cube: bool) -> bool:
@@ -56,10 +71,24 @@ def seems_empty(seed: int, holds_cube: bool) -> bool:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("held", [True, False])
 def test_a_part_is_seen_in_the_hand_that_holds_it_and_in_no_other(seed: int, held: bool) -> None:
-    askew = frames.perturb(IN_THE_HAND, np.array([2.0, -1.0, 1.5, *np.radians([1.5, -1.0, 2.0])]))
-    cube = part_shape("cube").hull
-    target: Any = SimpleNamespace(shape=exact(cube.vertices, cube.faces), tool_from_part=askew)
-    assert in_hand(target, *look_back(seed, held)) is held
+    assert in_hand(grasped(), *look_back(seed, held)) is held
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("held", [True, False])
+def test_a_part_left_the_hand_where_its_edges_are_gone_once_it_opened(seed: int, held: bool) -> None:
+    before, mount = look_back(seed, held)
+    after, _ = over_a_table(False, 50.0, seed=seed, table="patterned", parts="printed")
+    assert left_hand(grasped(), before, after, mount) is held
+    assert not left_hand(grasped(), before, before, mount), "nothing is gone"
+
+
+def test_a_part_of_which_two_faces_melt_in_the_light_above_the_bin_is_seen_to_leave_the_hand() -> None:
+    """Seven tenths of its edges showed there, and a part that was in the bin counted as released only."""
+    before, mount = over_a_table(True, 50.0, 210.0, 200.0, seed=1)
+    after, _ = over_a_table(False, 50.0, 210.0, 200.0, seed=1)
+    assert not in_hand(grasped(), before, mount)
+    assert left_hand(grasped(), before, after, mount)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

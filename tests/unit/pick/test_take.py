@@ -5,8 +5,10 @@ import asyncio
 import numpy as np
 import pytest
 
+from daemon import frames
 from daemon.arm import capsule_around
 from daemon.arm.belief import BeliefSource
+from daemon.arm.motion import MovedByOthersError
 from daemon.pick import take
 from daemon.pick.transitions import PickEvent, PickState
 from drivers.simcell import parts
@@ -202,10 +204,29 @@ def test_fingers_that_show_met_above_the_bin_say_that_the_part_fell_on_the_way(m
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
     fake.held = None
-    monkeypatch.setattr(take, "came_back_empty", lambda *_: fake.closed)
+    monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
     assert step(context, world, PickState.BIN) is PickEvent.DROPPED
     assert world.outcome == "released"
     assert "fell on the way" in world.why
+
+
+def test_an_arm_that_somebody_moved_from_above_the_bin_opens_no_gripper():
+    """It opened wherever the pendant had brought it, and its part counted as picked."""
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.BIN, context, world)
+    grab = context.cell.eyes.grab
+
+    async def moved_as_it_looks(*how):
+        if np.allclose(fake.at, context.settings.bin.pose(), atol=0.1):
+            fake.at = frames.perturb(fake.at, np.array([0.0, 30.0, 0.0, 0.0, 0.0, 0.0]))
+        return await grab(*how)
+
+    context.cell.eyes.grab = moved_as_it_looks
+    with pytest.raises(MovedByOthersError, match="the gripper is to open above the bin"):
+        step(context, world, PickState.BIN)
+    assert fake.closed
+    assert not fake.binned
 
 
 def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there():
