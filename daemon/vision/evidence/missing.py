@@ -18,6 +18,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
+from daemon.vision.evidence.occlusion import hidden_places
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.evidence.rivals import untaught_rival
 from daemon.vision.geometry import Polyhedron, hidden
@@ -56,14 +57,14 @@ MISSING_PX, OFF_PX = 2.0, 5.0
 """Lengths from where on evidence grows as their logarithm: what is beside a missing place is missing too."""
 RIVAL_NATS = 10.0
 """What a look-alike's lead is counted in."""
-TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -6.78, 0.56, 1.52, 2.12, 2.74
+TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -6.8, 0.59, 1.6, 2.1, 2.73
 """Log odds that what fits is a near twin, where nothing speaks against the part, and how they grow with the per cent
 missing, with the length both cameras miss, with the length off its faces, and with each RIVAL_NATS for a look-alike: a
 logistic regression on 282 parts named rightly in rendered looks and 73 near twins of look-alike families, taken for as
 seldom as three in 200 of what is seen. tests/bench/missing.py makes it again; tests/bench/look_alikes.py shows what it
 does."""
 _WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
-MOST_LIKELY_TWIN = 0.035
+MOST_LIKELY_TWIN = 0.04
 """Likelier, and the part has no name."""
 
 
@@ -114,10 +115,17 @@ def _checked(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
 
 
 def speaks_against(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Against:
-    """What speaks against a part's being at cyclopean_from_part (4, 4)."""
+    """What speaks against a part's being at cyclopean_from_part (4, 4). Where that would take its name it is asked what
+    lies before the part: that hides edges, and has some of its own."""
     both = edge_places(solid, pose, eyes)
-    found = missing_share(both), missing_in_both_px(both), off_faces_px(solid, pose, eyes)
-    return Against(*found, untaught_rival(solid, pose, eyes))
+    off_px, rival = off_faces_px(solid, pose, eyes), untaught_rival(solid, pose, eyes)
+    found = Against(missing_share(both), missing_in_both_px(both), off_px, rival)
+    if found.twin < MOST_LIKELY_TWIN:
+        return found
+    hidden = [hidden_places(solid, pose, eyes, k, seen.visible, seen.there) for k, seen in enumerate(both)]
+    both = [replace(seen, visible=seen.visible & ~hides) for seen, hides in zip(both, hidden, strict=True)]
+    off_px = 0.0 if any(hides.any() for hides in hidden) else off_px
+    return Against(missing_share(both), missing_in_both_px(both), off_px, rival)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +147,9 @@ class EdgePlaces:
     spread: Array
 
 
-def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> tuple[EdgePlaces, EdgePlaces]:
+def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[EdgePlaces]:
     """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
-    left, right = (_samples(solid, pose, *one) for one in zip(eyes.views, eyes.geometry.eyes_mm, strict=True))
-    return left, right
+    return [_samples(solid, pose, *one) for one in zip(eyes.views, eyes.geometry.eyes_mm, strict=True)]
 
 
 def missing_share(both: Sequence[EdgePlaces]) -> float:

@@ -74,7 +74,7 @@ def model() -> Model:
     )
 
 
-def samples(body: Body, where: Array, eyes: StereoImages) -> tuple[EdgePlaces, EdgePlaces]:
+def samples(body: Body, where: Array, eyes: StereoImages) -> list[EdgePlaces]:
     return edge_places(exact(body.corners_mm, body.facets), where, eyes)
 
 

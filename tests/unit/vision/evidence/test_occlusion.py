@@ -1,0 +1,74 @@
+"""What lies before a part hides its edges; what lies behind it, or is as far away, does not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon.arrays import Array
+from daemon.vision.evidence.missing import MOST_LIKELY_TWIN, edge_places, speaks_against
+from daemon.vision.evidence.occlusion import hidden_places
+from daemon.vision.geometry import exact
+from daemon.vision.image import StereoImages, open_stereo
+from tests.fakes import painted
+from tests.fakes.printed import straight_rig
+from tests.fakes.solids import Body, pose, prism
+
+BLOCK = prism(np.array([[0.0, 0], [60, 0], [60, 45], [0, 45]]), 40.0)
+WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
+FLAT = prism(np.array([[0.0, 0], [40, 0], [40, 40], [0, 40]]), 4.0)
+PLATE = Body(FLAT.corners_mm, FLAT.facets[1:] + FLAT.facets[:1])  # of another grey than the block is
+
+
+def plate(nearer_mm: float) -> Array:
+    """Over a corner of the block, so much nearer than its middle, turned a little."""
+    middle = BLOCK.corners_mm.mean(0) @ WHERE[:3, :3].T + WHERE[:3, 3]
+    there = pose(np.array([0.05, 0.1, 1.0]), 0.4, 330.0)
+    towards = middle / np.linalg.norm(middle)
+    aside = np.array([-30.0, 36.0, 0.0]) - there[:3, :3] @ PLATE.corners_mm.mean(0)
+    there[:3, 3] = middle + aside - nearer_mm * towards
+    return there
+
+
+@cache
+def eyes_on(nearer_mm: float) -> StereoImages:
+    bodies: list[tuple[Body, Array]] = [(BLOCK, WHERE), (PLATE, plate(nearer_mm))]
+    bodies = bodies if nearer_mm > 0 else bodies[::-1]
+    return open_stereo(*painted.paint_pair(bodies, np.random.default_rng(3), straight_rig()), straight_rig())
+
+
+def hidden(eyes: StereoImages) -> tuple[float, float]:
+    """The shares of the block's places where no edge shows, of all, and of those that something nearer hides."""
+    solid = exact(BLOCK.corners_mm, BLOCK.facets)
+    missing = covered = every = 0
+    for one, seen in enumerate(edge_places(solid, WHERE, eyes)):
+        hides = hidden_places(solid, WHERE, eyes, one, seen.visible, seen.there)
+        assert not (hides & (seen.there | ~seen.visible)).any()
+        missing, covered, every = (
+            missing + (seen.visible & ~seen.there).sum(),
+            covered + hides.sum(),
+            every + seen.visible.sum(),
+        )
+    return missing / every, covered / max(missing, 1)
+
+
+def test_edges_behind_something_nearer_are_hidden_and_do_not_speak_against_a_part() -> None:
+    missing, covered = hidden(eyes_on(70.0))
+    assert missing > 0.05
+    assert covered > 0.7
+    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, eyes_on(70.0)).twin < MOST_LIKELY_TWIN
+
+
+def test_what_lies_behind_a_part_hides_nothing_of_it() -> None:
+    assert hidden(eyes_on(-70.0)) == pytest.approx((0.0, 0.0), abs=0.02)
+
+
+def test_a_corner_that_is_not_there_is_hidden_by_nothing() -> None:
+    cut = prism(np.array([[0.0, 0], [60, 0], [60, 45], [18, 45], [0, 27]]), 40.0)
+    eyes = open_stereo(*painted.paint_pair([(cut, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
+    missing, covered = hidden(eyes)
+    assert missing > 0.05
+    assert covered < 0.1
+    assert speaks_against(exact(BLOCK.corners_mm, BLOCK.facets), WHERE, eyes).twin > MOST_LIKELY_TWIN
