@@ -26,6 +26,7 @@ from daemon.store.model import load, save
 from daemon.vision.model.model import relearnt
 from tests.fakes.cells_recorded import record_pick
 from tests.fakes.made_run import quiet
+from tests.fakes.waiting import until
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 for needed in ("pyarrow", "fsspec", "duckdb", "distributed"):
@@ -128,13 +129,6 @@ def done(out: Path) -> int:
     return len(list((out / "done").glob("*.json"))) if (out / "done").is_dir() else 0
 
 
-def wait_until(holds: Any, what: str, seconds: float = 300) -> None:
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.05)
-
-
 def test_results_are_the_same_from_one_process_and_from_two_workers_one_of_them_killed(
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,12 +171,12 @@ def test_a_client_that_is_lost_leaves_the_rest_going_on_and_another_takes_it_up(
             [sys.executable, "-c", CLIENT, store.url, str(out), address],
             env=os.environ | {"PYTHONPATH": str(folders.HOUSE)},
         )
-        wait_until(lambda: done(out) > 0, "nothing was begun")
+        until(lambda: done(out) > 0, "nothing was begun")
         client.kill()
         client.wait()
         at_loss = done(out)
         assert at_loss < len(todo)
-        wait_until(lambda: done(out) == len(todo), "the rest did not go on")
+        until(lambda: done(out) == len(todo), "the rest did not go on")
     before = {f: f.stat().st_mtime_ns for f in (out / "done").iterdir()}
     results, failed = replay_many(todo, 1, None)
     assert (len(results), failed) == (len(todo), [])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,20 +18,13 @@ import yaml
 
 from tests.fakes.adapter import BY_ID
 from tests.fakes.running import Running
+from tests.fakes.waiting import until
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
-PATIENCE_S = 240.0
 
 
 def status(daemon: Running) -> dict[str, object]:
     return daemon.do("status")["data"]  # type: ignore[no-any-return]
-
-
-def until(so: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not so():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 def befalls(daemon: Running, what: str) -> None:

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import pytest
 
 from daemon.store import folders
+from tests.fakes.waiting import until
 
 SCENES = folders.HOUSE / "tests/data/scenes"
 PICTURE = """
@@ -54,13 +54,6 @@ def stream(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     yield program, found[1]
     program.kill()
     program.communicate()
-
-
-def until(what: Any, timeout_s: float = 30.0) -> Any:
-    ends_s = time.monotonic() + timeout_s
-    while not (found := what()) and time.monotonic() < ends_s:
-        time.sleep(0.1)
-    return found
 
 
 def test_the_stream_moves_has_the_facets_drawn_in_and_ends_with_control_c(

@@ -24,6 +24,7 @@ from daemon.compute.calls import ByReference, ComputeError
 from daemon.compute.wire import LARGE_BYTES, SHARED_BYTES, SharedMemory, pickled, unpickled
 from daemon.compute.worker import Worker
 from daemon.errors import FacetdError
+from tests.fakes.waiting import until_so
 from tests.unit.compute import calculations
 from tests.unit.compute.calculations import Big
 
@@ -60,12 +61,6 @@ def alive(pid: int) -> bool:
         return False
 
 
-async def until(so: Callable[[], bool]) -> None:
-    async with asyncio.timeout(60.0):
-        while not so():
-            await asyncio.sleep(0.01)
-
-
 def test_what_is_computed_comes_back_and_so_does_what_it_raises() -> None:
     async def story(worker: Worker) -> None:
         assert await worker(calculations.double, 21) == 42
@@ -98,7 +93,7 @@ def test_a_worker_that_is_killed_exhausted_or_never_done_is_one_failed_calculati
             await worker(fault)
         assert worker.pid != before, "the next one has been started already"
         assert await worker(calculations.same, big) is big, "and what the last one had by number it gets again"
-        await until(lambda: not alive(before))
+        await until_so(lambda: not alive(before))
 
     in_a_worker(story, within_s=3.0)
 
@@ -121,7 +116,7 @@ def test_a_calculation_nobody_waits_for_any_more_ends_with_its_process() -> None
         asking.cancel()
         with pytest.raises(asyncio.CancelledError):
             await asking
-        await until(lambda: not alive(before))
+        await until_so(lambda: not alive(before))
         assert await worker(calculations.double, 2) == 4
 
     in_a_worker(story)
@@ -219,7 +214,7 @@ asyncio.run(main())
         pid = int(daemon.stdout.readline())
         assert alive(pid)
         daemon.kill()
-    asyncio.run(until(lambda: not alive(pid)))
+    asyncio.run(until_so(lambda: not alive(pid)))
 
 
 def test_a_process_that_nobody_needs_for_long_is_ended_and_started_again_when_asked() -> None:
@@ -228,7 +223,7 @@ def test_a_process_that_nobody_needs_for_long_is_ended_and_started_again_when_as
         assert await worker(calculations.double, 1) == 2
         pid = worker.pid
         assert pid is not None
-        await until(lambda: worker.pid is None and not alive(pid))
+        await until_so(lambda: worker.pid is None and not alive(pid))
         with pytest.raises(ComputeError):
             await worker(calculations.kill_itself)
         assert worker.pid is None, "one that is kept for a while only is not started before it is needed"
@@ -243,7 +238,7 @@ def test_after_its_end_nothing_is_started_any_more() -> None:
         pid = worker.pid
         assert pid is not None
         worker.close()
-        await until(lambda: not alive(pid))
+        await until_so(lambda: not alive(pid))
         with pytest.raises(ComputeError, match="ending"):
             await worker(calculations.double, 1)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -16,6 +16,7 @@ from daemon.commands.moving import tell_end
 from daemon.commands.step_mode import tell_what_waits, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
+from tests.fakes.waiting import until_so
 
 HOME = Waiting("home: joints", Mock(), 0.0)
 
@@ -261,19 +262,15 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
     context.notices.listen(console)
     line = "Waiting for confirmation: home: joints. `confirm` (y) sends it, `refuse` (n) cancels it."
 
-    async def until(so: Callable[[], bool]) -> None:
-        while not so():
-            await asyncio.sleep(0.001)
-
     async def run() -> None:
         confirmed = asyncio.Event()
         watching = asyncio.create_task(tell_what_waits(context))
         moving_on = asyncio.create_task(with_questions(context, confirmed.wait(), script))  # type: ignore[arg-type]
-        await until(lambda: script.said[:2] == console.heard[:2] == [line, line])
+        await until_so(lambda: script.said[:2] == console.heard[:2] == [line, line])
         asked = asyncio.create_task(with_questions(context, confirmed.wait(), console))  # type: ignore[arg-type]
-        await until(lambda: bool(console.asked))
+        await until_so(lambda: bool(console.asked))
         heard, said = len(console.heard), len(script.said)
-        await until(lambda: len(script.said) > said + 2)
+        await until_so(lambda: len(script.said) > said + 2)
         assert len(console.heard) == heard, "who is asked is not told as well"
         state["waiting"] = None
         confirmed.set()

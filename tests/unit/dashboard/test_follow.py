@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,12 +19,7 @@ from daemon.frontends.socket_server import SocketServer
 from tests.fakes.fake_context import fake_context
 from tests.fakes.made_run import MadeRun
 from tests.fakes.told_daemon import ToldDaemon
-
-
-async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
-        while not holds():
-            await asyncio.sleep(0.01)
+from tests.fakes.waiting import until_so
 
 
 def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
@@ -39,20 +33,20 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
     async def story() -> None:
         now = DashboardState()
         following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
-        await until(lambda: now.daemon is None)
+        await until_so(lambda: now.daemon is None)
         daemon = ToldDaemon(tmp_path / "sock", first.folder)
         await daemon.open()
-        await until(lambda: now.daemon is not None and len(now.picks) == 1)
+        await until_so(lambda: now.daemon is not None and len(now.picks) == 1)
         daemon.tell("TROUBLE cameras: unplugged")
-        await until(lambda: "TROUBLE cameras: unplugged" in now.lines)
+        await until_so(lambda: "TROUBLE cameras: unplugged" in now.lines)
         await daemon.close()
-        await until(lambda: now.daemon is None)
+        await until_so(lambda: now.daemon is None)
         assert len(now.picks) == 1  # what was last seen stays
         again = ToldDaemon(tmp_path / "sock", second.folder)
         await again.open()
-        await until(lambda: now.run == second.folder.name)
+        await until_so(lambda: now.run == second.folder.name)
         second.pick("missed")
-        await until(lambda: now.picks[-1]["outcome"] == "missed")
+        await until_so(lambda: now.picks[-1]["outcome"] == "missed")
         following.cancel()
         said = [message.get("do", "notices") for message in (*daemon.heard, *again.heard)]
         assert set(said) == {"notices", "status"}
@@ -86,9 +80,9 @@ def test_whoever_may_only_look_may_watch(tmp_path: Path, monkeypatch: pytest.Mon
         server = SocketServer(tmp_path / "sock", rights, console, nothing_moves)
         await server.open()
         following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
-        await until(lambda: bool(now.daemon))
+        await until_so(lambda: bool(now.daemon))
         context.notices.tell("missed: cube", NoticeLevel.OUTCOMES)
-        await until(lambda: "missed: cube" in now.lines)
+        await until_so(lambda: "missed: cube" in now.lines)
         following.cancel()
         await server.close()
 

@@ -20,6 +20,7 @@ from daemon.dashboard.follow import RunFollower
 from daemon.dashboard.state import DashboardState
 from tests.fakes.made_run import MadeRun, part
 from tests.fakes.told_daemon import ToldDaemon
+from tests.fakes.waiting import until
 
 pytestmark = pytest.mark.slow
 uvicorn = pytest.importorskip("uvicorn", reason="the extra `dashboard` is not installed")
@@ -65,13 +66,6 @@ async def _end_others() -> None:
     for task in others:
         task.cancel()
     await asyncio.gather(*others, return_exceptions=True)
-
-
-def until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 15
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def test_a_person_watches_a_pick_and_the_daemons_restart(

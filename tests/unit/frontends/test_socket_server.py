@@ -40,6 +40,7 @@ from daemon.frontends.socket_server import (
 )
 from daemon.store.folders import HOUSE
 from tests.fakes.fake_context import fake_context
+from tests.fakes.waiting import until_so
 
 EVERYBODY = Rights(ConsoleSettings())
 
@@ -452,7 +453,7 @@ def test_a_port_that_is_not_there_is_told_and_tried_again(tmp_path: Path) -> Non
         context = fake_context(tmp_path)
         console = SerialFrontend(settings, Interpreter(context, []), interrupter(context), heard.append)
         task = asyncio.create_task(console.run())
-        await asyncio.sleep(0.05)
+        await until_so(lambda: heard, "a word of the missing port")
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
@@ -475,7 +476,7 @@ def test_a_terminal_pulled_out_just_as_it_is_opened_is_told_and_tried_again(
         settings = SerialTerminalSettings(device=os.ttyname(near))
         console = SerialFrontend(settings, Interpreter(context, []), interrupter(context), heard.append)
         task = asyncio.create_task(console.run())
-        await asyncio.sleep(0.05)
+        await until_so(lambda: heard, "a word of the terminal that is gone")
         assert not task.done()
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)

@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.facet_measures import measure
-from daemon.vision.model.facet_types import LARGEST_NUMBER, conditions, type_facet, type_number
+from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, conditions, type_facet, type_number
 from tests.fakes.solids import regular
 
 LIBRARY = load_facets()
@@ -146,3 +146,12 @@ def test_types_the_library_lacks_have_numbers_of_their_own_above_its() -> None:
     assert min(numbers[:12]) > 0.8
     assert min(numbers[12:]) > LARGEST_NUMBER
     assert max(numbers) < 1.0
+
+
+def test_without_squares_in_the_library_a_square_is_a_rectangle() -> None:
+    """The coarse level of section 4.4.1: a library without the entry."""
+    coarse = FacetLibrary(tuple(t for t in LIBRARY.types if t.name != "square"))
+    square = flat(regular(4, 50.0))
+    exactly = np.repeat(1e-6 * np.eye(3)[None], 4, axis=0)
+    assert type_facet(square, exactly, LIBRARY)[0].name == "square"
+    assert [t.name for t in type_facet(square, exactly, coarse)] == ["rectangle"]
