@@ -227,9 +227,9 @@ class Service:
         self._started = True
         if self._hardware.robot.stopped_on_opening:
             await context.cycle.supervisor.fail("at work", AT_WORK, FaultCause(CauseCode.RESTARTED))
-        if self._hardware.hand is not None:
+        if self._hardware.operator is not None:
             await know_drawings(context)
-            self._hardware.hand.scatter()
+            self._hardware.operator.scatter()
         await self._open_frontends(context)
         context.use_model("start", trainer.model_store.current)
         watch = Watchdog(context)

@@ -1,4 +1,4 @@
-"""Configuration -> cameras and arm: real, recorded or simulated. The only room that names drivers.
+"""Build cameras and arm from the configuration: real, recorded or simulated. The only package that imports drivers.
 
-build.py makes the Hardware, pick_cell.py what a pick works with; when to look or move is decided elsewhere.
+build.py makes the Hardware, pick_cell.py the Workcell and settings of a pick.
 """

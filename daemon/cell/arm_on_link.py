@@ -1,4 +1,4 @@
-"""The arm over VAL II as the daemon calls it: matrices in, readings out. The bytes are drivers/val2's."""
+"""The arm over VAL II: the daemon's Robot protocol on a drivers/val2 Link. Matrices in, readings out."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from drivers.val2.wire import Where
 WireListener = Callable[[dict[str, Any]], None]
 
 REST_S = 5.0
-"""How long an arm that was told nothing by us may go on moving before what was asked of it is refused."""
+"""How long `rest` waits for a motion that facetd did not command."""
 NEAR_SINGULAR_RAD = float(np.radians(3.0))
-"""A wrist this near to straight is kept out of: joints 4 and 6 would turn far for little. On a line it is asked at
-places no part of the hand goes farther than 6 mm between (sweep.py): there it may come nearer by tenths of a degree."""
+"""A pose with joint 5 this near to zero counts as unreachable: joints 4 and 6 would turn far for little. A straight
+line is checked at points at most 6 mm apart (sweep.py), between which joint 5 may come nearer by tenths of a degree."""
 
 
 @dataclass(frozen=True)
 class PumaKinematics:
-    """daemon/arm/workcell.py's Kinematics of a PUMA with these lengths."""
+    """Kinematics (daemon/arm/workcell.py) of a PUMA with these lengths."""
 
     arm: puma560.ArmGeometry
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Joints (6,) rad that reach the pose as the arm is configured now, clear of a singular wrist, or None."""
+        """Joints (6,) rad that reach the pose in the present configuration, clear of a singular wrist, or None."""
         configuration = puma560.configuration_of(joints_rad, self.arm)
         try:
             joints = puma560.inverse(world_from_tool, configuration, self.arm, joints_rad)
@@ -48,69 +48,69 @@ class PumaKinematics:
         return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
 
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """Where the tool is a share of the way of a joint-interpolated move."""
+        """Tool pose (4, 4) after that share of a joint-interpolated move."""
         return puma560.forward(joints_rad + share * (to_rad - joints_rad), self.arm)
 
     def frames(self, joints_rad: Array) -> Array:
-        """Where base, links and tool are, (N, 8, 4, 4)."""
+        """Poses of base, links and tool, (N, 8, 4, 4)."""
         return puma560.link_frames(joints_rad, self.arm)
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """Joints (N, 6) along a straight way from (6,), or near to others (N, 6); nan where it leaves reach or comes
-        near a singular wrist."""
+        """Joints (N, 6) along a straight line, starting from (6,) or near to (N, 6); nan where out of reach or near a
+        singular wrist."""
         joints = puma560.inverse_along(world_from_tool, joints_rad, self.arm)
         joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
         return joints
 
 
 class ArmOnLink:
-    """daemon/arm/workcell.py's Robot over VAL II, and what only an operator does: power-up, CAL, the monitor."""
+    """Robot (daemon/arm/workcell.py) over VAL II, and what only an operator does: power-up, CAL, the monitor."""
 
     def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
         self.link = link
         self.beliefs, self.permit = beliefs, MotionPermit()
         link.permit = self.permit
         self.heard_s: float | None = None
-        """When the controller last answered, on the cell's clock."""
+        """Time of the controller's last answer, on the cell's clock."""
         self.aside = False
-        """Somebody talks to the controller, or waits for the end of a motion; nobody else is to ask it anything."""
+        """Whether a task has the line for itself: it talks to the controller, or waits for the end of a motion."""
         self.arm = arm
         self._o_deg = 0.0
-        link.disturbed = self._others_type
+        link.disturbed = self._others_typed
 
     async def open(self) -> None:
         """Claim the port and find the controller's prompt. Raises LinkError."""
         self.beliefs.void(VoidingEvent.RECONNECTED)
         await self.link.open()
-        await self._introduce_tool()
+        await self._set_tool()
         self._heard()
 
     @property
     def asks_whether_to_move(self) -> bool:
-        """Whether a yes to what the controller asks may begin a motion: CAL's question, or that of a program; any but
-        those it asks when it was switched on."""
+        """Whether a yes to the controller's question may start a motion: any question (CAL's, a program's) but those
+        after power-up."""
         question = self.link.question
         return question is not None and not self.link.dialect.asks_after_power_up(question)
 
     async def close(self) -> None:
-        """Let go of the port; does not stop the arm."""
+        """Close the port; does not stop the arm."""
         await self.link.close()
 
     async def where(self) -> Reading:
-        """Ask the controller where the arm is; where its tool may not be ours (after a stop, a reopened line, words of
-        others), tell it of ours first."""
+        """Read WHERE. Sets TOOL first where it may have changed (after a stop, a reopened line, commands typed by
+        others)."""
         if self.beliefs.now.tool is None:
-            await self._introduce_tool()
+            await self._set_tool()
         return self._reading(await self.link.where())
 
     async def rest(self) -> Reading:
-        """Where the arm is at rest, its tool ours. Raises LinkError, NoAnswer where it still moves after a while."""
+        """WHERE of the arm at rest, with our TOOL. Raises LinkError; NoAnswer where it still moves after REST_S."""
         if self.beliefs.now.tool is None:
-            await self._introduce_tool()
+            await self._set_tool()
         return self._reading(await self.link.still(REST_S))
 
     async def check(self) -> None:
-        """Does the controller answer? Raises LinkError where it does not; being stopped meanwhile is an answer."""
+        """Check that the controller answers; a stop meanwhile counts as an answer. Raises LinkError."""
         with contextlib.suppress(Preempted):
             await self.where()
 
@@ -123,7 +123,7 @@ class ArmOnLink:
         speed_pct: float,
         timeout_s: float,
     ) -> Reading:
-        """One move; returns when the arm is at rest, there or elsewhere. Raises LinkError, and what starts raises."""
+        """One move; returns the reading at rest, at the target or not. Raises LinkError, and what starts raises."""
         location = location_from_matrix(world_from_tool, self._o_deg)
         start = Start(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
@@ -142,7 +142,7 @@ class ArmOnLink:
         self._heard()
 
     async def at_rest(self) -> bool:
-        """Whether two WHERE, now, agree; a controller at its power-up questions moves nothing. Raises LinkError."""
+        """Whether two readings of WHERE agree, or the controller is at its power-up questions. Raises LinkError."""
         if self.link.program_may_run:
             return False
         if self.link.question is not None and not self.asks_whether_to_move:
@@ -160,14 +160,15 @@ class ArmOnLink:
         return self.link.connected
 
     async def abort(self) -> None:
-        """Stop the arm now, and see it at rest. Raises StopRefusedError at once, LinkError after some tries."""
+        """Stop the arm now and confirm that it is at rest. Raises StopRefusedError at once, LinkError after some
+        tries."""
         self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
             await self.link.abort()
         self._heard()
 
     async def prove_stop(self) -> None:
-        """See that the controller accepts the stop word. Raises StopRefusedError, LinkError."""
+        """Check that the controller accepts the stop command. Raises StopRefusedError, LinkError."""
         self.beliefs.void(VoidingEvent.STOPPED)
         with _refusals():
             await self.link.prove_stop()
@@ -180,29 +181,28 @@ class ArmOnLink:
 
     @property
     def stopped_on_opening(self) -> bool:
-        """Whether the arm was found at work when the port was opened last, and was stopped."""
+        """Whether the arm was moving when the port was last opened, and was stopped."""
         return self.link.stopped_on_opening
 
     @property
     def question(self) -> str | None:
-        """What the controller asks since it was switched on, or None."""
+        """The controller's open question, or None."""
         return self.link.question
 
     async def power_up(self, replies: Sequence[str]) -> list[str]:
-        """Answer what the controller asks after it was switched on, or asks else; gives what it said, once the arm is
-        at rest."""
+        """Answer the controller's questions, after power-up or others. Returns its output, once the arm is at rest."""
         moves = self.asks_whether_to_move
-        with self._words_of_others():
+        with self._person_types():
             answer = await self.link.power_up(tuple(replies))
             if moves:
                 await self._rest()
                 await self._end_program()
-        await self._introduce_tool()
+        await self._set_tool()
         return list(answer.lines)
 
     async def calibrate(self, reply: str) -> list[str]:
-        """CAL: the arm finds its zero (it moves a little); over when it is at rest."""
-        with self._words_of_others():
+        """CAL: the arm finds its zeros by a small motion. Returns its output, once the arm is at rest."""
+        with self._person_types():
             answer = await self.link.calibrate(reply)
             await self._rest()
         return list(answer.lines)
@@ -214,9 +214,9 @@ class ArmOnLink:
             raise CellError(f"the controller takes lines of up to {most} plain characters (ASCII), not {text[:40]!r}")
 
     async def monitor(self, text: str) -> list[str]:
-        """Any command, as typed at the controller's own terminal; gives what it said, once the arm is at rest. A
-        program that it began, and that only pauses then, is ended."""
-        with self._words_of_others():
+        """Send any command, as typed at the controller's own terminal. Returns its output, once the arm is at rest.
+        Ends a program that the command started and that is paused."""
+        with self._person_types():
             answer = await self.link.command(text)
             if moves_the_arm(text):
                 await self._rest()
@@ -225,22 +225,23 @@ class ArmOnLink:
 
     @contextlib.asynccontextmanager
     async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
-        """The controller's own terminal for a person: what it says goes to show, what they type to the function given.
+        """Context: the controller's own terminal for a person. Its output goes to `show`; yields the function that
+        types.
 
-        Over when the arm is at rest, and no program runs any more, or where the controller asks something; its TOOL is
-        ours again, whatever was typed. abort() still works, and ends it.
+        Leaves when the arm is at rest and no program runs, or the controller asks something; then sets TOOL again.
+        abort() still works, and ends it.
         """
-        with self._words_of_others():
+        with self._person_types():
             async with self.link.terminal(show) as send:
                 yield send
             if self.link.question is None:
                 await self._rest()
                 await self._end_program()
-        await self._introduce_tool()
+        await self._set_tool()
 
     @contextlib.contextmanager
     def _line_taken(self) -> Iterator[None]:
-        """Stand aside: whoever has the line knows how long to wait for what."""
+        """Context: the caller has the line for itself and knows how long to wait."""
         self.aside = True
         try:
             yield
@@ -248,30 +249,31 @@ class ArmOnLink:
             self.aside = False
 
     @contextlib.contextmanager
-    def _words_of_others(self) -> Iterator[None]:
-        """Stand aside; afterwards TOOL may be theirs."""
+    def _person_types(self) -> Iterator[None]:
+        """Context: a person types on the line; afterwards TOOL may have changed."""
         with self._line_taken(), _refusals():
             try:
                 yield
             finally:
                 self.beliefs.void(VoidingEvent.OPERATOR_TYPED)
 
-    def _others_type(self) -> None:
+    def _others_typed(self) -> None:
         self.beliefs.void(VoidingEvent.OTHERS_TYPED)
 
     async def _rest(self) -> None:
-        """Wait until two readings agree, wherever that is and whatever TOOL is. Raises NoAnswer."""
+        """Wait until two readings agree, whatever they are. Raises NoAnswer."""
         await self.link.still(self.link.dialect.motion_s, any_place=True)
         self._heard()
 
     async def _end_program(self) -> None:
-        """One that a person may have begun: waiting, it would go on, with an arm that is thought to be at rest."""
+        """End a program that a person may have started: a paused one could resume with an arm believed to be at
+        rest."""
         if self.link.program_may_run:
             with _refusals():
                 await self.link.prove_stop()
 
-    async def _introduce_tool(self) -> None:
-        """Tell the controller of our tool: switched on, it knows none, and would bring the bare wrist to each place."""
+    async def _set_tool(self) -> None:
+        """Set TOOL on the controller: after power-up it has none, and would move the flange to each target."""
         if self.link.question is None:
             await self.link.tool(location_from_matrix(self.arm.tool_for_controller))
             self.beliefs.learn(BeliefSource.COMMANDED, tool=self.arm.tool_for_controller)
@@ -293,14 +295,14 @@ def arm_on_link(
     clock: Callable[[], float],
     beliefs: Beliefs,
 ) -> ArmOnLink:
-    """The arm at a serial port, not yet opened. on_wire: called with every record of the wire ledger."""
+    """The arm at a serial port, not yet opened. on_wire: receives every record of the wire ledger."""
     link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
     return ArmOnLink(link, arm, beliefs)
 
 
 @contextlib.contextmanager
 def _refusals() -> Iterator[None]:
-    """The driver's refusal of a stop, and of what is held back, as the house's."""
+    """Context: translate the driver's refusals of a stop and of a motion into errors of daemon.arm."""
     try:
         yield
     except HeldBack as held_back:
@@ -310,7 +312,8 @@ def _refusals() -> Iterator[None]:
 
 
 def belongs_together(arm: puma560.ArmGeometry, where: Where) -> bool:
-    """Whether a WHERE's joints put our tool at its place, to more than its digits and less than any spoiled one."""
+    """Whether the pose and the joints of a WHERE agree: within limits wider than rounding, narrower than any garbled
+    digit."""
     place = location_from_matrix(puma560.forward(np.radians(where.joints_deg), arm))
     off_mm, off_deg = apart(place, where.location)
     return off_mm < 0.5 and off_deg < 0.2

@@ -1,4 +1,4 @@
-"""Configuration -> a cell's hardware: opened and closed as one, its errors one line that says what to do."""
+"""Build the hardware of a cell from its configuration; open and close it as one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 from daemon.arm import Beliefs
 from daemon.cell.arm_on_link import ArmOnLink, WireListener, arm_on_link
-from daemon.cell.cameras import HeldPairs, StereoCamera, ThreadedEyes
+from daemon.cell.cameras import RepeatedPairs, StereoCamera, ThreadedCameras
 from daemon.cell.no_arm import CellError, NoArm
 from daemon.cell.sections import alone, arm_geometry, camera_settings, dialect, truth
-from daemon.cell.simulated_hand import SimulatedHand
+from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.config import Config
 from drivers.camera.pair import CameraError
 from drivers.camera.recorded import RecordedCamera
@@ -22,42 +22,42 @@ from drivers.camera.stereo import V4L2StereoCamera
 from drivers.val2.errors import LinkError, NoAnswer
 
 EXPECTED_ERRORS: tuple[type[Exception], ...] = (CellError, CameraError, LinkError)
-"""What cameras and arm raise when the world, and not the program, is at fault."""
+"""Errors of cameras and arm that are not faults of the program."""
 
 
 def _unrecorded(kind: str, /, **fields: object) -> None:
-    """Where no run is kept."""
+    """Record nothing: there is no run."""
 
 
 @dataclass(eq=False)
 class Hardware:
-    """What a cell is made of. hand: the person's in a simulated cell, None in a real one."""
+    """Cameras and arm of a cell. operator: the simulated person of a simulated cell, None in a real one."""
 
     kind: str
     robot: ArmOnLink | NoArm
-    eyes: ThreadedEyes
+    cameras: ThreadedCameras
     clock: Callable[[], float]
     where: str
     seed: int | None = None
-    hand: SimulatedHand | None = None
+    operator: SimulatedOperator | None = None
 
     async def open(self) -> None:
-        """Claim arm and cameras, both or neither. Raises CellError."""
-        results = await asyncio.gather(self.eyes.open(), self.robot.open(), return_exceptions=True)
+        """Open arm and cameras, both or neither. Raises CellError."""
+        results = await asyncio.gather(self.cameras.open(), self.robot.open(), return_exceptions=True)
         failed = [result for result in results if isinstance(result, BaseException)]
         if failed:
             await self.close()
             for error in failed:
                 if not isinstance(error, EXPECTED_ERRORS):
                     raise error
-            told = "; ".join(_advice(error, self.where) for error in failed if isinstance(error, Exception))
-            raise CellError(told) from failed[0]
+            advice = "; ".join(_advice(error, self.where) for error in failed if isinstance(error, Exception))
+            raise CellError(advice) from failed[0]
 
     async def close(self) -> None:
-        """Let go of everything; safe to call twice."""
-        await asyncio.gather(self.eyes.close(), self.robot.close(), return_exceptions=True)
-        if self.hand is not None:
-            await asyncio.to_thread(self.hand.cell.stop)
+        """Close everything; safe to call twice."""
+        await asyncio.gather(self.cameras.close(), self.robot.close(), return_exceptions=True)
+        if self.operator is not None:
+            await asyncio.to_thread(self.operator.cell.stop)
 
 
 def build(
@@ -66,35 +66,35 @@ def build(
     clock: Callable[[], float] = time.monotonic,
     record: Callable[..., None] = _unrecorded,
 ) -> Hardware:
-    """The hardware as configured, not yet opened (a simulated cell runs already). record: the run log's, for what is no
-    longer believed of the gripper. Raises ConfigError, CellError."""
+    """The hardware as configured, not yet opened (a simulated cell already runs). record: the run log's function, for
+    beliefs about arm and gripper. Raises ConfigError, CellError."""
     beliefs = Beliefs(clock, record)
     if config.kind == "simulated":
         return _simulated(config, on_wire, clock, beliefs)
     if config.kind == "recorded":
         folder = config.file(config.values.recorded.pairs)
-        eyes = ThreadedEyes(HeldPairs(folder, again=True, clock=clock), clock)
-        return Hardware("recorded", NoArm(beliefs), eyes, clock, str(folder))
-    eyes = ThreadedEyes(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
+        cameras = ThreadedCameras(RepeatedPairs(folder, again=True, clock=clock), clock)
+        return Hardware("recorded", NoArm(beliefs), cameras, clock, str(folder))
+    cameras = ThreadedCameras(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
     port = config.values.arm.port
     robot = arm_on_link(port, dialect(config), arm_geometry(config), on_wire, clock, beliefs)
-    return Hardware("real", robot, eyes, clock, port)
+    return Hardware("real", robot, cameras, clock, port)
 
 
 @contextlib.contextmanager
 def cameras_alone(config: Config) -> Iterator[StereoCamera]:
-    """The cameras as configured, opened, without the arm. Raises ConfigError, CameraError.
+    """Context: the configured cameras, open, without the arm. Raises ConfigError, CameraError.
 
-    Recorded pairs go by, one a grab; before simulated cameras a part is held.
+    Recorded cameras return the next pair at each grab; simulated cameras see one part.
     """
     hardware = build(config, lambda _: None)
     if config.kind == "recorded":
-        hardware.eyes.camera = RecordedCamera(config.file(config.values.recorded.pairs), again=True)
-    if hardware.hand is not None:
-        hardware.hand.show(hardware.hand.labels[0], 0)
+        hardware.cameras.camera = RecordedCamera(config.file(config.values.recorded.pairs), again=True)
+    if hardware.operator is not None:
+        hardware.operator.show(hardware.operator.labels[0], 0)
     try:
-        hardware.eyes.camera.open()
-        yield hardware.eyes.camera
+        hardware.cameras.camera.open()
+        yield hardware.cameras.camera
     finally:
         asyncio.run(hardware.close())
 
@@ -107,19 +107,21 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     simulated = config.values.simulated
     seed = simulated.seed if simulated.seed is not None else random.SystemRandom().randrange(1_000_000)
     verdict = None if simulated.verdict is None else config.file(simulated.verdict)
-    here = truth(config)
+    truth_file = truth(config)
     cell = SimulatedCell(
-        here, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
+        truth_file, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
     )
-    manners = dialect(config).on_a_faster_line(simulated.time_scale)
-    robot = arm_on_link(cell.port, manners, arm_geometry(config), on_wire, clock, beliefs)
-    hand = SimulatedHand(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
+    line_dialect = dialect(config).on_a_faster_line(simulated.time_scale)
+    robot = arm_on_link(cell.port, line_dialect, arm_geometry(config), on_wire, clock, beliefs)
+    operator = SimulatedOperator(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
     cell.camera.use(alone(config))
-    return Hardware("simulated", robot, ThreadedEyes(cell.camera, clock, alone(config)), clock, cell.port, seed, hand)
+    return Hardware(
+        "simulated", robot, ThreadedCameras(cell.camera, clock, alone(config)), clock, cell.port, seed, operator
+    )
 
 
 def _advice(error: Exception, where: str) -> str:
-    """What a device's error means for the one who must act, on one line."""
+    """A device's error on one line, with what to do."""
     text = " ".join(str(error).split())
     if isinstance(error, LinkError) and where not in text:
         text = f"{where}: {text}"

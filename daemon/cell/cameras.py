@@ -1,4 +1,5 @@
-"""The cameras as the daemon calls them: asynchronous, and, where they are recorded pairs, holding still."""
+"""The cameras as asynchronous calls, in a thread of their own; recorded pairs that repeat until the next is
+requested."""
 
 from __future__ import annotations
 
@@ -17,49 +18,49 @@ from drivers.camera.recorded import RecordedCamera
 from drivers.camera.stereo import camera_rows as camera_rows
 
 
-class ThreadedEyes:
-    """A stereo camera whose blocking calls run in a thread of their own; one caller after the other."""
+class ThreadedCameras:
+    """A StereoCamera whose blocking calls run in a thread, one after the other."""
 
     def __init__(
         self, camera: StereoCamera, clock: Callable[[], float] = time.monotonic, alone: EyeName | None = None
     ) -> None:
         self.camera = camera
         self.heard_s: float | None = None
-        """When the last pair was delivered, on the cell's clock."""
+        """Time of the last pair, on the cell's clock."""
         self.alone = alone
-        """The one eye that is looked with, where the other is not there."""
+        """The only camera in use, or None for both."""
         self._clock = clock
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="cameras")
 
     async def open(self) -> None:
-        """Claim the cameras. Raises CameraError."""
+        """Open the cameras. Raises CameraError."""
         await self._call(self.camera.open)
 
     async def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The newest pair exposed wholly after not_before_s. Raises CameraError."""
+        """The newest pair exposed entirely after not_before_s. Raises CameraError."""
         pair: StereoPair = await self._call(lambda: self.camera.grab(not_before_s, timeout_s))
         self.heard_s = self._clock()
         return pair
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
         """See StereoCamera. Raises CameraError."""
-        took: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
-        return took
+        accepted: tuple[float, float] | None = await self._call(lambda: self.camera.expose(left, right))
+        return accepted
 
     async def use(self, alone: EyeName | None) -> None:
-        """Look with one eye from now on, or with both (None). Raises CameraError; then nothing has changed."""
+        """Use one camera, or both (None). Raises CameraError, with nothing changed."""
         await self._call(lambda: self.camera.use(alone))
         self.alone = alone
 
     def step(self) -> bool:
         """Recorded pairs: show the next one. False where the cameras are not recorded."""
-        if isinstance(self.camera, HeldPairs):
+        if isinstance(self.camera, RepeatedPairs):
             self.camera.step()
             return True
         return False
 
     async def close(self) -> None:
-        """Release the cameras; safe to call twice."""
+        """Close the cameras; safe to call twice."""
         with contextlib.suppress(RuntimeError, TimeoutError, CameraError):
             async with asyncio.timeout(1.0):
                 await self._call(self.camera.close)
@@ -73,25 +74,26 @@ class ThreadedEyes:
         return await asyncio.get_running_loop().run_in_executor(self._thread, job)
 
 
-class HeldPairs(RecordedCamera):
-    """Recorded pairs that hold still: each pair is shown, as if taken now, until the next one is asked for."""
+class RepeatedPairs(RecordedCamera):
+    """Recorded pairs of which each is repeated, as if taken now, until `step`."""
 
     _shown: StereoPair | None = None
-    _shows = 0
+    _shown_count = 0
 
     def grab(self, not_before_s: float, timeout_s: float) -> StereoPair:
-        """The pair that is shown. Raises CameraError."""
+        """The present pair. Raises CameraError."""
         pair = self._shown = self._shown or super().grab(not_before_s, timeout_s)
         now_s = max(time.monotonic(), not_before_s)
-        return StereoPair(self._live(pair.left, now_s), self._live(pair.right, now_s))
+        return StereoPair(self._restamped(pair.left, now_s), self._restamped(pair.right, now_s))
 
-    def _live(self, frame: Frame, now_s: float) -> Frame:
-        """The frame as of now. A corner pixel flickers by two grey levels, as otherwise the camera looks frozen."""
-        self._shows += 1
+    def _restamped(self, frame: Frame, now_s: float) -> Frame:
+        """The frame stamped now. One corner pixel changes by two grey levels: identical images count as a frozen
+        camera."""
+        self._shown_count += 1
         pixels = frame.pixels.copy()
-        pixels[0, 0] ^= self._shows & 2
-        return Frame(pixels, now_s, frame.sequence + self._shows)
+        pixels[0, 0] ^= self._shown_count & 2
+        return Frame(pixels, now_s, frame.sequence + self._shown_count)
 
     def step(self) -> None:
-        """Go on to the next pair; after the last one the first comes again."""
+        """Go to the next pair; after the last one to the first."""
         self._shown = None

@@ -1,7 +1,4 @@
-"""The arm of a cell that has none (recorded pairs): everything about it is refused in one clear line.
-
-Honours daemon/arm/workcell.py's Robot, and what the console asks of an arm besides.
-"""
+"""The Robot of a cell without an arm (recorded pairs): it refuses every motion in one clear line."""
 
 from __future__ import annotations
 
@@ -16,31 +13,31 @@ from drivers.puma560 import PUMA560
 
 
 class CellError(FacetdError):
-    """The cell cannot be had as configured: what, where, what to do."""
+    """The cell does not work as configured: what, where, what to do."""
 
 
 class NoKinematics:
-    """Of an arm that is not there."""
+    """Kinematics of a cell without an arm: nothing is reachable."""
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Nowhere."""
+        """None: nothing is reachable."""
         return None
 
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """Where it stands."""
+        """The origin."""
         return np.eye(4)
 
     def frames(self, joints_rad: Array) -> Array:
-        """No links: all of it is where it stands."""
+        """All links at the origin."""
         return np.tile(np.eye(4), (len(joints_rad), 8, 1, 1))
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """No way."""
+        """nan: nothing is reachable."""
         return np.full((len(world_from_tool), 6), np.nan)
 
 
 class NoArm:
-    """A cell without an arm (recorded pairs): it is looked from where the world's origin is, and nothing moves."""
+    """A cell without an arm (recorded pairs): the cameras are at the world's origin, and nothing moves."""
 
     heard_s: float | None = None
     question: str | None = None
@@ -54,12 +51,12 @@ class NoArm:
         self.beliefs = beliefs
 
     async def _nothing(self) -> None:
-        """Nothing is there to open, close or check, and nothing moves."""
+        """There is nothing to open, close or check."""
 
     open = close = check = abort = _nothing
 
     async def at_rest(self) -> bool:
-        """Always."""
+        """True."""
         return True
 
     async def where(self) -> Reading:
@@ -74,10 +71,10 @@ class NoArm:
     move = hand = power_up = calibrate = monitor = prove_stop = _refuse
 
     def check_typable(self, _: str) -> None:
-        """Whatever it is, it is refused when it is typed."""
+        """Accept anything: `monitor` refuses it."""
 
     def terminal(self, _: object) -> NoReturn:
-        """Refused."""
+        """Raise CellError."""
         raise CellError(NONE)
 
 

@@ -1,4 +1,4 @@
-"""The one place where a pick gets what it works with: the workcell, and settings that doubt as the calibration does."""
+"""The Workcell and settings of a pick, with standard deviations from the calibration's quality."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from drivers.puma560 import ArmGeometry
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)
 WORST_DEG = degrees(SPREAD_LIMIT_MM / sqrt(2) / median(DISTANCES_MM))
-"""Standard deviations, an axis, of a hand-eye that verification just lets pass: the spread it allows all from being
-beside its place, or all from being turned about the two axes across the view, at the tour's middle distance."""
+"""Standard deviations, per axis, of the worst hand-eye that passes verification: its spread limit due to translation
+alone, or to rotation alone about the two axes across the view at the tour's median distance."""
 
 
 def pick_cell(
     config: Config, calibration: Calibration, hardware: Hardware, log: Recorder, compute: Compute
 ) -> tuple[Workcell, Settings]:
-    """What `PickCycle` takes. Without a hand-eye yet the cameras count as in the tool (no move is enabled then)."""
+    """The arguments of `PickCycle`. Without a hand-eye the cyclopean frame is the tool's (no move is enabled then)."""
     tool_from_cyclopean = np.eye(4) if calibration.tool_from_cyclopean is None else calibration.tool_from_cyclopean
-    rig, alone = calibration.rig, hardware.eyes.alone
+    rig, alone = calibration.rig, hardware.cameras.alone
     if alone is not None:
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
-    workcell = Workcell(hardware.robot, hardware.eyes, log, hardware.clock, rig, tool_from_cyclopean, compute, alone)
+    workcell = Workcell(hardware.robot, hardware.cameras, log, hardware.clock, rig, tool_from_cyclopean, compute, alone)
     settings = config.values.pick
     limits, doubt = guarded(settings.limits, hardware.robot.arm), doubt_of(calibration.quality, settings.doubt)
     return workcell, replace(settings, limits=limits, doubt=doubt)
 
 
 def guarded(limits: Limits, arm: ArmGeometry) -> Limits:
-    """The limits; capsules that the file leaves as they are become those of the arm that stands there: the one that
-    moves are computed for, whatever its file says by now."""
+    """The limits with the capsules scaled to this arm, where the configuration has the default ones."""
     return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
 
 
 def doubt_of(quality: Quality, doubt: Doubt) -> Doubt:
-    """The doubt with what the calibration says of itself; where it says nothing, as the worst that passes."""
+    """The standard deviations from the calibration's quality; where that is missing, the worst that pass
+    verification."""
     return replace(
         doubt,
         pixels=EPIPOLAR_LIMIT_PX if quality.reprojection_px is None else quality.reprojection_px,

@@ -1,6 +1,6 @@
-"""The sections of facetd.yaml that drivers type: cameras, arm.dialect, the arm's geometry, the simulated cell's truth.
+"""Sections of facetd.yaml with drivers' types: cameras, arm.dialect, the arm's geometry, the simulated cell's truth.
 
-In: Config. Out: the drivers' own settings, or a ConfigError that names file, line and key. No device is touched.
+In: Config. Out: the drivers' settings, or a ConfigError that names file, line and key. Opens no device.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from drivers.val2.dialect import Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
 Limits = tuple[Angle, Angle]
-SHY_DEG = 0.2
-"""So far from its end each joint of an arm is kept whose zeros were found, and not told: to the last digits they are
-not the controller's, and what is reached by the one may be refused by the other."""
+LIMIT_MARGIN_DEG = 0.2
+"""Margin to the limits of joints whose zeros were estimated: they differ from the controller's in the last digits, and
+it may refuse what facetd takes for reachable."""
 
 
 def check(config: Config) -> None:
-    """Type every one of them, and ask whether the geometry can be meant. Raises ConfigError."""
+    """Check all of these sections and the plausibility of the geometry. Raises ConfigError."""
     dialect(config)
     arm = arm_geometry(config)
     shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
@@ -52,8 +52,8 @@ def check(config: Config) -> None:
 
 
 def out_of_reach(config: Config) -> Iterator[str]:
-    """A line for each place of the file that the arm as it is configured reaches in no way: better now than with a part
-    in the hand."""
+    """A line for each position of the file that the configured arm cannot reach: better found at the start than with a
+    part in the gripper."""
     arm, pick = arm_geometry(config), config.values.pick
     for name, place in (("home", pick.home), ("bin", pick.bin)):
         if not reachable(place.pose(), arm=arm):
@@ -62,8 +62,8 @@ def out_of_reach(config: Config) -> Iterator[str]:
 
 
 def of_another_size(config: Config, calibration: Calibration) -> Iterator[str]:
-    """A line where the cameras shall give pictures of another size than the calibration is of: nothing can be looked
-    for in them, and yet the cell must start to be calibrated."""
+    """A line where the configured image size is not the calibration's. Not an error: the cell must start to be
+    calibrated."""
     if config.kind == "real":
         cameras, calibrated = camera_settings(config), calibration.rig.image_size
         if calibrated != (cameras.width, cameras.height):
@@ -79,22 +79,22 @@ def camera_settings(config: Config) -> CameraSettings:
 
 
 def alone(config: Config) -> EyeName | None:
-    """The one eye that the section `cameras` names; None where it names both, or none."""
-    named: list[EyeName] = [eye for eye in EYES if eye in config.values.cameras]
+    """The only camera of the section `cameras`; None where it names both, or none."""
+    named: list[EyeName] = [name for name in EYES if name in config.values.cameras]
     return named[0] if len(named) == 1 and config.kind != "recorded" else None
 
 
 def dialect(config: Config) -> Dialect:
-    """The section `arm.dialect`, over that of arm.yaml; control characters are written as in "\\r".
+    """The dialect of arm.yaml, overridden by the section `arm.dialect`; control characters are written as in "\\r".
 
     Raises ConfigError.
     """
     section = _as_bytes(config.values.arm.dialect)
     file = _arm_file(config)
     if file is not None:
-        known = _as_bytes({name: entry.value for name, entry in file[1].dialect.items()})
-        replace(file[0], data={"dialect": known}).convert(Dialect, at=("dialect",))
-        section = known | section
+        from_file = _as_bytes({name: entry.value for name, entry in file[1].dialect.items()})
+        replace(file[0], data={"dialect": from_file}).convert(Dialect, at=("dialect",))
+        section = from_file | section
     document = replace(config.document, data={"arm": {"dialect": section}})
     return document.convert(Dialect, at=("arm", "dialect"))
 
@@ -117,8 +117,11 @@ def arm_geometry(config: Config) -> ArmGeometry:
     values = document.convert(_Geometry, at=("geometry",))
     limits = np.degrees(PUMA560.limits_rad)
     if values.limits_deg is not None:
-        how = dialect(config)
-        ends = np.array(values.limits_deg) * np.array(how.joint_signs)[:, None] + np.array(how.joint_zeros_deg)[:, None]
+        convention = dialect(config)
+        ends = (
+            np.array(values.limits_deg) * np.array(convention.joint_signs)[:, None]
+            + np.array(convention.joint_zeros_deg)[:, None]
+        )
         limits = np.sort(ends, axis=1)
     return ArmGeometry(
         values.a2_mm,
@@ -128,13 +131,13 @@ def arm_geometry(config: Config) -> ArmGeometry:
         rigid(document, ("geometry", "world_from_base"), values.world_from_base),
         tool,
         rigid(document, ("geometry", "controller_flange"), values.controller_flange),
-        np.radians(limits + np.array([SHY_DEG, -SHY_DEG])),
+        np.radians(limits + np.array([LIMIT_MARGIN_DEG, -LIMIT_MARGIN_DEG])),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Entry:
-    """One value of arm.yaml: how it was found, and how sure that is, are for people."""
+    """One value of arm.yaml; found and sure (how it was found, and how certainly) are for people."""
 
     value: Any
     found: str = ""
@@ -150,8 +153,8 @@ class _ArmFile:
 
 @dataclass(frozen=True, kw_only=True)
 class _Geometry:
-    """Lengths and frames as ArmGeometry has them. limits_deg: lowest and highest angle of each joint as the plate has
-    them, counted as WHERE counts; joint 3's against the upper arm."""
+    """Lengths and frames of ArmGeometry. limits_deg: lowest and highest angle of each joint from the type plate,
+    counted as WHERE does; joint 3's against the upper arm."""
 
     a2_mm: Annotated[float, Meta(ge=10, le=5000)]
     a3_mm: Annotated[float, Meta(ge=-1000, le=1000)]
@@ -172,8 +175,7 @@ def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:
 
 
 def check_hand_eye(config: Config, calibration: Calibration) -> None:
-    """Whether the calibration is of the cameras there are, could be any camera's, and has them where they can be on the
-    hand. Raises ConfigError."""
+    """Check that the calibration matches the configured cameras and is plausible. Raises ConfigError."""
     if calibration.alone is not None and alone(config) != calibration.alone:
         problem = f"{config.calibration} is of one camera, the {calibration.alone}; expected {calibration.alone} alone"
         raise config.document.error(("cameras",), problem)
@@ -186,7 +188,7 @@ def check_hand_eye(config: Config, calibration: Calibration) -> None:
 
 
 def truth(config: Config) -> Path:
-    """The simulated cell's file, once it was read without complaint. Raises ConfigError."""
+    """The checked file of the simulated cell. Raises ConfigError."""
     from drivers.simcell.truth import TruthError, load_truth
 
     path = config.file(config.values.simulated.truth)

@@ -1,6 +1,6 @@
 """`facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
 
-The way of it is daemon/cell/introduce.py's; here are the command line, the person at the terminal, and the files.
+daemon/cell/identify.py carries it out; here are the command line, the person at the terminal, and the files.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from typing import Any
 import yaml
 
 from daemon.calibration.arm_from_readings import NoArmError
-from daemon.cell.introduce import (
+from daemon.cell.identified_arm import arm_file, arm_of, page
+from daemon.cell.identify import (
     BAUDS,
     EXPECTED,
     Acquaintance,
     Consult,
     Person,
-    again,
-    introduce,
+    identify,
     read_transcript,
+    replay,
     serial_port,
 )
-from daemon.cell.introduced_arm import arm_file, arm_of, page
 from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import ends_in_stop, means_stop
 from daemon.console.text_layout import fold
@@ -115,7 +115,7 @@ async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquai
     _listen(wants_stop)
     print("Control-C or `stop` stops the arm at any moment.", flush=True)
     bauds = BAUDS if baud is None else (baud,)
-    return await introduce(port, serial_port, person, write, bauds, pendant)
+    return await identify(port, serial_port, person, write, bauds, pendant)
 
 
 def _tell(text: str, end: str = "\n") -> None:
@@ -179,7 +179,7 @@ def _replay(args: argparse.Namespace) -> int:
     try:
         text = read_file(args.transcript, LARGEST_TRANSCRIPT).decode()
         whole, _, torn = text.rpartition("\n")
-        differences = list(again(read_transcript(whole.splitlines())))
+        differences = list(replay(read_transcript(whole.splitlines())))
     except FileError as error:
         return _told(str(error), NOT_UNDERSTOOD)
     except ValueError as error:

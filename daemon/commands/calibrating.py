@@ -74,7 +74,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
-    hand = context.hardware.hand
+    hand = context.hardware.operator
     if hand is not None:
         hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
         await frontend.say("(simulated) The board is placed on the table.")
@@ -98,7 +98,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
 def _check_eyes(context: CommandContext, kind: str) -> None:
     """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
     one = sections.alone(context.config)
-    if context.hardware.eyes.alone != one:
+    if context.hardware.cameras.alone != one:
         raise CommandError(
             f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`", NOT_DONE
         )

@@ -6,7 +6,7 @@ Nothing here moves the arm. With one eye each look is two pictures with a move b
 from __future__ import annotations
 
 from daemon.arm import EyeName
-from daemon.cell.eye_trial import ailments, distrust
+from daemon.cell.camera_trial import camera_faults, pair_fault
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.errors import NOT_DONE
@@ -35,7 +35,7 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
         raise CommandError("this cell has a fixed choice of cameras")
     if word == "both":
         hardware, supervisor = context.hardware, context.cycle.supervisor
-        trial = distrust(hardware.eyes, context.calibration.rig, hardware.clock)
+        trial = pair_fault(hardware.cameras, context.calibration.rig, hardware.clock)
         wrong = await supervisor.run("try both eyes", trial, moves=False)
         if wrong is not None:
             raise CommandError(f"both cameras cannot be used yet: {wrong}", NOT_DONE)
@@ -52,7 +52,7 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
 
 async def _told(context: CommandContext) -> CommandResult:
     wrong = {} if context.calibration.alone is not None else await _ailments(context)
-    used = context.hardware.eyes.alone
+    used = context.hardware.cameras.alone
     lines = ["Using both cameras." if used is None else f"Using the {used} camera alone."]
     lines += [f"{eye} camera: {why}" for eye, why in wrong.items()]
     return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong)})
@@ -60,7 +60,7 @@ async def _told(context: CommandContext) -> CommandResult:
 
 async def _ailments(context: CommandContext) -> dict[EyeName, str]:
     """Each eye tried, while nobody else looks or moves. Raises RefusedError."""
-    trial = ailments(context.hardware.eyes, context.hardware.clock)
+    trial = camera_faults(context.hardware.cameras, context.hardware.clock)
     return await context.cycle.supervisor.run("try the eyes", trial, moves=False)
 
 
@@ -68,7 +68,11 @@ async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] 
     """The one eye that still sees after a camera's fault, and what is wrong with the other; None where both see, or
     none does, or something else was the matter."""
     hardware = context.hardware
-    if fault.partition(":")[0] not in CAMERA_FAULTS or hardware.kind == "recorded" or hardware.eyes.alone is not None:
+    if (
+        fault.partition(":")[0] not in CAMERA_FAULTS
+        or hardware.kind == "recorded"
+        or hardware.cameras.alone is not None
+    ):
         return None
     wrong = await _ailments(context)
     if len(wrong) != 1:
@@ -82,7 +86,7 @@ async def offered(context: CommandContext, fault: str, frontend: Frontend) -> st
     where there is nothing to; raises CommandError where the operator would not."""
     left = await remaining(context, fault)
     if left is None:
-        knocked = "knocked" in fault and context.hardware.eyes.alone is None
+        knocked = "knocked" in fault and context.hardware.cameras.alone is None
         return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if knocked else None
     alone, why = left
     told = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."

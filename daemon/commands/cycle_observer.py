@@ -75,7 +75,7 @@ class CycleObserver:
 
     def _note_truth(self, end: CycleEnd) -> None:
         """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
-        context, hand = self._context, self._context.hardware.hand
+        context, hand = self._context, self._context.hardware.operator
         if (
             hand is None
             or end.outcome not in ("picked", "released", "missed")

@@ -155,7 +155,7 @@ def around_told(known: WorldModel, columns: int) -> CommandResult:
 
 async def look_of(context: CommandContext, frontend: Frontend, purpose: str) -> Look:
     """A look; with one eye it moves the arm, which not every frontend may. Raises CommandError."""
-    if context.hardware.eyes.alone is not None and frontend.may == "look":
+    if context.hardware.cameras.alone is not None and frontend.may == "look":
         raise CommandError(f"with one camera a look moves the arm, and this {frontend.name} is read-only ({RIGHTS})")
     return await with_questions(context, context.cycle.look(purpose), frontend)
 

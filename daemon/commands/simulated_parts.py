@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import asyncio
 
-from daemon.cell.simulated_hand import USUAL, SimulatedHand
+from daemon.cell.simulated_operator import DEFAULT_PARTS, SimulatedOperator
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of
 
 
-def _hand(context: CommandContext, label: str | None = None) -> SimulatedHand:
+def _hand(context: CommandContext, label: str | None = None) -> SimulatedOperator:
     """The hand; label: a part that it must have. Raises CommandError."""
-    hand = context.hardware.hand
+    hand = context.hardware.operator
     if hand is None:
         raise CommandError("this cell is real: place the part by hand")
     if label is not None and label not in hand.labels:
@@ -36,7 +36,7 @@ def lay(context: CommandContext, label: str) -> str:
 
 async def know_drawings(context: CommandContext) -> dict[str, str]:
     """Give a simulated cell the parts that were drawn, as they are now; gives why for each that it cannot show."""
-    hand = context.hardware.hand
+    hand = context.hardware.operator
     if hand is None:
         return {}
     return await asyncio.to_thread(lambda: hand.draw(context.trainer.drawings()))
@@ -57,7 +57,7 @@ async def show_part(context: CommandContext, words: list[str], _: Frontend) -> C
 async def scatter(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(simulated) scatter parts over the table."""
     labels = [one_of(words, k, _hand(context).labels, "part", scatter.usage) for k in range(len(words))]
-    labels = labels or list(USUAL)
+    labels = labels or list(DEFAULT_PARTS)
     _hand(context).scatter(labels)
     return CommandResult(f"On the table: {', '.join(labels)}.")
 
@@ -65,7 +65,7 @@ async def scatter(context: CommandContext, words: list[str], _: Frontend) -> Com
 @command("next")
 async def next_pair(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """(recorded) show the next pair."""
-    if not context.hardware.eyes.step():
+    if not context.hardware.cameras.step():
         raise CommandError("this cell does not play recorded pairs")
     return CommandResult("The next pair is shown.")
 

@@ -36,7 +36,7 @@ def places_asked(words: list[str]) -> int:
 
 async def learnt(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
     """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
-    seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.eyes.alone is None else 2.0)
+    seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.cameras.alone is None else 2.0)
     told = f"The arm moves to {count} places around the {label}, 300 mm from it: about {seconds:.0f} s"
     if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it. Move the arm? [y/n]"):
         return None

@@ -67,7 +67,7 @@ async def teach(context: CommandContext, words: list[str], frontend: Frontend) -
     if "--around" in words:
         return await _teach_around(context, words, frontend)
     label = await _label(context, words, frontend)
-    hand = context.hardware.hand
+    hand = context.hardware.operator
     if hand is None:
         return await _teach_what_is_shown(context, label, frontend)
     await frontend.say(simulated_parts.show(context, label))
@@ -110,7 +110,7 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     count = teach_around.places_asked(words[at + 1 :])
     label = await _label(context, words[:at], frontend)
     context.cycle.supervisor.may_move()
-    hand = context.hardware.hand
+    hand = context.hardware.operator
     if hand is not None:
         await frontend.say(simulated_parts.lay(context, label))
     try:
@@ -165,7 +165,7 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     unmade = (await simulated_parts.know_drawings(context)).get(label)
     if unmade is not None:
         lines.append(f"The simulated cell cannot show it: {unmade}.")
-    elif context.hardware.hand is not None:
+    elif context.hardware.operator is not None:
         lines.append(f"In the simulated cell: `show {label}`, or `scatter {label}` onto the table.")
     lines.append("Next: `train`.")
     return CommandResult("\n".join(lines), {"kept": True, "view": view.name, "understood": told, **data})
@@ -239,7 +239,7 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
         raise CommandError(f"{label}: a label is small letters, digits and _, as in hex_bolt", NOT_UNDERSTOOD)
     close = difflib.get_close_matches(label, context.parts, 1)
     hint = f"; did you mean {close[0]}?" if close else f" (known: {', '.join(context.parts)})."
-    if context.hardware.hand is not None and shown:
+    if context.hardware.operator is not None and shown:
         way = f"The simulated cell cannot show it: teach {label} --mesh FILE"
     elif not frontend.asks:
         way = "To add a new part, teach it at a console or add it to parts.yaml"

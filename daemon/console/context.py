@@ -90,7 +90,7 @@ class CommandContext:
 
     async def look_with(self, alone: EyeName | None, why: str) -> None:
         """Use one camera, or both (None), between jobs and as a job of its own. Raises CameraError, RefusedError."""
-        before, cameras = self.hardware.eyes.alone, self.hardware.eyes
+        before, cameras = self.hardware.cameras.alone, self.hardware.cameras
 
         async def changed() -> None:
             try:

@@ -65,7 +65,7 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
     heard_s = hardware.robot.heard_s
     findings = []
     if "cameras" not in troubles:
-        findings.append(CheckResult("good", "cameras", hardware.eyes.describe()))
+        findings.append(CheckResult("good", "cameras", hardware.cameras.describe()))
     if "controller" not in troubles and heard_s is not None:
         ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))

@@ -124,7 +124,7 @@ class MetricsCollector:
             "facetd_busy": ("1 while a job is running", state["doing"] is not None),
             "facetd_troubles": ("active troubles", len(context.troubles.active)),
             "facetd_up_seconds": ("seconds since start", time.monotonic() - context.started_s),
-            "facetd_camera_silence_seconds": ("since the last pair", _since(now, context.hardware.eyes.heard_s)),
+            "facetd_camera_silence_seconds": ("since the last pair", _since(now, context.hardware.cameras.heard_s)),
             "facetd_controller_silence_seconds": ("since its last answer", _since(now, context.hardware.robot.heard_s)),
             "facetd_parts_taught": ("parts of the model in use", len(context.trainer.model.labels)),
         }

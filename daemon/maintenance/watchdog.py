@@ -94,7 +94,7 @@ class Watchdog:
         """Whether to check a device: always when idle; during a pick only after a silence (the pick waits for an
         operator's yes, for the end of a pause, for parts)."""
         hardware = self._context.hardware
-        heard_s = (hardware.eyes if device == "cameras" else hardware.robot).heard_s
+        heard_s = (hardware.cameras if device == "cameras" else hardware.robot).heard_s
         return not busy or (heard_s is not None and hardware.clock() - heard_s > silence_s)
 
     def _start(self, name: str, check: object, now: float, every_s: float) -> None:
@@ -106,7 +106,7 @@ class Watchdog:
 
     async def _check_cameras(self) -> None:
         context = self._context
-        eyes, limit_s = context.hardware.eyes, context.config.values.health.camera_silence_s
+        eyes, limit_s = context.hardware.cameras, context.config.values.health.camera_silence_s
         try:
             await eyes.grab(context.hardware.clock() - limit_s, limit_s / 2)
             context.troubles.report("cameras", None)
@@ -241,7 +241,7 @@ class Watchdog:
         if not busy:
             return
         hardware, now = self._context.hardware, self._context.hardware.clock()
-        for name, heard_s in (("cameras", hardware.eyes.heard_s), ("controller", hardware.robot.heard_s)):
+        for name, heard_s in (("cameras", hardware.cameras.heard_s), ("controller", hardware.robot.heard_s)):
             if heard_s is not None and now - heard_s < CHECK_LIMIT_S:
                 self._ended_s[name] = time.monotonic()
 

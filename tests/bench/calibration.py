@@ -90,8 +90,8 @@ async def calibrated(seed: int) -> Calibrated:
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         await cycle.go("survey")
-        assert hardware.hand is not None
-        hardware.hand.show_board(9, 6, 16.0, False)
+        assert hardware.operator is not None
+        hardware.operator.show_board(9, 6, 16.0, False)
         session = CalibrationSession(cycle.supervisor, cycle.set_out, config.values.pick.settling, BOARD, start)
         views = await view_tour(session, 28, silence, 100.0)
         found, stereo = await asyncio.to_thread(solve_stereo, views, BOARD, start)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
-from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.cameras import ThreadedCameras
 from daemon.pick.looking import take_look, taken_here
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
@@ -179,7 +179,7 @@ class StillRobot:
 async def looks(scene: str, fps: float, count: int) -> str:
     """take_look, whole: two pairs that agree, the images' health, facets, recognition without a model."""
     rig = rendered.rig(rendered.HERE, "B")
-    eyes = ThreadedEyes(live("YUYV", fps, scene))
+    eyes = ThreadedCameras(live("YUYV", fps, scene))
     cell = Workcell(StillRobot(), eyes, None, time.monotonic, rig, np.eye(4), asyncio.to_thread)  # type: ignore[arg-type]
     sight = ModelRecogniser(empty_model(load_facets()), rig, VisionSettings())
     await eyes.open()

@@ -49,7 +49,11 @@ def test_an_eye_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clear
             assert len(here.log.said("move")) == moves, "nothing moves before it is allowed"
             await resume.run(here.context, [], Yes(here))
             await here.context.auto_ends()
-            return first, here.context.hardware.eyes.alone, [here.lies(part) for part in ("cube", "pentagonal_prism")]
+            return (
+                first,
+                here.context.hardware.cameras.alone,
+                [here.lies(part) for part in ("cube", "pentagonal_prism")],
+            )
 
     first, alone, lie = run(story())
     assert first[-1].outcome == "fault"

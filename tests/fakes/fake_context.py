@@ -213,7 +213,7 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         judged=None,
         troubles=Troubles(),
         notices=Notices(),
-        hardware=SimpleNamespace(kind="real", seed=None, hand=None, eyes=SimpleNamespace(alone=None)),
+        hardware=SimpleNamespace(kind="real", seed=None, operator=None, cameras=SimpleNamespace(alone=None)),
         run_log=SimpleNamespace(folder=folder),
         calibration=SimpleNamespace(tool_from_cyclopean=1, alone=None),
         config=SimpleNamespace(

@@ -114,20 +114,20 @@ async def rig(
     believed = believed or load_calibration(config.calibration)
     log = log or ListLog()
     hardware = cells.build(config, log.wire.append, record=log.record)
-    assert hardware.hand is not None
+    assert hardware.operator is not None
     try:
         await hardware.open()
         cell, usual = pick_cell(config, believed, hardware, log, compute)
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))
         cycle = PickCycle(cell, settings or usual, ModelRecogniser(start, believed.rig, config.values.vision))
-        tell_the_motion_monitor(hardware.hand.cell, cycle, log)
+        tell_the_motion_monitor(hardware.operator.cell, cycle, log)
         await cycle.supervisor.prove_stop()
         cycle.supervisor.enable()
         try:
-            yield Rig(hardware.hand.cell, cycle, log, hardware.robot)
+            yield Rig(hardware.operator.cell, cycle, log, hardware.robot)
         finally:
             await cycle.supervisor.close()
-        found = hardware.hand.cell.violations()
+        found = hardware.operator.cell.violations()
         assert not found, "\n".join(map(str, found))
     finally:
         await hardware.close()

@@ -17,7 +17,7 @@ from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.build import Hardware
-from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.pick_cell import pick_cell
 from daemon.cell.sections import arm_geometry, dialect, truth
 from daemon.config import load_config
@@ -59,7 +59,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     opens: Any = cell.server.open  # type: ignore[union-attr]
     link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
     cell.camera.use(alone)
-    eyes = ThreadedEyes(cell.camera, loop.time, alone)
+    eyes = ThreadedCameras(cell.camera, loop.time, alone)
     hardware = Hardware(
         "simulated", ArmOnLink(link, geometry, Beliefs(loop.time, log.record)), eyes, loop.time, "memory", seed
     )

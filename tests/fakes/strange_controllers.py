@@ -13,9 +13,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.cell.introduce import Person, introduce
-from daemon.cell.introduced_arm import Arm as ArmSeen
-from daemon.cell.introduced_arm import arm_file, arm_of
+from daemon.cell.identified_arm import Arm as ArmSeen
+from daemon.cell.identified_arm import arm_file, arm_of
+from daemon.cell.identify import Person, identify
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import SimulatedArm
@@ -141,7 +141,7 @@ async def meet(
 
     person = Person(contact.told.append, answered, wants_stop)
     try:
-        contact.known = await introduce("memory", line.open, person, write, pendant=pendant)
+        contact.known = await identify("memory", line.open, person, write, pendant=pendant)
     finally:
         strangers.append(contact)
     return contact

@@ -39,9 +39,9 @@ from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.build import Hardware
-from daemon.cell.cameras import ThreadedEyes
+from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.sections import arm_geometry, dialect
-from daemon.cell.simulated_hand import SimulatedHand
+from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
@@ -561,7 +561,7 @@ class NoSyncer:
         """Nothing is left to do."""
 
 
-class BareTable(SimulatedHand):
+class BareTable(SimulatedOperator):
     """Strews no parts when the daemon starts."""
 
     def scatter(self, labels: Sequence[str] = ()) -> None:
@@ -856,9 +856,9 @@ class Story:
             partial(belongs_together, geometry),
             self.cell.server.open,  # type: ignore[union-attr]
         )
-        kind = SimulatedHand if self._parts else BareTable
+        kind = SimulatedOperator if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
-        eyes = ThreadedEyes(self.cell.camera, self.loop.time)
+        eyes = ThreadedCameras(self.cell.camera, self.loop.time)
         return Hardware(
             "simulated",
             ArmOnLink(link, geometry, Beliefs(self.loop.time, record)),

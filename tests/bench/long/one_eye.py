@@ -115,7 +115,7 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         lie = [here.lies(label) for label in labels]
         return {
             "eye": eye, "how": how, "at_s": wait_s, "fault": fault, "moved_before_allowed": early + (not still),
-            "went_on_with": here.context.hardware.eyes.alone, "lie": lie,
+            "went_on_with": here.context.hardware.cameras.alone, "lie": lie,
             "after": here.cycle.supervisor.fault, "said": said and said.text, "ends": [e.outcome for e in ends],
         }  # fmt: skip
 

@@ -63,11 +63,11 @@ def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -
         await built.open()
         seen = []
         for n in range(6):
-            pair = await built.eyes.grab(time.monotonic(), 1.0)
+            pair = await built.cameras.grab(time.monotonic(), 1.0)
             assert pair.left.taken_s <= time.monotonic()
             seen.append(int(pair.left.pixels[20, 20]))
             if n in (1, 3):
-                assert built.eyes.step()
+                assert built.cameras.step()
         with pytest.raises(cell.CellError, match="this cell is recorded: there is no arm to move"):
             await built.robot.move(np.eye(4), starts=print, straight=True, speed_pct=10, timeout_s=1)
         await built.close()

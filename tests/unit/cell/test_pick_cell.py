@@ -26,7 +26,9 @@ CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
 
 def built(calibration: Any, alone: str | None = None) -> Any:
-    hardware: Any = SimpleNamespace(robot=SimpleNamespace(arm=PUMA560), eyes=SimpleNamespace(alone=alone), clock=None)
+    hardware: Any = SimpleNamespace(
+        robot=SimpleNamespace(arm=PUMA560), cameras=SimpleNamespace(alone=alone), clock=None
+    )
     return pick_cell(load_config(CONFIG), calibration, hardware, "log", "compute")  # type: ignore[arg-type]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from daemon import ctl
-from daemon.cell.introduce import Acquaintance, Consult, Person
+from daemon.cell.identify import Acquaintance, Consult, Person
 from daemon.cli import arm
 from daemon.cli.arm import _ask
 from daemon.store import folders
@@ -116,7 +116,7 @@ def test_a_stop_typed_at_a_first_contact_stops_the_arm_whether_anything_is_asked
 
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        monkeypatch.setattr(arm, "introduce", meeting)
+        monkeypatch.setattr(arm, "identify", meeting)
         asyncio.run(arm._meet("/dev/none", None, False, io.StringIO()))
     os.close(master)
     assert "neither" not in capsys.readouterr().out

@@ -103,7 +103,7 @@ def test_only_the_eyes_that_are_there_are_calibrated(
     context: Any, cameras: str, alone: str | None, kind: str, told: str
 ) -> None:
     context.config.values.cameras = dict.fromkeys(cameras.split(), "x")
-    context.hardware.eyes.alone = alone
+    context.hardware.cameras.alone = alone
     answer = say(context, f"calibrate {kind}")
     assert answer.status == 1
     assert told in answer.text

@@ -53,7 +53,7 @@ def test_resume_offers_the_eye_that_is_left_says_what_it_costs_and_looks_with_it
         assert "a third longer" in frontend.asked[0]
         assert "Using the left camera alone" in answer.text
         assert here.cycle.supervisor.fault is None
-        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == ("left", "left")
+        assert (here.context.hardware.cameras.alone, here.cycle.cell.alone) == ("left", "left")
         assert here.log.said("eyes")[0]["alone"] == "left"
         assert "left camera alone" in here.context.troubles.active["eyes"]
         assert not here.log.said("move")
@@ -67,13 +67,13 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
     for both eyes', and the change was refused as `busy`."""
 
     async def story(here: Hours) -> None:
-        change = here.context.hardware.eyes.use
+        change = here.context.hardware.cameras.use
 
         async def slowly(alone: EyeName | None) -> None:
             await change(alone)
             await asyncio.sleep(2.0)
 
-        here.context.hardware.eyes.use = slowly  # type: ignore[method-assign]
+        here.context.hardware.cameras.use = slowly  # type: ignore[method-assign]
         changing = asyncio.create_task(here.context.look_with("left", "a test"))
         await asyncio.sleep(0.1)
         with pytest.raises(RefusedError, match="busy: change cameras"):
@@ -85,7 +85,7 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
         await asyncio.wait([changing])
         assert isinstance(changing.exception(), RefusedError) is stopped
         alone = None if stopped else "left"
-        assert (here.context.hardware.eyes.alone, here.cycle.cell.alone) == (alone, alone)
+        assert (here.context.hardware.cameras.alone, here.cycle.cell.alone) == (alone, alone)
 
     lived(story)
 
@@ -113,7 +113,7 @@ def test_whoever_looks_as_soon_as_the_eyes_are_changed_looks_with_those_that_the
             await asyncio.sleep(0)
         seen = await here.cycle.look("a test")
         await changing
-        assert here.cycle.cell.alone == here.context.hardware.eyes.alone == "left"
+        assert here.cycle.cell.alone == here.context.hardware.cameras.alone == "left"
         assert seen.taken.moved is not None
 
     lived(story)
@@ -124,7 +124,7 @@ def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_
 
     async def story(here: Hours) -> None:
         await cameras.run(here.context, ["left"], FakeFrontend())
-        here.context.hardware = replace(here.context.hardware, hand=None)
+        here.context.hardware = replace(here.context.hardware, operator=None)
         known = SimpleNamespace(labels=lambda: ())
         here.context.trainer = SimpleNamespace(parts={}, model=SimpleNamespace(labels=()), model_store=known)  # type: ignore[assignment]
         frontend = FakeFrontend(answers=["y", "n"])
@@ -185,7 +185,7 @@ def test_an_eye_that_does_not_see_cannot_be_looked_with_alone() -> None:
         with pytest.raises(CommandError, match=r"right camera cannot be used.*covered"):
             await cameras.run(here.context, ["right"], FakeFrontend())
         assert "right camera:" in (await cameras.run(here.context, [], FakeFrontend())).text
-        assert here.context.hardware.eyes.alone is None
+        assert here.context.hardware.cameras.alone is None
 
     lived(story)
 

@@ -131,7 +131,7 @@ def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatc
 def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     hardware: Any = SimpleNamespace(
         clock=lambda: 50.0,
-        eyes=SimpleNamespace(describe=lambda: "two eyes at 30 Hz"),
+        cameras=SimpleNamespace(describe=lambda: "two eyes at 30 Hz"),
         robot=SimpleNamespace(heard_s=47.0),
         where="/dev/facetd-arm",
     )

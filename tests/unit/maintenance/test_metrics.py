@@ -36,7 +36,7 @@ def watched(**state: Any) -> Any:
     return SimpleNamespace(
         cycle=SimpleNamespace(status=lambda: known),
         hardware=SimpleNamespace(
-            clock=lambda: 100.0, eyes=SimpleNamespace(heard_s=98.5), robot=SimpleNamespace(heard_s=None)
+            clock=lambda: 100.0, cameras=SimpleNamespace(heard_s=98.5), robot=SimpleNamespace(heard_s=None)
         ),
         troubles=SimpleNamespace(active={"disk": "full"}),
         trainer=SimpleNamespace(model=SimpleNamespace(labels=("cube", "pyramid"))),

@@ -44,7 +44,7 @@ class WatchedCell:
         self.run_log = RunLog(folder / "runs" / "20260101T000000Z")
         self.context: Any = SimpleNamespace(
             config=SimpleNamespace(values=SimpleNamespace(health=health, log=log), runs=folder / "runs"),
-            hardware=SimpleNamespace(clock=time.monotonic, eyes=self, robot=self),
+            hardware=SimpleNamespace(clock=time.monotonic, cameras=self, robot=self),
             cycle=SimpleNamespace(status=self.status, supervisor=self),
             troubles=Troubles(),
             run_log=self.run_log,

@@ -1,4 +1,4 @@
-"""The text of the only moves of a first contact; whole first contacts are in tests/unit/cell/test_introduce.py."""
+"""The text of the only moves of a first contact; whole first contacts are in tests/unit/cell/test_identify.py."""
 
 from __future__ import annotations
 

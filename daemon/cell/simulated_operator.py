@@ -1,7 +1,4 @@
-"""What a person does at a real cell, done in a simulated one: show a part, strew parts, measure a grasp.
-
-The simulated cell itself is built in daemon/cell/build.py, and only where the cell is to be simulated.
-"""
+"""The person at a simulated cell: shows a part or a board, scatters parts, measures a grasp."""
 
 from __future__ import annotations
 
@@ -17,27 +14,27 @@ if TYPE_CHECKING:
     from drivers.simcell.cell import SimulatedCell
     from drivers.simcell.world import PlacedPart
 
-USUAL = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
-"""What lies on the table unless somebody says otherwise."""
+DEFAULT_PARTS = ("cube", "pyramid", "triangular_prism", "pentagonal_prism")
+"""Parts on the table by default."""
 
 
-class SimulatedHand:
-    """See the module. views: how many characteristic views each part has; board: makes a calibration board."""
+class SimulatedOperator:
+    """See the module. views: number of characteristic views of each part; board: makes a calibration board."""
 
     def __init__(self, cell: SimulatedCell, views: Mapping[str, int], board: Callable[..., BoardPrint]) -> None:
         self.cell = cell
         self._views, self._board = views, board
         self._drawn: dict[str, int] = {}
         self._set_aside: tuple[PlacedPart, ...] | None = None
-        """The parts as they lay before something else was shown."""
+        """The parts that were on the table before a part or board was shown."""
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The parts there are."""
+        """Labels of all parts."""
         return tuple({**self._views, **self._drawn})
 
     def draw(self, solids: Mapping[str, Polyhedron]) -> dict[str, str]:
-        """Have parts made from these drawings, by their labels; gives why for each that cannot be made."""
+        """Make parts from drawings, by label. Returns the reason for each that cannot be made."""
         from drivers.simcell.drawn import DrawnError, drawn_shape
         from drivers.simcell.stand import DRAWN_VIEWS
 
@@ -52,24 +49,24 @@ class SimulatedHand:
         return unmade
 
     def show(self, label: str, view: int) -> int:
-        """Hold a part before the cameras in a characteristic view, counted round; gives the view it is in."""
+        """Hold a part before the cameras in a characteristic view, modulo their number. Returns the view."""
         view %= {**self._views, **self._drawn}[label]
-        self._remember()
+        self._set_parts_aside()
         self.cell.place_for_teaching(label, view)
         return view
 
     def lay(self, label: str) -> None:
-        """Lay one part alone amid the table."""
-        self._remember()
+        """Put one part alone in the middle of the table."""
+        self._set_parts_aside()
         self.cell.lay(label)
 
-    def scatter(self, labels: Sequence[str] = USUAL) -> None:
-        """Strew parts over the table."""
+    def scatter(self, labels: Sequence[str] = DEFAULT_PARTS) -> None:
+        """Scatter parts over the table."""
         self._set_aside = None
         self.cell.scatter(labels)
 
     def put_back(self) -> None:
-        """After showing a part or a board: everything again where it was before."""
+        """Put the parts back as they were before a part or a board was shown."""
         self.cell.bring_back(self._set_aside or ())
         self._set_aside = None
 
@@ -79,18 +76,18 @@ class SimulatedHand:
         self.cell.clear()
 
     def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
-        """Lay a calibration board with that many inner corners on the table, instead of the parts."""
-        self._remember()
+        """Put a calibration board with that many inner corners on the table, in place of the parts."""
+        self._set_parts_aside()
         self.cell.show_board(self._board(columns + 1, rows + 1, square_mm, charuco))
 
-    def _remember(self) -> None:
+    def _set_parts_aside(self) -> None:
         if self._set_aside is None:
             self._set_aside = self.cell.world.parts
 
     def grasp_error(self, grasp: Array, corners: Array) -> tuple[float, float, bool] | None:
-        """mm, degrees, held: where the part truly was in the hand that closed last, against where it was expected.
+        """Error of the last grasp: mm, degrees, whether the part was held; None where the gripper closed on nothing.
 
-        grasp: world_from_tool; corners (N, 3) of the part in the world, as estimated. None where nothing was closed on.
+        grasp: world_from_tool; corners (N, 3): of the part in the world, as estimated.
         """
         try:
             expected = frames.apply(frames.inverse(grasp), corners)

@@ -1,7 +1,6 @@
-"""Which arm a first contact has met, and what is kept of it: arm.yaml, and a page for people.
+"""Identify the arm from the findings of a first contact: compare it with published arms, write arm.yaml and a page.
 
-In: what is known after the first contact (drivers/val2/acquaintance.py). Which arm makes readings is
-calibration/arm_from_readings.py's; here it is held beside the published ones.
+In: the findings (drivers/val2/acquaintance.py). calibration/arm_from_readings.py fits the arm to the readings.
 """
 
 from __future__ import annotations
@@ -22,23 +21,23 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.location import matrix_from_location
 
 FITTED = "least squares over WHERE's places and joints"
-LOOSE_MM = 0.1
-TOO_LOOSE_MM = 0.3
-"""Standard deviations, told larger than they are (a place is taken to be off by two of its last digits)."""
+UNCERTAIN_MM = 0.1
+TOO_UNCERTAIN_MM = 0.3
+"""Limits of the standard deviations, which are overestimated (a position counts as off by two of its last digits)."""
 MISFIT_MORE = 2.4
-"""A reading: steps are whole degrees, so that what the last digits of the joints leave out is the same in all readings,
-and adds up in each; zeros that are free swallow it."""
+"""Permitted increase of the misfit per reading: the steps are whole degrees, so that rounding of the joints is the same
+in all readings and adds up, while free zeros absorb it."""
 STRAIGHT_DEG, ALONE = 10.0, 0.1
-"""Joints 4 and 6 turn about one axis where theirs are no farther apart; a joint turns alone where no other turns by a
-greater share."""
-LEAST_TOLD = 0.001
-"""mm or degrees: no controller prints its places so finely that less could be told."""
+"""Joints 4 and 6 turn about one axis where theirs are within this angle; a joint turns alone where no other turns by a
+larger share."""
+LEAST_SIGMA = 0.001
+"""Least standard deviation reported, mm or degrees: no controller prints more finely."""
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """The arm that the readings show, after a published one's lengths where they are those, and how these were
-    found. source: `published` or `typed` where the readings settle all but the lengths."""
+    """The identified arm, with a published arm's lengths where they fit. how: how the lengths were found; source:
+    `published` or `typed` where the readings do not determine them."""
 
     found: ArmFound
     alike: Likeness | None
@@ -48,8 +47,8 @@ class Arm:
 
 
 def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | None = None) -> Arm:
-    """Which arm makes the readings, and whose it is. typed_mm: its a2, a3, d3, d4, as its drawing has them, where none
-    is published. Raises NoArmError."""
+    """Identify the arm from the readings and compare it with published ones. typed_mm: a2, a3, d3, d4 from its drawing
+    where none is published. Raises NoArmError."""
     arms = PUBLISHED if typed_mm is None else (PublishedArm("arm of the lengths typed", typed_mm, "its operator"),)
     places = np.array([matrix_from_location(where.location) for where in known.readings])
     printed = np.array([where.joints_deg for where in known.readings])
@@ -65,21 +64,21 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
         raise NoArmError(
             f"WHERE shows {_lengths(found)}: not the lengths typed, {', '.join(f'{one:g}' for one in typed_mm)} mm"
         )
-    if max(sigma) < LOOSE_MM or alike is None:
+    if max(sigma) < UNCERTAIN_MM or alike is None:
         return Arm(found, alike, (), FITTED)
-    settled = sorted(_like_published(found, arms, places, printed, digits, sigma), key=lambda each: each[0])
-    best = settled[0]
+    fits_by_arm = sorted(_fits_of_published(found, arms, places, printed, digits, sigma), key=lambda each: each[0])
+    best = fits_by_arm[0]
     fits = best[0] <= found.misfit + MISFIT_MORE * len(printed)
     if not fits and typed_mm is not None:
         raise NoArmError(f"the lengths typed do not fit WHERE's places, which show {_lengths(found)}")
     if not fits:
         return Arm(found, None, (), f"{FITTED}; no published lengths fit them")
-    others = tuple({each[1].name for each in settled[1:] if each[0] < best[0] + 9.0} - {best[1].name})
+    others = tuple({each[1].name for each in fits_by_arm[1:] if each[0] < best[0] + 9.0} - {best[1].name})
     return Arm(
         best[2],
         replace(alike, arm=best[1]),
         others,
-        f"the readings lie so near together that they leave {max(sigma):.1f} mm open; the lengths are those "
+        f"the readings are so near together that the lengths are uncertain by {max(sigma):.1f} mm; they are those "
         + (f"published for the {best[1].name} ({best[1].source})" if typed_mm is None else "typed")
         + ", which fit",
         "published" if typed_mm is None else "typed",
@@ -89,7 +88,7 @@ def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | No
 def _found(
     places: Array, printed: Array, digits: tuple[float, float], arms: Sequence[PublishedArm]
 ) -> tuple[ArmFound, Likeness | None, tuple[float, float, float, float]]:
-    """The arm, which of arms it is like, and how well its lengths are known."""
+    """The arm, the published one it is like, and the standard deviations of its lengths."""
     try:
         found = find_arm(places, printed, digits)
     except NoArmError as error:
@@ -99,7 +98,7 @@ def _found(
 
 
 def _straight(places: Array, printed: Array) -> str:
-    """What to do if the wrist was straight: joints 4 and 6, each turned by itself, turned the tool about one axis."""
+    """Advice where the wrist was straight: joints 4 and 6, each turned alone, turned the tool about one axis."""
     turned = np.diff(printed, axis=0)
     axes = {}
     for k, step in enumerate(turned):
@@ -111,7 +110,7 @@ def _straight(places: Array, printed: Array) -> str:
         return ""
     return (
         f". The wrist was straight (joint 5 read {printed[0, 4]:.1f} degrees): joints 4 and 6 turned about one axis. "
-        "Bend joint 5 by 30 degrees or more with the pendant, and say it again"
+        "Bend joint 5 by 30 degrees or more with the pendant, and repeat the command"
     )
 
 
@@ -121,7 +120,7 @@ def _lengths(found: ArmFound) -> str:
     )
 
 
-def _like_published(
+def _fits_of_published(
     found: ArmFound,
     arms: Sequence[PublishedArm],
     places: Array,
@@ -129,7 +128,7 @@ def _like_published(
     digits: tuple[float, float],
     sigma: Sequence[float],
 ) -> Iterator[tuple[float, Any, ArmFound]]:
-    """For each published arm near enough: its misfit, itself, and the readings' arm with its lengths."""
+    """For each published arm with similar lengths: its misfit, itself, and the fitted arm with its lengths."""
     for arm in arms:
         if likeness(found.lengths_mm, tuple(sigma), (arm,)) is None:  # type: ignore[arg-type]
             continue
@@ -140,12 +139,12 @@ def _like_published(
             yield made.misfit, arm, made
 
 
-# What is kept: arm.yaml and a page
+# Output: arm.yaml and a page
 
 
 def _zeros_deg(found: ArmFound, known: Acquaintance) -> list[float]:
-    """Joints' zeros, each by so many whole turns that the arm, where it was read, is nearest to the middle of a PUMA's
-    ranges: which turn it is, no place can tell."""
+    """Zeros of the joints. Poses do not determine whole turns: these put the readings nearest to the middle of a PUMA's
+    ranges."""
     printed = np.array([where.joints_deg for where in known.readings]).mean(axis=0)
     ours = Dialect(
         joint_signs=found.convention.signs,  # type: ignore[arg-type]
@@ -157,7 +156,8 @@ def _zeros_deg(found: ArmFound, known: Acquaintance) -> list[float]:
 
 
 def arm_file(known: Acquaintance, arm: Arm | None) -> dict[str, Any]:
-    """arm.yaml: the dialect, and the geometry where readings showed one; each value with how it was found, how sure."""
+    """The content of arm.yaml: dialect, and geometry where it was identified; each value with its source and
+    certainty."""
     dialect = {name: _entry(known.findings[name]) for name in known.dialect()}
     made: dict[str, Any] = {"version": 1, "dialect": dialect}
     if arm is not None:
@@ -186,7 +186,7 @@ def arm_file(known: Acquaintance, arm: Arm | None) -> dict[str, Any]:
 
 
 def _sure(found: ArmFound, name: str) -> str:
-    return "open" if name in found.undetermined else f"+-{max(2 * found.sigma[name], LEAST_TOLD):.2g}"
+    return "open" if name in found.undetermined else f"+-{max(2 * found.sigma[name], LEAST_SIGMA):.2g}"
 
 
 def _length_sure(arm: Arm, name: str) -> str:
@@ -206,32 +206,32 @@ def _rows(matrix: Array) -> list[list[float]]:
 
 
 def page(known: Acquaintance, arm: Arm | None) -> str:
-    """What was seen, for a person."""
-    lines = ["What the controller showed", ""]
+    """The findings as a page for people."""
+    lines = ["Findings about the controller", ""]
     lines += [f"  {f.name:<20} {f.value!r:<24} {f.sure}: {f.found}" for f in known.findings.values()]
     if arm is not None:
-        lines += ["", "Which arm it is", "", *_about(arm)]
-    lines += ["", "What nobody can find out from here", "",
+        lines += ["", "The arm", "", *_about(arm)]
+    lines += ["", "What the line cannot show", "",
               "  the joints' limits (type them from the plate, counted as WHERE does: arm.yaml, geometry.limits_deg)",
-              "  whether the arm was calibrated rightly: it counts from where CAL left it",
-              "  where joint 6 ends and the tool begins: TOOL's turn about the flange is in joint 6's zero",
-              "  how high the shoulder stands, and what is in reach"]  # fmt: skip
+              "  whether the arm was calibrated correctly: its zeros are those that CAL found",
+              "  the zero of joint 6 without TOOL: it contains TOOL's rotation about the flange",
+              "  the height of the shoulder, and obstacles in reach"]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 
 def _about(arm: Arm) -> Iterator[str]:
     found, alike = arm.found, arm.alike
     if alike is None:
-        yield "  none that is published here: its own lengths are used"
-        if max(found.sigma[name] for name in LENGTHS) > TOO_LOOSE_MM:
-            yield "  Small steps leave them too loose: a WHERE elsewhere will not fit, and is taken for spoilt."
-            yield "  Say it again with --pendant, or with --lengths A2,A3,D3,D4, in mm, from the maker's drawing."
+        yield "  not a published one: facetd uses the identified lengths"
+        if max(found.sigma[name] for name in LENGTHS) > TOO_UNCERTAIN_MM:
+            yield "  Small steps leave them too uncertain: readings elsewhere will not fit, and count as garbled."
+            yield "  Repeat the command with --pendant, or with --lengths A2,A3,D3,D4, in mm, from the maker's drawing."
     else:
-        side = {None: "the shoulder's side is a matter of where its front is", True: "shoulder offset to the left",
+        side = {None: "the side of the shoulder depends on where its front is", True: "shoulder offset to the left",
                 False: "shoulder offset to the right"}[alike.mirrored]  # fmt: skip
         yield f"  {alike.arm.name}, {side}"
     if arm.others:
-        yield f"  it could as well be: {', '.join(arm.others)}; say it again with --pendant: six places would tell"
+        yield f"  it could also be: {', '.join(arm.others)}; repeat the command with --pendant: six poses decide"
     for name, value in zip(LENGTHS, found.lengths_mm, strict=True):
         yield f"  {name} {value:9.2f} mm  {_length_sure(arm, name)}"
     signs = " ".join("+" if sign > 0 else "-" for sign in found.convention.signs)
@@ -241,4 +241,4 @@ def _about(arm: Arm) -> Iterator[str]:
         yield "  joint 3 is counted against the horizon"
     yield f"  misfit {found.place_mm:.3f} mm, {found.turn_deg:.4f} degrees; {arm.how}"
     if found.undetermined:
-        yield f"  left open by the readings: {', '.join(found.undetermined)}"
+        yield f"  not determined by the readings: {', '.join(found.undetermined)}"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from daemon.calibration.file import load_calibration
-from daemon.cell.cameras import ThreadedEyes
-from daemon.cell.eye_trial import ailments, distrust
+from daemon.cell.camera_trial import camera_faults, pair_fault
+from daemon.cell.cameras import ThreadedCameras
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.simulated_cell import CONFIG
@@ -20,7 +20,7 @@ RIG = load_calibration(CONFIG.parent / "calibration.yaml").rig
 
 
 def tried(
-    prepare: Callable[[SimulatedCell], None], ask: Callable[[ThreadedEyes, SimulatedLoop], Awaitable[Any]]
+    prepare: Callable[[SimulatedCell], None], ask: Callable[[ThreadedCameras, SimulatedLoop], Awaitable[Any]]
 ) -> Any:
     """What is answered over a table with parts, and which eyes are looked with afterwards."""
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
@@ -28,7 +28,7 @@ def tried(
         assert isinstance(loop, SimulatedLoop)
         with SimulatedCell(CONFIG.parent / "simcell.yaml", 3, loop=loop) as cell:
             cell.place_for_teaching("cube", 0)
-            eyes = ThreadedEyes(cell.camera, loop.time)
+            eyes = ThreadedCameras(cell.camera, loop.time)
 
             async def story() -> Any:
                 await eyes.open()
@@ -47,19 +47,19 @@ def break_eye(how: str) -> Callable[[SimulatedCell], None]:
     ("how", "told"), [("away", "unplugged"), ("black", "covered"), ("frozen", "frozen"), ("half", "half a frame")]
 )
 def test_the_eye_that_fails_is_named_with_what_it_has_and_the_other_is_not(how: str, told: str) -> None:
-    wrong, alone = tried(break_eye(how), lambda eyes, loop: ailments(eyes, loop.time))
+    wrong, alone = tried(break_eye(how), lambda eyes, loop: camera_faults(eyes, loop.time))
     assert list(wrong) == ["left"]
     assert told in wrong["left"]
     assert alone is None, "nobody said to look with one"
 
 
 def test_of_two_eyes_that_see_nothing_is_said() -> None:
-    assert tried(lambda _: None, lambda eyes, loop: ailments(eyes, loop.time)) == ({}, None)
+    assert tried(lambda _: None, lambda eyes, loop: camera_faults(eyes, loop.time)) == ({}, None)
 
 
-async def back(eyes: ThreadedEyes, loop: SimulatedLoop) -> Any:
+async def back(eyes: ThreadedCameras, loop: SimulatedLoop) -> Any:
     await eyes.use("left")
-    return await distrust(eyes, RIG, loop.time)
+    return await pair_fault(eyes, RIG, loop.time)
 
 
 def test_both_eyes_are_trusted_where_they_show_one_scene_as_calibrated() -> None:
@@ -80,5 +80,5 @@ def test_an_eye_that_came_back_dark_is_not_trusted() -> None:
 
 def test_over_an_empty_table_both_eyes_are_not_trusted_yet() -> None:
     wrong, alone = tried(lambda cell: cell.clear(), back)
-    assert "nothing is in view" in wrong
+    assert "no common object in view" in wrong
     assert alone == "left"

@@ -1,8 +1,7 @@
-"""A first contact carried out on a port: bytes out and in on time, every one into a transcript, a stop at any moment.
+"""Identify a controller on a serial port: run the steps of drivers/val2/introduction.py with a transcript and a stop.
 
-What is typed is drivers/val2/introduction.py's, which arm it met introduced_arm.py's; here is the port, the person and
-the clock, and the same again from a transcript: lines of JSON, each {"t_s", "way", "bytes" or "text"}: way is out, in,
-heard (what came in since is what was waited for), speed, says, asks, answers, unclear or stop.
+identified_arm.py finds the arm. Also replays a transcript: lines of JSON, each {"t_s", "way", "bytes" or "text"}; way
+is out, in, heard (ends an exchange: what came in before belongs to it), speed, says, asks, answers, unclear or stop.
 """
 
 from __future__ import annotations
@@ -34,25 +33,25 @@ from drivers.val2.port import OpenPort, Port, SerialPort
 Write = Callable[[dict[str, Any]], None]
 STOP_TWICE_S = 0.3
 APART_S = 0.03
-"""Bytes nearer together than this are one line of the transcript, at the time of the last."""
+"""Bytes nearer together than this are one line of the transcript, with the time of the last."""
 
 
 class StoppedByPersonError(FacetdError):
-    """A stop was wanted, and was sent."""
+    """The person stopped the identification, and the stop was sent."""
 
 
 EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, PortError)
-"""How a first contact ends otherwise than well."""
+"""Errors that end an identification."""
 serial_port: OpenPort = SerialPort
 __all__ = [
-    "BAUDS", "EXPECTED", "Acquaintance", "Consult", "Person", "StoppedByPersonError", "again", "introduce",
-    "read_transcript", "serial_port",
+    "BAUDS", "EXPECTED", "Acquaintance", "Consult", "Person", "StoppedByPersonError", "identify",
+    "read_transcript", "replay", "serial_port",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Person:
-    """Who sits there: is told a line, answers a question, and may want a stop at any time."""
+    """The person at the terminal: reads lines, answers questions, may stop at any time."""
 
     tell: Callable[[str], None]
     answer: Callable[[Consult], Awaitable[str]]
@@ -60,7 +59,7 @@ class Person:
 
 
 class _Line:
-    """The open port, what came and when, and the transcript."""
+    """The open port, the received bytes with their times, and the transcript."""
 
     def __init__(self, path: str, open_port: OpenPort, clock: Callable[[], float], write: Write) -> None:
         self._path, self._open_port, self.clock, self._write = path, open_port, clock, write
@@ -68,51 +67,51 @@ class _Line:
         self._came: list[tuple[float, bytes]] = []
         self._news = asyncio.Event()
         self._broken: PortError | OSError | None = None
-        """The port is gone, or the transcript cannot be kept."""
+        """The port was lost, or the transcript cannot be written."""
         self._heard, self._heard_s = b"", 0.0
 
     def open(self, baud: int) -> None:
-        """Claim the port at a speed. Raises PortError."""
+        """Open the port at a baud rate. Raises PortError."""
         self.close()
         self._port = self._open_port(self._path, Dialect(baud=baud), self._hear, self._end)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._note_heard()
         if self._port is not None:
             self._port.close()
             self._port = None
 
     def send(self, data: bytes) -> None:
-        """Raises PortError, or OSError where that cannot be written down."""
+        """Send bytes. Raises PortError, or OSError where they cannot be recorded."""
         self.note("out", bytes=data.decode("latin-1"))
         self.check()
         if self._port is not None:
             self._port.write(data)
 
     def send_stop(self, data: bytes) -> None:
-        """The same of what stops the arm, also where it cannot be written down. Raises PortError."""
+        """Send bytes that stop the arm, even where they cannot be recorded. Raises PortError."""
         self.note("out", bytes=data.decode("latin-1"))
         if self._port is not None:
             self._port.write(data)
 
     def check(self) -> None:
-        """Raises PortError or OSError where what follows would not be typed, or not be kept."""
+        """Raise PortError or OSError where further bytes cannot be sent or recorded."""
         if self._broken is not None:
             raise self._broken
 
     def taken(self) -> list[tuple[float, bytes]]:
-        """What came since it was asked last."""
+        """Take the bytes received since the last call."""
         came, self._came = self._came, []
         return came
 
     @property
     def last_s(self) -> float | None:
-        """When something came last."""
+        """Time of the last received bytes, or None."""
         return self._came[-1][0] if self._came else None
 
     async def news(self, most_s: float) -> None:
-        """Wait until something comes, most_s at most. Raises PortError, OSError."""
+        """Wait for bytes, at most most_s. Raises PortError, OSError."""
         self._news.clear()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(max(most_s, 0.0)):
@@ -120,7 +119,7 @@ class _Line:
         self.check()
 
     def note(self, way: str, **what: str) -> None:
-        """A line of the transcript; what was heard before it comes first."""
+        """Write a line of the transcript, after the bytes received before it."""
         self._note_heard()
         self._keep({"t_s": round(self.clock(), 4), "way": way, **what})
 
@@ -148,7 +147,7 @@ class _Line:
         self._news.set()
 
 
-async def introduce(
+async def identify(
     path: str,
     open_port: OpenPort,
     person: Person,
@@ -156,10 +155,10 @@ async def introduce(
     bauds: Sequence[int] = BAUDS,
     pendant: bool = False,
 ) -> Acquaintance:
-    """The first contact at a port. write: takes each line of the transcript; pendant: whether the person brings the arm
-    to more places.
+    """Identify the controller at a port. write: receives each line of the transcript; pendant: whether the person moves
+    the arm to more poses.
 
-    Raises UnclearError with a question, PortError, StoppedByPersonError once the stop was sent, and what write raises.
+    Raises UnclearError with a question, PortError, StoppedByPersonError after the stop was sent, and what write raises.
     """
     known = Acquaintance()
     line = _Line(path, open_port, asyncio.get_running_loop().time, write)
@@ -175,13 +174,13 @@ async def introduce(
             reply = await _unless_stopped(_do(step, line, person), known, line, person)
     except StoppedByPersonError:
         raise
-    except BaseException as error:  # the disk, the person's terminal: nobody looks any more whether the arm rests
+    except BaseException as error:  # disk full, terminal lost: nobody watches the arm any more
         if isinstance(error, UnclearError):
             line.note("unclear", text=str(error))
         if known.moved:
             await _typed(known.stop_bytes, known.pace_s, line.send_stop)
             with contextlib.suppress(OSError):
-                person.tell(f"{known.stop_word} was sent. Look whether the arm rests")
+                person.tell(f"{known.stop_word} was sent. Check that the arm is at rest")
         raise
     finally:
         steps.close()
@@ -189,18 +188,18 @@ async def introduce(
 
 
 async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Line, person: Person) -> Any:
-    """What comes of it; or, at the moment a stop is wanted, the stop. Raises StoppedByPersonError."""
+    """Await a step, and send the stop as soon as the person wants it. Raises StoppedByPersonError."""
     task, stop = asyncio.ensure_future(doing), asyncio.ensure_future(person.wants_stop.wait())
     try:
         await asyncio.wait({task, stop}, return_when=asyncio.FIRST_COMPLETED)
         if person.wants_stop.is_set():
-            task.cancel()  # what it would type on stood amid the letters of the stop
+            task.cancel()  # else its bytes would mix with those of the stop
             await asyncio.wait({task})
             line.note("stop", text="wanted by the person")
             for _ in range(2):
                 await _typed(known.stop_bytes, known.pace_s, line.send_stop)
                 await asyncio.sleep(STOP_TWICE_S)
-            raise StoppedByPersonError(f"stopped: {known.stop_word} was sent, twice. Look whether the arm rests")
+            raise StoppedByPersonError(f"stopped: {known.stop_word} was sent twice. Check that the arm is at rest")
         return task.result()
     finally:
         for one in (task, stop):
@@ -213,7 +212,7 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
         return await _exchange(step, line)
     line.note(step.way, text=step.text)
     if isinstance(step, Speed):
-        person.tell(f"listening at {step.baud} baud; how it speaks takes some 20 s, and nothing moves")
+        person.tell(f"listening at {step.baud} baud; identifying the line takes some 20 s, and nothing moves")
         line.open(step.baud)
     elif isinstance(step, Tell):
         person.tell(step.text)
@@ -225,7 +224,7 @@ async def _do(step: Step, line: _Line, person: Person) -> Heard | str | None:
 
 
 async def _typed(data: bytes, pace_s: float, send: Callable[[bytes], None]) -> None:
-    """All of it, or pace_s between its characters."""
+    """Send data at once, or with pace_s between its characters."""
     for part in filter(None, [data] if pace_s <= 0 else [data[k : k + 1] for k in range(len(data))]):
         send(part)
         if pace_s > 0:
@@ -242,18 +241,18 @@ async def _exchange(step: Exchange, line: _Line) -> Heard:
             ends_s = min(ends_s, max(line.last_s, sent_s) + step.quiet_s)
         if now_s >= ends_s - 1e-9:
             pieces = tuple((max(0.0, at_s - sent_s), piece) for at_s, piece in line.taken())
-            line.note("heard")  # a computer that is late hears more than the clock says
+            line.note("heard")  # on a busy computer more bytes may have arrived than the times suggest
             return Heard(pieces, now_s - sent_s)
         await line.news(ends_s - now_s)
 
 
-# Again, from a transcript
+# Replay of a transcript
 
 
-def again(transcript: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Today's introduction against a recorded one: a line for each place where it would say something else.
+def replay(transcript: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Replay a transcript with today's identification: a line where it first differs.
 
-    It hears what was heard then, at its time, as long as it types what was typed then.
+    It receives the recorded bytes at their times as long as it sends the recorded ones.
     """
     records = list(transcript)
     known = Acquaintance()
@@ -267,43 +266,43 @@ def again(transcript: Iterable[dict[str, Any]]) -> Iterator[str]:
         except StopIteration:
             return
         except UnclearError as unclear:
-            told = [record["text"] for record in records if record["way"] == "unclear"]
-            if told != [str(unclear)]:
+            recorded = [record["text"] for record in records if record["way"] == "unclear"]
+            if recorded != [str(unclear)]:
                 yield f"it ends here with: {unclear}"
             return
-        was, at, reply = _as_then(step, records, at)
-        if was is not None:
+        difference, at, reply = _compared(step, records, at)
+        if difference is not None:
             steps.close()
-            yield was
+            yield difference
             return
 
 
-def _as_then(step: Step, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
-    """What differs (None: nothing), where the record goes on, and what was answered then."""
+def _compared(step: Step, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
+    """(difference or None, index of the next record, the recorded answer)."""
     if isinstance(step, Exchange):
-        return _exchange_as_then(step, records, at)
-    _said_first(records, at)
+        return _compared_exchange(step, records, at)
+    _text_before_bytes(records, at)
     if at >= len(records) or (records[at]["way"], records[at].get("text")) != (step.way, step.text):
         then = "nothing" if at >= len(records) else f"{records[at]['way']} {records[at].get('text', '')!r}"
         return f"record {at + 1}: then {then}, now {step.way} {step.text!r}", at, None
     if not isinstance(step, Consult):
         return None, at + 1, None
-    _said_first(records, at + 1)
+    _text_before_bytes(records, at + 1)
     return None, at + 2, records[at + 1]["text"]
 
 
-def _said_first(records: list[dict[str, Any]], at: int) -> None:
-    """What came in after an exchange had ended was heard by the next one: what was said meanwhile is put before it."""
-    said = _after_heard(records, at)
-    records[at : said + 1] = [*records[said : said + 1], *records[at:said]]
+def _text_before_bytes(records: list[dict[str, Any]], at: int) -> None:
+    """Bytes received after the end of an exchange belong to the next one: move the text in between before them."""
+    text_at = _after_bytes(records, at)
+    records[at : text_at + 1] = [*records[text_at : text_at + 1], *records[at:text_at]]
 
 
-def _after_heard(records: list[dict[str, Any]], at: int) -> int:
-    """The first record from there on that is not of what came in; their number where all are."""
+def _after_bytes(records: list[dict[str, Any]], at: int) -> int:
+    """Index of the first record from `at` on that is not received bytes."""
     return next((k for k in range(at, len(records)) if records[k]["way"] != "in"), len(records))
 
 
-def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
+def _compared_exchange(step: Exchange, records: list[dict[str, Any]], at: int) -> tuple[str | None, int, Any]:
     sent, sent_s, pieces = b"", records[at]["t_s"] if at < len(records) else 0.0, []
     while at < len(records) and len(sent) < len(step.data) and records[at]["way"] in ("out", "in"):
         data = records[at]["bytes"].encode("latin-1")
@@ -314,8 +313,8 @@ def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) ->
         at += 1
     if sent != step.data:
         return f"record {at}: then {sent!r} was typed, now {step.data!r}", at, None
-    last_s, ends = None, _after_heard(records, at)
-    marked = ends < len(records) and records[ends]["way"] == "heard"  # older transcripts have the clock alone
+    last_s, ends = None, _after_bytes(records, at)
+    marked = ends < len(records) and records[ends]["way"] == "heard"  # older transcripts have only the times
     while at < len(records) and records[at]["way"] == "in":
         since_s = max(0.0, records[at]["t_s"] - sent_s)
         ends_s = step.most_s if last_s is None and not pieces else min(step.most_s, (last_s or 0.0) + step.quiet_s)
@@ -330,7 +329,7 @@ def _exchange_as_then(step: Exchange, records: list[dict[str, Any]], at: int) ->
 
 
 def read_transcript(lines: Iterable[str]) -> Iterator[dict[str, Any]]:
-    """The records of a transcript. Raises ValueError naming the line."""
+    """Parse the lines of a transcript. Raises ValueError with the line number."""
     for number, line in enumerate(lines, 1):
         try:
             record = json.loads(line)

@@ -15,8 +15,8 @@ import yaml
 from daemon import config as configs
 from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
-from daemon.cell.introduce import StoppedByPersonError, again, read_transcript
-from daemon.cell.introduced_arm import arm_file, arm_of, page
+from daemon.cell.identified_arm import arm_file, arm_of, page
+from daemon.cell.identify import StoppedByPersonError, read_transcript, replay
 from daemon.store import folders
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
@@ -102,7 +102,7 @@ def test_a_controller_that_is_not_calibrated_is_offered_cal_and_is_asked_first(s
     assert sum(line.startswith("CAL") for line in typed(contact)) == 1
     assert contact.controller.machine.calibrated
     assert len(contact.known.readings) > 12
-    assert list(again(contact.transcript)) == []
+    assert list(replay(contact.transcript)) == []
 
 
 def test_where_cal_is_not_agreed_to_nothing_moves_and_what_to_do_is_told() -> None:
@@ -153,7 +153,7 @@ def test_where_no_arm_fits_a_wrist_that_stayed_straight_is_named(straight: bool,
         raise NoArmError("no arm fits")
 
     known = in_simulated_time(lambda: meet(straight_wristed() if straight else draw(0), stubborn)).known
-    monkeypatch.setattr("daemon.cell.introduced_arm.find_arm", none_fits)
+    monkeypatch.setattr("daemon.cell.identified_arm.find_arm", none_fits)
     with pytest.raises(NoArmError, match="no arm fits") as raised:
         arm_of(known)
     assert ("The wrist was straight (joint 5 read 0." in str(raised.value)) is straight
@@ -281,7 +281,7 @@ def test_what_is_written_is_what_the_cell_then_works_with(tmp_path: Path) -> Non
     assert strange.name in text
     sure = {arm_file(contact.known, arm)["geometry"][f"{name}_mm"]["sure"] for name in ("a2", "a3", "d3", "d4")}
     assert ("published" in sure) is bool(arm.source), "lengths that were looked up were not measured"
-    assert "What nobody can find out" in text
+    assert "What the line cannot show" in text
 
 
 @pytest.mark.slow
@@ -327,7 +327,7 @@ def test_a_dozen_places_by_the_pendant_tell_the_lengths_of_an_arm_nobody_publish
     assert sum("farther, please" in line for line in contact.told) == 1
     assert found.found.lengths_mm == pytest.approx(drawing, abs=0.1)
     assert "Small steps" not in page(contact.known, found)
-    assert list(again(contact.transcript)) == []
+    assert list(replay(contact.transcript)) == []
 
 
 def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(tmp_path: Path) -> None:
@@ -354,12 +354,12 @@ def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) ->
 def test_a_transcript_is_followed_word_for_word_and_the_first_change_is_shown() -> None:
     contact = in_simulated_time(lambda: meet(draw(2)))
     lines = [json.dumps(record) for record in contact.transcript]
-    assert list(again(read_transcript(lines))) == []
+    assert list(replay(read_transcript(lines))) == []
     k = (
         next(k for k, record in enumerate(contact.transcript) if record["way"] == "answers" and record["text"] == "yes")
         + 1
     )
-    (difference,) = again(read_transcript([*lines[:k], lines[k].replace('"S"', '"Z"'), *lines[k + 1 :]]))
+    (difference,) = replay(read_transcript([*lines[:k], lines[k].replace('"S"', '"Z"'), *lines[k + 1 :]]))
     assert difference.startswith(f"record {k + 1}") or "Z" in difference
 
 
@@ -372,14 +372,14 @@ def test_a_transcript_of_a_computer_that_was_late_is_followed_too() -> None:
     late = [dict(record) for record in records]
     for record in late[before - 1 :]:
         record["t_s"] += 30.0
-    assert list(again(late)) == []
+    assert list(replay(late)) == []
     stray = {"t_s": records[step]["t_s"] - 0.001, "way": "in", "bytes": "\r\n"}
-    assert list(again([*records[: before + 1], stray, *records[before + 1 :]])) == []
+    assert list(replay([*records[: before + 1], stray, *records[before + 1 :]])) == []
 
 
 @pytest.mark.parametrize("path", sorted(HERE.glob("*.jsonl")), ids=lambda path: path.stem)
 def test_today_s_driver_says_what_it_said_in_the_recorded_introductions(path: Path) -> None:
-    assert list(again(read_transcript(path.read_text().splitlines()))) == []
+    assert list(replay(read_transcript(path.read_text().splitlines()))) == []
 
 
 def test_a_line_that_is_no_record_is_named() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.cell.simulated_hand import SimulatedHand
+from daemon.cell.simulated_operator import SimulatedOperator
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 
@@ -17,16 +17,16 @@ Lie = list[tuple[str, str, list[float]]]
 
 
 @pytest.fixture
-def hand() -> Iterator[SimulatedHand]:
+def hand() -> Iterator[SimulatedOperator]:
     with SimulatedCell(TRUTH, seed=3) as cell:
-        yield SimulatedHand(cell, {"cube": 1, "pyramid": 2}, BoardPrint)
+        yield SimulatedOperator(cell, {"cube": 1, "pyramid": 2}, BoardPrint)
 
 
-def lie(hand: SimulatedHand) -> Lie:
+def lie(hand: SimulatedOperator) -> Lie:
     return [(part.name, part.where.value, np.asarray(part.pose).ravel().tolist()) for part in hand.cell.world.parts]
 
 
-def test_after_a_part_or_a_board_was_shown_every_part_lies_where_it_lay(hand: SimulatedHand) -> None:
+def test_after_a_part_or_a_board_was_shown_every_part_lies_where_it_lay(hand: SimulatedOperator) -> None:
     hand.scatter(("cube", "pyramid"))
     before = lie(hand)
     hand.show("pyramid", 3)
@@ -40,7 +40,7 @@ def test_after_a_part_or_a_board_was_shown_every_part_lies_where_it_lay(hand: Si
     assert lie(hand) == before
 
 
-def test_what_was_strewn_or_cleared_meanwhile_is_not_undone(hand: SimulatedHand) -> None:
+def test_what_was_strewn_or_cleared_meanwhile_is_not_undone(hand: SimulatedOperator) -> None:
     hand.scatter(("cube",))
     hand.show("pyramid", 0)
     hand.clear()
