@@ -22,6 +22,7 @@ from prompt_toolkit.buffer import Buffer
 from prompt_toolkit.document import Document
 from prompt_toolkit.key_binding import KeyBindings, KeyPressEvent
 from prompt_toolkit.keys import Keys
+from prompt_toolkit.renderer import CPR_Support
 
 from daemon.console.stop_words import LINE_END, ends_in_stop, means_stop, withdraws_permission
 from daemon.console.text_layout import NARROWEST, fold
@@ -81,6 +82,8 @@ class ConsolePrompt:
             reserve_space_for_menu=4,
             key_bindings=self._keys(),
         )
+        # An ended line would wait up to 1 s for the terminal to say where its cursor is: a stop waits for nothing.
+        self._session.app.renderer.cpr_support = CPR_Support.NOT_SUPPORTED
         self._answering: tuple[int, str] | None = None
         """The question that stood when the line was ended: one that came a moment later is not answered by it."""
         buffer = self._session.default_buffer

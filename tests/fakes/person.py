@@ -32,12 +32,13 @@ class Person:
         self.seen, self._raw = "", b""
         self.gone = False
         """Whether facetctl was seen to have ended."""
+        self.asked_for_cursor = False
+        """Whether the terminal was asked where its cursor is. This one never answers."""
         self._pid, self._handle = pty.fork()
         if self._pid == 0:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever began the tests in the background ignores it
             os.environ.update(FACETD_SOCKET=str(folder / "facetd.sock"), HOME=str(folder), TERM="xterm")
             os.environ.pop("XDG_STATE_HOME", None)
-            os.environ["PROMPT_TOOLKIT_NO_CPR"] = "1"  # nobody answers where the cursor is
             os.execv(sys.executable, [sys.executable, "-m", program, *words])
 
     def types(self, keys: str) -> None:
@@ -80,5 +81,6 @@ class Person:
             self.gone = True
             return False
         whole, begun = BEGUN.match(self._raw).groups()  # type: ignore[union-attr]
+        self.asked_for_cursor |= b"\x1b[6n" in whole
         self.seen, self._raw = self.seen + SEQUENCE.sub(b"", whole).decode("utf-8", "replace"), begun
         return True

@@ -263,6 +263,18 @@ def commands_heard(daemon: Asking, count: int) -> list[dict[str, Any]]:
     return [daemon.heard.get(timeout=10.0) for _ in range(count)]
 
 
+def test_a_stop_waits_for_no_terminal_that_does_not_say_where_its_cursor_is(place: Path) -> None:
+    """The first stop at a new prompt left a second late where the terminal gave no answer, and with a slow one's."""
+    daemon, person = Asking(place), Person(place.parent, "console")
+    person.sees("facetd>")
+    person.types("stop\r")
+    (said,) = commands_heard(daemon, 1)
+    assert said["do"] == "stop"
+    person.types("\x04")
+    person.leaves()
+    assert not person.asked_for_cursor
+
+
 @pytest.mark.parametrize(
     ("typed", "pasted"),
     [
