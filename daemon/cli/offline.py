@@ -49,7 +49,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="append",
         default=[],
         metavar="LABEL=FILE",
-        help="a part's drawing, STL or OBJ; may be repeated",
+        help="a part's drawing, STL or OBJ (extra `drawings`: PLY, 3MF, STEP); may be repeated",
     )
     train.add_argument("--unit", default="mm", help="of the drawings: mm (default), cm, m or inch")
     train.add_argument("--out", type=Path, required=True, metavar="MODEL", help="the model to write, .npz")
@@ -174,6 +174,7 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises OfflineError."""
     from daemon.pick.grasp import GripperGeometry
     from daemon.store.outside import read_file
+    from daemon.teaching.foreign_drawings import in_own_format
     from daemon.teaching.mesh import LARGEST_BYTES, MeshError, UnitError
     from daemon.teaching.solid_from_mesh import read_drawing
     from daemon.teaching.understood import understood
@@ -183,7 +184,7 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
     for label, file in [_drawing(word) for word in words]:
         name = spelt(str(file))
         try:
-            drawing = read_drawing(name, read_file(file, LARGEST_BYTES), unit, model.library)
+            drawing = read_drawing(*in_own_format(name, read_file(file, LARGEST_BYTES), unit), model.library)
             model = learn_solid(model, drawing.solid, label, source=name)
         except UnitError as error:
             refused.append(f"{error.question} give --unit {error.others}")

@@ -28,6 +28,7 @@ from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, spelt
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
+from daemon.teaching.foreign_drawings import in_own_format
 from daemon.teaching.mesh import UNITS_MM, MeshError, UnitError
 from daemon.teaching.solid_from_mesh import Drawing, read_drawing
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
@@ -39,7 +40,7 @@ from daemon.vision.values import Facet
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MOST_ALIKE = 3
 """Pairs of look-alikes that `accept` tells of."""
-MESH_USAGE = "teach LABEL --mesh FILE.stl|FILE.obj [mm|cm|m|inch]"
+MESH_USAGE = "teach LABEL --mesh FILE.stl|obj|ply|3mf|step [mm|cm|m|inch]"
 
 
 def with_views(context: CommandContext) -> list[str]:
@@ -58,7 +59,8 @@ async def teach(context: CommandContext, words: list[str], frontend: Frontend) -
 
     Show the part alone. The screen shows a drawing of what is seen; confirm it. Then you see which sides are
     still unknown and which parts it could be confused with.
-    --mesh FILE.stl or FILE.obj [mm|cm|m|inch]   learn the exact shape from a drawing, a file on your computer
+    --mesh FILE [mm|cm|m|inch]   learn the exact shape from a drawing, a file on your computer: .stl or .obj; with
+    the extra `drawings` also .ply, .3mf and .step
     --around [PLACES]   the arm looks at the part from 6 to 12 places (10) as it lies alone on the table, and learns
     all of it except the side it lies on. Writes an STL; compares it with the drawing if there is one. Asks first.
     """
@@ -136,25 +138,26 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
 
 
 async def _teach_drawing(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Learn a part from its STL or OBJ file, without showing it."""
+    """Learn a part from its drawing's file, without showing it."""
     at = words.index("--mesh")
     file, unit = (*words[at + 1 :], *(None,) * 2)[:2]
     if file is None:
         raise CommandError(f"FILE is missing: {MESH_USAGE}", NOT_UNDERSTOOD)
     no_more(words[at:], 3, MESH_USAGE)
-    unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
+    in_unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
     content = await frontend.fetch(file)
     name = spelt(file.rpartition("/")[2])
     try:  # what is wrong with the file is said before anything is asked
-        drawing, unit = await _understood(context, name, content, unit, frontend)
+        name, content, in_unit = await context.study(in_own_format, name, content, in_unit)
+        drawing, in_unit = await _understood(context, name, content, in_unit, frontend)
         opening_mm = context.config.values.pick.gripper.opening_mm
         told = await context.study(understood, drawing, opening_mm)
         await frontend.say("\n".join(told))
         label = await _label(context, words[:at], frontend, shown=False)
-        odd = await context.study(context.trainer.odd_drawing, label, name, content, unit)
+        odd = await context.study(context.trainer.odd_drawing, label, name, content, in_unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
             raise CommandError(f"not stored: {odd}")
-        view = await context.study(context.trainer.store_mesh, label, name, content, unit, {"who": frontend.who})
+        view = await context.study(context.trainer.store_mesh, label, name, content, in_unit, {"who": frontend.who})
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)

@@ -58,7 +58,7 @@ def read_mesh(name: str, content: bytes, unit: str = "mm") -> Mesh:
     kind = name.lower().rpartition(".")[2]
     readers = {"stl": read_stl, "obj": read_obj}
     if kind not in readers:
-        raise MeshError(f"{name}: expected a name that ends in .stl or .obj")
+        raise MeshError(f"{name}: expected a name that ends in .stl, .obj, .ply, .3mf or .step")
     try:
         mesh = readers[kind](content)
     except MeshError as error:

@@ -14,7 +14,8 @@ from daemon.teaching.curved_surfaces import STRIP_RAD
 from daemon.teaching.flat_regions import FlatRegions
 from daemon.vision.geometry import sides_of
 
-STRAIGHT_DEG = 1.0
+STRAIGHT_RAD = np.radians(0.4)
+"""A border turns by less where a corner is in the middle of a side; two facets are one that turn by a little more."""
 CHORD_MM = 0.15
 """How far the chords an arc is cut into lie off it at most; half of it in, half of it out: less than a camera sees."""
 ON_CIRCLE_MM = 0.05
@@ -42,7 +43,7 @@ def outlines(regions: FlatRegions, faces: list[int], owner: Index, step_mm: floa
             continue
         first = turned or 0
         ring, kinds = ring[first:] + ring[:first], kinds[first:] + kinds[:first]
-        made.rings.append(_straightened(made, _pieces(made, ring, kinds, step_mm)))
+        made.rings.append(_straightened(made, _pieces(made, ring, kinds, step_mm), step_mm))
     return made
 
 
@@ -106,16 +107,19 @@ def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
     return np.asarray(middle + ring @ np.array([x, y]))
 
 
-def _straightened(made: Outlines, ring: list[int]) -> tuple[int, ...]:
-    """Without corners at which the border goes straight on, and shows or does not show on both sides."""
+def _straightened(made: Outlines, ring: list[int], step_mm: float) -> tuple[int, ...]:
+    """Without corners at which the border goes straight on, as far as rounding to a step lets it, and shows or does not
+    show on both sides."""
     kept = list(ring)
     at = 0
     while at < len(kept) and len(kept) > 2:
         a, b, c = (kept[(at + step) % len(kept)] for step in (-1, 0, 1))
         one, two = made.points[b] - made.points[a], made.points[c] - made.points[b]
-        cosine = float(one @ two / max(float(np.linalg.norm(one) * np.linalg.norm(two)), 1e-12))
+        lengths = np.linalg.norm([one, two], axis=1)
+        straight = STRAIGHT_RAD + 2 * np.arctan2(step_mm, lengths.min())
+        cosine = float(one @ two / max(float(lengths.prod()), 1e-12))
         sides = (min(a, b), max(a, b)) in made.smooth, (min(b, c), max(b, c)) in made.smooth
-        if cosine > np.cos(np.radians(STRAIGHT_DEG)) and sides[0] == sides[1]:
+        if cosine > np.cos(straight) and sides[0] == sides[1]:
             kept.pop(at)
             if sides[0]:
                 made.smooth.add((min(a, c), max(a, c)))

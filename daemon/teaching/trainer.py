@@ -166,7 +166,7 @@ class Trainer:
         )
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
-        """Keep a drawing (STL or OBJ) of a part on disk. Raises ModelStoreError, MeshError, TeachError."""
+        """Keep a drawing of a part on disk, which is STL or OBJ. Raises ModelStoreError, MeshError, TeachError."""
         solid = solid_drawn(name, content, unit, self.library)
         learn_solid(empty_model(self.library), solid, label)
         kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"

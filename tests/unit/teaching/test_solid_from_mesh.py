@@ -99,7 +99,7 @@ BALL = drawn.obj(*drawn.ball(30.0))
 @pytest.mark.parametrize(
     ("name", "content", "want"),
     [
-        ("part.step", b"", "part.step: expected a name that ends in .stl or .obj"),
+        ("part.step", b"", "part.step: expected a name that ends in .stl, .obj, .ply, .3mf or .step"),
         ("part.stl", b"", "part.stl: not STL"),
         ("part.stl", b"hello", "part.stl: not STL"),
         ("part.stl", drawn.binary_stl(*CUBE)[:-7], "cut short or not STL: 677 bytes, 684 expected"),

@@ -111,7 +111,7 @@ class Reader:
         ("cube --mesh cube.stl mm mm", "mm: one word too many"),
         ("cube --mesh bad.obj", "bad.obj: not closed"),
         ("brick --mesh bad.obj", "bad.obj: not closed"),
-        ("brick --mesh cube.txt", "cube.txt: expected a name that ends in .stl or .obj"),
+        ("brick --mesh cube.txt", "cube.txt: expected a name that ends in .stl, .obj"),
         ("brick --mesh cube.stl", "To add a new part, teach it at a console"),
     ],
 )
