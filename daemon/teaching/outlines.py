@@ -10,9 +10,9 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from daemon.arrays import Array, Index
+from daemon.teaching.blends import Blends, borders
 from daemon.teaching.curved_surfaces import STRIP_RAD
 from daemon.teaching.flat_regions import FlatRegions
-from daemon.vision.geometry import sides_of
 
 STRAIGHT_RAD = np.radians(0.4)
 """A border turns by less where a corner is in the middle of a side; two facets are one that turn by a little more."""
@@ -31,12 +31,14 @@ class Outlines:
     smooth: set[tuple[int, int]] = field(default_factory=set)
 
 
-def outlines(regions: FlatRegions, faces: list[int], owner: Index, step_mm: float) -> Outlines:
-    """The outer ring of each of these flat faces; owner (R,): the curved surface each region is of, or -1."""
-    made = Outlines(list(regions.corners))
+def outlines(regions: FlatRegions, owner: Index, found: Blends, step_mm: float) -> Outlines:
+    """The outer ring of each flat face; owner (R,): the curved surface each region is of, or -1."""
+    faces = np.flatnonzero(found.flat).tolist()
+    drawn = borders(regions, faces, found)
+    made = Outlines(drawn.points)
     for face in faces:
-        ring = list(regions.loops[face][0])
-        kinds = [_kind(regions, face, side, owner) for side in sides_of(ring)]
+        ring = [corner for corner, _ in drawn.rings[face]]
+        kinds = [_kind(regions, face, beyond, owner) for _, beyond in drawn.rings[face]]
         turned = next((k for k in range(len(ring)) if kinds[k - 1] != kinds[k]), None)
         if turned is None and kinds[0][0] >= 0:
             made.rings.append(_chords(made, [*ring, ring[0]], step_mm, kinds[0][1]))
@@ -47,9 +49,8 @@ def outlines(regions: FlatRegions, faces: list[int], owner: Index, step_mm: floa
     return made
 
 
-def _kind(regions: FlatRegions, face: int, side: tuple[int, int], owner: Index) -> tuple[int, bool]:
-    """The curved surface beyond a side, or -1; and whether the surface goes on smoothly there."""
-    other = regions.beyond[side]
+def _kind(regions: FlatRegions, face: int, other: int, owner: Index) -> tuple[int, bool]:
+    """The curved surface that the region beyond a side is of, or -1; and whether the surface goes on smoothly there."""
     surface = int(owner[other])
     return surface, surface >= 0 and regions.turn_rad(face, other) < STRIP_RAD
 

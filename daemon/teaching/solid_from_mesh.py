@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Index
+from daemon.teaching.blends import Blends, blends
 from daemon.teaching.closed_surface import closed_surface
 from daemon.teaching.curved_surfaces import CurvedSurface, curved_surfaces, owners
 from daemon.teaching.flat_regions import FlatRegions, flat_regions
@@ -23,6 +24,7 @@ from daemon.vision.model import FacetLibrary, type_facet
 MOST_PIECES = 6000
 """Flat pieces of a surface that are looked through; a drawing with more is no machined part's."""
 MOST_FACETS = 200
+WORN = "small fillets and chamfers ({} in all, those that meet as one) are taken for edges that are worn"
 DRAWN_MM = 0.05
 """How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
 
@@ -63,22 +65,25 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
         raise MeshError(f"{len(regions.areas)} flat pieces, at most {MOST_PIECES}; export it with a coarser tolerance")
     curved = curved_surfaces(regions)
     owner = owners(regions, curved)
-    faces = np.flatnonzero(owner < 0).tolist()
+    small = blends(regions, owner)
+    faces = np.flatnonzero(small.flat).tolist()
     if len(faces) < 2:
         raise MeshError(f"{len(faces)} flat facets: a curved surface; at least 2 flat ones tell a part")
     if len(faces) > MOST_FACETS:
         raise MeshError(f"{len(faces)} flat facets; at most {MOST_FACETS} tell a part")
-    solid, origin = _solid(regions, faces, owner, mesh.step_mm, library)
+    solid, origin = _solid(regions, owner, small, mesh.step_mm, library)
+    curved = tuple(one for one in curved if (small.cluster[list(one.regions)] < 0).any())
+    notes = surface.notes + ((WORN.format(len(small.joins)),) if small.joins else ())
     holes = sum(len(regions.loops[face]) - 1 for face in faces)
     used = sorted({k for triangle in surface.triangles for k in triangle})
-    return Drawing(solid, origin, np.ptp(surface.corners[used], axis=0), curved, holes, surface.notes)
+    return Drawing(solid, origin, np.ptp(surface.corners[used], axis=0), curved, holes, notes)
 
 
 def _solid(
-    regions: FlatRegions, faces: list[int], owner: Index, step_mm: float, library: FacetLibrary
+    regions: FlatRegions, owner: Index, small: Blends, step_mm: float, library: FacetLibrary
 ) -> tuple[Polyhedron, Array]:
     """The solid about the middle of its corners, and that middle."""
-    made = outlines(regions, faces, owner, step_mm)
+    made = outlines(regions, owner, small, step_mm)
     if any(len(ring) < 3 for ring in made.rings):
         raise MeshError("a facet without an area; mend the mesh")
     used = sorted({k for ring in made.rings for k in ring})
