@@ -136,10 +136,10 @@ def lever_covariance(b_from_a: Array, covariance_of_c_from_b: Array, c_from_b: A
 
 
 def point_motion(levers: Array) -> Array:
-    """(N, 3) levers from a's origin, along b's axes -> (N, 3, 6) motion of each point with a pose's (6,) motion."""
-    rows = np.zeros((len(levers), 3, 6))
-    rows[:, :, :3] = np.eye(3)
-    rows[:, :, 3:] = -cross_matrices(levers)
+    """(..., 3) levers from a's origin, along b's axes -> (..., 3, 6) motion of each point with a pose's (6,) motion."""
+    rows = np.zeros((*levers.shape, 6))
+    rows[..., :3] = np.eye(3)
+    rows[..., 3:] = -cross_matrices(levers)
     return rows
 
 

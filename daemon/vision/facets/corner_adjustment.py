@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array, Index
-from daemon.vision.geometry import Baseline, RectifiedCamera
+from daemon.vision.geometry import Baseline, RectifiedCamera, robust_weight, solve, whitener
 from daemon.vision.image import Sides
 
 PLANE_MM = 0.02  # how flat a real facet is
 _MODEL_PX = 0.02  # how far a real side is from a straight line; both set by eye
-_OUTLIER = 3.0  # sigmas at which a side counts a quarter
 _ROUNDS, _LINEARISED = 6, 2
 """How often sides are weighed anew, and in how many rounds, the first, slopes and planes are taken anew as well."""
 
@@ -40,8 +39,7 @@ def pulls(sides: Sequence[Sides], ends: Index, weight: Array, eye: RectifiedCame
     x, y = (end - start).T
     line = np.array([-y, x, start[:, 0] * y - start[:, 1] * x]) / np.hypot(x, y)
     covariance = np.concatenate([s.covariance for s in sides]) + _MODEL_PX**2 * np.eye(2)
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    return EdgeObservations(ends, line.T, whiten * eye.focal_px, weight)
+    return EdgeObservations(ends, line.T, whitener(covariance) * eye.focal_px, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +59,7 @@ def settle(
     """Least-squares corners (V, 3) mm, from a start near the answer. planes: corner numbers of each facet of four or
     more.
 
-    Gauss-Newton on offsets from the sides in px sigmas; a side that stays off by several sigmas loses its say
-    (Geman-McClure).
+    Source: least squares on offsets from the sides in px sigmas; a side that stays off by several loses its say.
     """
     turn, middle = geometry.cyclopean_from_baseline, geometry.middle_mm
     points = (start_mm - middle) @ turn
@@ -85,21 +82,19 @@ def settle(
             held = flat.T @ flat + 1e-9 * np.eye(count)
         size = (residual**2).sum(1)
         squares, say = float(trust @ size), 2 * float(trust.sum())
-        weighted = (slopes * trust[:, None, None]).reshape(-1, count).T
-        hessian = weighted @ slopes.reshape(-1, count) + held
-        gradient = weighted @ residual.ravel() + flat.T @ (flat @ points.ravel())
+        found = solve(slopes[None], -residual[None], trust[None], held, -flat.T @ (flat @ points.ravel()))
+        step = found.unknowns[0]
         if turn_number >= 1:
             # The left's sides by their own spread, the right's by that of both: on the rendered scenes the worst of the
             # corners (95 %) are 6 % farther off with all by that of both, 8 % with each eye's by its own.
             spreads = [_spread(size[:own], trust[:own]), _spread(size, trust)]
-            trust = both.weight / (1 + size / _OUTLIER**2 / np.array(spreads).repeat([own, len(size) - own])) ** 2
-        step = np.linalg.solve(hessian, gradient)
-        points = points - step.reshape(-1, 3)
+            trust = both.weight * robust_weight(size / np.array(spreads).repeat([own, len(size) - own]))
+        points = points + step.reshape(-1, 3)
         if turn_number >= 3 and np.abs(step).max() < 1e-4:
             break
     free = max(say - count + sum(len(p) - 3 for p in planes), 1.0)
     misfit = float(np.sqrt(squares / free))
-    inverse = np.linalg.inv(hessian) * max(1.0, misfit**2)
+    inverse = np.linalg.inv(found.held[0]) * max(1.0, misfit**2)
     n = len(points)
     blocks = inverse.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n), :]
     return AdjustedCorners(points @ turn.T + middle, turn @ blocks @ turn.T, misfit)

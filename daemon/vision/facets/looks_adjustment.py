@@ -12,8 +12,9 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Index
 from daemon.vision.facets.corner_adjustment import flatness, planes_alike
+from daemon.vision.geometry import robust_weight, solve, whitener
 
-OUTLIER = 4.0  # sigmas beyond which a corner counts less
+OUTLIER = 8.0  # sigmas off at which a corner counts a quarter: three residuals each, of errors that are predicted well
 ROUNDS = 6
 LEAST_MM2 = 1e-6  # keeps the weight of a corner known exactly finite
 FREE_MM = 1.0  # how far a corner that nothing holds may lie from where it began
@@ -65,7 +66,7 @@ def adjusted(
     (9, 9): covariance of the shared errors; unseen (U, 3): where corners begin that no look measured, which come behind
     the others, and which planes alone hold.
 
-    Source: Gauss-Newton with priors; a corner that stays off by more than four sigmas loses its say.
+    Source: least squares with priors; a corner that stays off by several sigmas loses its say.
     """
     owner = np.concatenate([one.owner for one in looks])
     own = np.repeat(np.arange(len(looks)), [len(one.points_mm) for one in looks])
@@ -86,26 +87,24 @@ def adjusted(
     hessian, squares = prior, 0.0
     for turn in range(ROUNDS):
         seen = [_seen(one, place, off[last:]) for one, place in zip(looks, places, strict=True)]
-        moved, slopes, information = (np.concatenate(every) for every in zip(*seen, strict=True))
-        residual = moved - corners[owner]
-        far = np.einsum("ni,nij,nj->n", residual, information, residual)
-        squares = float(trust @ far)
+        moved, slopes, whiten = (np.concatenate(every) for every in zip(*seen, strict=True))
+        far = (whiten @ (moved - corners[owner])[..., None])[..., 0]
+        miss = (far**2).sum(1)
+        squares = float(trust @ miss)
         if turn:
-            far = far / OUTLIER**2 / max(1.0, squares / (3 * trust.sum()))
-            trust = 1 / np.maximum(far, 1.0) ** 2
+            trust = robust_weight(miss / max(1.0, squares / (3 * trust.sum())), OUTLIER)
         rows = np.zeros((len(owner), 3, last + 9))
         rows[here[:, None, None], np.arange(3)[:, None], (3 * owner[:, None] + np.arange(3))[:, None]] = -np.eye(3)
         rows[here[:, None, None], np.arange(3)[:, None], (first + 6 * own[:, None] + np.arange(6))[:, None]] = slopes[
             :, :, :6
         ]
         rows[:, :, last:] = slopes[:, :, 6:]
-        weighed = (trust[:, None, None] * information @ rows).reshape(-1, last + 9)
         flat = flatness(corners, alike)
-        hessian = prior + weighed.T @ rows.reshape(-1, last + 9)
-        hessian[:first, :first] += flat.T @ flat + np.diag(np.repeat(held, 3))
-        gradient = prior @ off + weighed.T @ residual.ravel()
-        gradient[:first] += flat.T @ (flat @ corners.ravel())
-        step = -np.linalg.solve(hessian, gradient)
+        hold, towards = prior.copy(), -prior @ off
+        hold[:first, :first] += flat.T @ flat + np.diag(np.repeat(held, 3))
+        towards[:first] -= flat.T @ (flat @ corners.ravel())
+        found = solve((whiten @ rows)[None], -far[None], trust[None], hold, towards)
+        step, hessian = found.unknowns[0], found.held[0]
         corners = corners + step[:first].reshape(-1, 3)
         off[first:] += step[first:]
         moves = off[first:last].reshape(-1, 6)
@@ -120,10 +119,9 @@ def adjusted(
 
 def _seen(one: LookCorners, place: Array, error: Array) -> tuple[Array, Array, Array]:
     """A look's corners in the base (N, 3), how they move with its place and the shared errors (N, 3, 15), and the
-    information of each (N, 3, 3)."""
+    what turns each into sigmas (N, 3, 3)."""
     turn = place[:3, :3]
     shared = shared_motion(one.points_mm, one.focal_px, one.baseline_mm)
     moved = frames.apply(place, one.points_mm + shared @ error)
     slopes = np.concatenate([frames.point_motion(one.points_mm @ turn.T), turn @ shared], axis=2)
-    information = np.linalg.inv(turn @ one.covariance_mm2 @ turn.T + LEAST_MM2 * np.eye(3))
-    return moved, slopes, np.asarray(information, float)
+    return moved, slopes, whitener(turn @ one.covariance_mm2 @ turn.T + LEAST_MM2 * np.eye(3))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array, Flags
 from daemon.vision.facets.table import TablePlane
-from daemon.vision.geometry import Baseline, RectifiedCamera
+from daemon.vision.geometry import Baseline, RectifiedCamera, robust_weight, solve
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.settings import VisionSettings
 
@@ -36,9 +36,8 @@ SAMPLED, TRIES = 1500, 120
 """Matches a plane is sought in, and how many planes through three of them."""
 ON_PLANE_PX, REFINED = 0.35, 3
 """How near its disparity is to the plane's where a match lies in it; how often the plane is fitted again."""
-COMPARED, COMPARISONS, ALIKE = 3000, 4, 4.0
-"""Places in the plane in which both pictures are compared, how often, and so many times the usual difference, at which
-one counts no more."""
+COMPARED, COMPARISONS = 3000, 4
+"""Places in the plane in which both pictures are compared, and how often."""
 EVERY = 8
 """Where every so manieth pixel of the coarse pictures is taken from is reckoned through the lenses; those between lie
 evenly between, to a tenth of a pixel."""
@@ -259,8 +258,8 @@ def _compared(plane: Array, places: Array, pictures: tuple[NDArray[Any], NDArray
         off = own - answer[3] * there
         design = np.concatenate([-answer[3] * slope[:, None] * few, there[:, None]], 1)
         usual = 1.4826 * float(np.median(np.abs(off))) + 1e-3
-        pull = (design * (np.maximum(1 - (off / (ALIKE * usual)) ** 2, 0.0) ** 2)[:, None]).T
-        answer = answer + np.linalg.lstsq(pull @ design, pull @ off, rcond=None)[0]
+        use = robust_weight((off / usual) ** 2)[None]
+        answer = answer + solve(design[None, :, None], off[None, :, None], use, 1e-9 * np.eye(4)).unknowns[0]
     return answer[:3]
 
 

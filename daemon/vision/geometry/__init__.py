@@ -19,6 +19,7 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact, united
 from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
+from daemon.vision.geometry.robust_least_squares import LeastSquaresFit, robust_weight, solve, whitener
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Baseline",
     "Camera",
     "Fits",
+    "LeastSquaresFit",
     "Measures",
     "PlanarShape",
     "Point",
@@ -59,10 +61,13 @@ __all__ = [
     "planarities",
     "planarity",
     "rings",
+    "robust_weight",
     "rough_fit",
     "sides_of",
+    "solve",
     "tidy",
     "united",
     "visible_from",
     "weighted_plane",
+    "whitener",
 ]

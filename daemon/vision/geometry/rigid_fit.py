@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry.robust_least_squares import solve, whitener
 
 STEPS = 3  # Gauss-Newton steps after the closed-form start; the third is below a micrometre
 
@@ -43,17 +44,19 @@ def fit_poses(
     residuals; the weights are those at the second step's pose.
     """
     rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
-    normal = information = np.zeros(0)
+    whiten = normal = np.zeros(0)
+    use = used.astype(float)
     for step in range(STEPS):
         turned = model_mm @ rotation.transpose(0, 2, 1)
         if step <= 1:
-            information = _information(seen_covariance, model_covariance, rotation, tau_mm) * used[:, :, None, None]
-        weighted = (information @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
-        motion, normal = _step(information, weighted, frames.cross_matrices(turned))
+            whiten = whitener(_spread(seen_covariance, model_covariance, rotation, tau_mm))
+        off = (whiten @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
+        found = solve(whiten @ frames.point_motion(turned), off, use, np.zeros((6, 6)))
+        motion, normal = found.unknowns, found.information
         rotation = frames.rotations_from_vectors(motion[:, 3:]) @ rotation
         shift = shift + motion[:, :3]
     residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
-    chi2 = (residual[..., None, :] @ information @ residual[..., None])[..., 0, 0].sum(1)
+    chi2 = (((whiten @ residual[..., None])[..., 0] ** 2).sum(2) * use).sum(1)
     count = used.sum(1)
     poses = np.zeros((len(model_mm), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, shift, 1.0
@@ -69,10 +72,10 @@ def rough_fit(seen_mm: Array, seen_covariance: Array, model_mm: Array, used: Fla
     return rotation, shift, np.asarray(np.sqrt(((residual**2).sum(2) * used).sum(1) / used.sum(1)))
 
 
-def _information(seen: Array, model: Array, rotation: Array, tau_mm: float) -> Array:
-    """(B, K, 3, 3) inverse of all that may part a seen corner from its counterpart."""
+def _spread(seen: Array, model: Array, rotation: Array, tau_mm: float) -> Array:
+    """(B, K, 3, 3) covariance of all that may part a seen corner from its counterpart."""
     spread = rotation[:, None] @ model @ rotation.transpose(0, 2, 1)[:, None]
-    return np.asarray(np.linalg.inv(seen[None] + spread + tau_mm**2 * np.eye(3)))
+    return np.asarray(seen[None] + spread + tau_mm**2 * np.eye(3))
 
 
 def closed_form(seen: Array, covariance: Array, model: Array, used: Flags) -> tuple[Array, Array]:
@@ -84,19 +87,3 @@ def closed_form(seen: Array, covariance: Array, model: Array, used: Flags) -> tu
     spread = (seen[None] - seen_mean[:, None]).transpose(0, 2, 1) @ ((model - model_mean[:, None]) * weight[:, :, None])
     rotation = frames.nearest_rotation(spread)
     return rotation, seen_mean - (rotation @ model_mean[..., None])[..., 0]
-
-
-def _step(information: Array, weighted: Array, lever: Array) -> tuple[Array, Array]:
-    """One Gauss-Newton step: motions (B, 6) as frames.perturb has them, and the normal matrices (B, 6, 6)."""
-    batch = len(information)
-    cross = information @ lever
-    normal = np.empty((batch, 6, 6))
-    normal[:, :3, :3] = information.sum(1)
-    normal[:, :3, 3:] = -cross.sum(1)
-    normal[:, 3:, :3] = normal[:, :3, 3:].transpose(0, 2, 1)
-    # lever is skew: its transpose is its negative.
-    normal[:, 3:, 3:] = -(lever @ cross).sum(1)
-    right = np.empty((batch, 6))
-    right[:, :3] = weighted.sum(1)
-    right[:, 3:] = (lever @ weighted[..., None])[..., 0].sum(1)
-    return np.asarray(np.linalg.solve(normal, right[..., None]))[..., 0], normal

@@ -18,7 +18,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets import TablePlane
-from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit
+from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit, solve
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.model import Model
 from daemon.vision.refine import turned
@@ -243,7 +243,7 @@ def _laid(part: Part, model: Model, ground: SupportPlane) -> Part:
 
 def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:
     """Pose (4, 4) cyclopean_from_part and covariance (6, 6) of a solid that rests on a table, if it may: both together
-    say where it is. Source: Kalman's update by three measurements, the height of its foot and its tilt two ways."""
+    say where it is. The plane is one block of three residuals: the height of its foot, and its tilt two ways."""
     normal, foot = nearest_resting_plane(solid, pose[:3, :3].T @ -table.up)
     down, lever = pose[:3, :3] @ normal, pose[:3, :3] @ foot
     along = np.linalg.svd(table.up[None])[2][1:]
@@ -251,8 +251,10 @@ def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: 
     slope[0] = table.up @ frames.point_motion(lever[None])[0]
     slope[1:, 3:] = np.cross(down, along)
     off = np.array([table.level_mm - table.up @ (lever + pose[:3, 3]), *(-along @ down)])
-    spread = slope @ covariance @ slope.T + np.diag([TABLE_MM**2, TABLE_RAD**2, TABLE_RAD**2])
-    if off @ np.linalg.solve(spread, off) > (SUNK if off[0] > 0 else LIES):
+    sure = np.array([TABLE_MM, TABLE_RAD, TABLE_RAD])
+    rows, far, held = slope / sure[:, None], off / sure, np.asarray(np.linalg.inv(covariance), float)
+    found = solve(rows[None, None], far[None, None], np.ones((1, 1)), held)
+    motion = found.unknowns[0]
+    if found.miss[0, 0] + motion @ held @ motion > (SUNK if off[0] > 0 else LIES):
         return None
-    gain = np.linalg.solve(spread, slope @ covariance).T
-    return frames.perturb(pose, gain @ off), covariance - gain @ slope @ covariance
+    return frames.perturb(pose, motion), np.asarray(np.linalg.inv(found.held[0]))

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, measure, newell_normal
+from daemon.vision.geometry import Polyhedron, measure, newell_normal, solve
 from daemon.vision.model.facet_types import FacetLibrary, conditions
 
 FLAT_MM = 0.05  # how far a corner of a real facet lies off its plane
@@ -21,7 +21,7 @@ STEPS = 4
 def regularise(solid: Polyhedron, library: FacetLibrary) -> Polyhedron:
     """The most likely corners given their measurement, the facets' types and their planes.
 
-    Source: Gauss-Newton on corners weighted by their covariance plus the conditions of the types.
+    Source: least squares on corners weighted by their covariance plus the conditions of the types.
     """
     count = len(solid.corners_mm)
     measured = np.linalg.inv(solid.covariance_mm2 + 1e-8 * np.eye(3))
@@ -32,20 +32,22 @@ def regularise(solid: Polyhedron, library: FacetLibrary) -> Polyhedron:
     rules = [conditions(one, name, library) for one, name in zip(measures, solid.types, strict=True)]
     weights = (1.0 / library.angle_tolerance_rad, 1.0 / library.ratio_tolerance)
     corners = solid.corners_mm.copy()
-    normal = prior
+    held = prior
     for _ in range(STEPS):
-        normal = prior.copy()
-        right = prior @ (solid.corners_mm - corners).ravel()
+        rows, misses = list[Array](), list[Array]()
         for ring, (a, b) in zip(solid.rings, rules, strict=True):
             jacobian, miss = _facet_rows(corners[ring], a, b, weights)
-            at = (3 * ring[:, None] + np.arange(3)).ravel()
-            normal[np.ix_(at, at)] += jacobian.T @ jacobian
-            right[at] -= jacobian.T @ miss
-        step = np.linalg.solve(normal, right)
+            placed = np.zeros((len(miss), 3 * count))
+            placed[:, (3 * ring[:, None] + np.arange(3)).ravel()] = jacobian
+            rows.append(placed)
+            misses.append(-miss)
+        off, towards = np.concatenate(misses), prior @ (solid.corners_mm - corners).ravel()
+        found = solve(np.concatenate(rows)[None, :, None], off[None, :, None], np.ones((1, len(off))), prior, towards)
+        step, held = found.unknowns[0], found.held[0]
         corners = corners + step.reshape(-1, 3)
         if np.abs(step).max() < 1e-4:
             break
-    spread: Array = np.asarray(np.linalg.inv(normal), float).reshape(count, 3, count, 3)
+    spread: Array = np.asarray(np.linalg.inv(held), float).reshape(count, 3, count, 3)
     here = np.arange(count)
     return replace(solid, corners_mm=corners, covariance_mm2=spread[here, :, here, :])
 

@@ -12,16 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import LeastSquaresFit, Polyhedron, solve, whitener
 from daemon.vision.image import MODEL_PX
 from daemon.vision.refine.expected_edges import EdgeObservation
-from daemon.vision.refine.poses import TUKEY
 
 # Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
 OF_TOLERANCE = 0.35
@@ -37,8 +35,6 @@ SIGMA_SCALE = 1.2
 WORN_MM, SELDOM = 0.2, 0.3
 """How far the edges of a worn part draw back, a half normal's scale; the odds that a part is worn, before it is seen.
 Set on scenes whose parts have edges broken by .2 to .8 mm, and on those where they are sharp."""
-SHARP = 1e9
-"""Holds the edges of a part that is not worn to their place, per mm2."""
 PASSES = 6
 CONTRADICTED, ASTRAY_PASSES, MOST_ASTRAY_PX = 1.05, 5, 0.6
 """Of what lines are doubted by, how much they may contradict each other and be taken as measured; how often else is
@@ -72,8 +68,8 @@ def adjusted(
 
     anchor: a pose (4, 4) and the information (6, 6) with which other evidence than these lines holds the part there;
     without it the part is near to where the lines were measured.
-    Source: bundle adjustment of lines (least squares over pose, corners and wear, the corners held by what was taught)
-    with Tukey's weights. Where lines of a part that is anchored contradict each other by more than each is doubted, all
+    Source: bundle adjustment of lines (least squares over pose, corners and wear, the corners held by what was taught).
+    Where lines of a part that is anchored contradict each other by more than each is doubted, all
     of them are astray by as much more as makes them agree (Paule and Mandel 1982): else the surest few have their way.
     """
     count, turn = len(shape.corners_mm), pose[:3, :3]
@@ -105,22 +101,19 @@ def adjusted(
         off.append(seen.off)
         doubts.append((LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2))
         usable.append(seen.there & seen.edges.sharp)
-    lines = _Lines(np.concatenate(rows), np.concatenate(off), np.concatenate(doubts))
-    use = np.concatenate(usable).astype(float)
-    trust, excess = use, 1.0
-    for _ in range(PASSES):
-        solution, hessian, miss = lines.solved(trust, held, towards)
-        excess = max(1.0, _excess(miss, trust))
-        trust = use * np.maximum(1 - miss / excess / TUKEY**2, 0.0) ** 2
-    if anchor is not None and excess > CONTRADICTED:
-        astray_px2, usual_px2 = 0.0, lines.usual_px2(trust)
+    design, wanted, doubt = (np.concatenate(each) for each in (rows, off, doubts))
+    use = np.concatenate(usable)[None].astype(float)
+    found = _solved(design, wanted, doubt, use, held, towards)
+    trust = found.trust
+    if anchor is not None and found.excess[0] > CONTRADICTED:
+        astray_px2, usual_px2 = 0.0, _usual_px2(doubt, trust[0])
         for _ in range(ASTRAY_PASSES):
-            astray_px2 = min(max(excess * (usual_px2 + astray_px2) - usual_px2, 0.0), MOST_ASTRAY_PX**2)
-            solution, hessian, miss = lines.astray(astray_px2).solved(trust, held, towards)
-            excess = _excess(miss, trust)
+            astray_px2 = min(max(found.excess[0] * (usual_px2 + astray_px2) - usual_px2, 0.0), MOST_ASTRAY_PX**2)
+            found = _solved(design, wanted, doubt + astray_px2 * np.eye(2), trust, held, towards, passes=1)
+    solution, hessian = found.unknowns[0], found.held[0]
     if anchor is not None:  # which is made of the same grey levels: it says where, and not how surely
         hessian[:6, :6] += PRIOR - anchor[1]
-    spread = np.linalg.inv(hessian) * max(excess, 1.0)
+    spread = np.linalg.inv(hessian) * max(found.excess[0], 1.0)
     worn_mm, sigma2_mm2 = _wear(float(solution[-1]), float(spread[-1, -1]))
     with_wear = spread[:, -1] / spread[-1, -1]
     solution = solution + with_wear * (worn_mm - solution[-1])
@@ -130,41 +123,20 @@ def adjusted(
     return AdjustedPose(moved, np.asarray(spread[:6, :6] * SIGMA_SCALE**2, float), corners, solution[:6])
 
 
-class _Lines(NamedTuple):
-    """Lines as measured: jacobian (E, 2, N) of both ends by all that is looked for, how far off (E, 2) px they are, and
-    their covariance (E, 2, 2)."""
-
-    jacobian: Array
-    off: Array
-    doubt: Array
-
-    def astray(self, px2: float) -> _Lines:
-        """The same, either end astray by so much more."""
-        return self._replace(doubt=self.doubt + px2 * np.eye(2))
-
-    def usual_px2(self, trust: Array) -> float:
-        """What the ends of those trusted (E,) are doubted by, harmonic mean."""
-        variance = np.trace(self.doubt, axis1=1, axis2=2) / 2
-        return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
-
-    def solved(self, trust: Array, held: Array, towards: Array) -> tuple[Array, Array, Array]:
-        """The most likely motion, corners and wear (N,), each line trusted so much (E,), held (N, N) towards something
-        (N,) by all else; the information (N, N) of that; and the chi-square (E,) of each line. No edge grows."""
-        whiten = np.linalg.inv(np.linalg.cholesky(self.doubt))
-        design, wanted = whiten @ self.jacobian, (whiten @ self.off[..., None])[..., 0]
-        pull = (design * trust[:, None, None]).reshape(-1, len(held)).T
-        hessian = np.asarray(held + pull @ design.reshape(-1, len(held)), float)
-        force = pull @ wanted.ravel() + towards
-        solution = np.linalg.solve(hessian, force)
-        if solution[-1] < 0:
-            hessian[-1, -1] += SHARP
-            solution = np.linalg.solve(hessian, force)
-        return np.asarray(solution, float), hessian, np.asarray(((wanted - design @ solution) ** 2).sum(1), float)
+def _solved(
+    design: Array, off: Array, doubt: Array, use: Array, held: Array, towards: Array, passes: int = PASSES
+) -> LeastSquaresFit:
+    """The most likely motion, corners and wear (N,), held (N, N) towards something (N,) by all else, of lines whose
+    ends move with them as design (E, 2, N) says, are off (E, 2) px, with covariance doubt (E, 2, 2). No edge grows."""
+    whiten = whitener(doubt)
+    rows, far = (whiten @ design)[None], (whiten @ off[..., None])[None, ..., 0]
+    return solve(rows, far, use, held, towards, passes=passes, spare=6, grows=False)
 
 
-def _excess(miss: Array, trust: Array) -> float:
-    """By how much chi-squares (E,) of lines trusted so much (E,) exceed what their doubt says, on average."""
-    return float(miss @ trust) / max(2 * float(trust.sum()) - 6, 1.0)
+def _usual_px2(doubt: Array, trust: Array) -> float:
+    """What the ends (E, 2, 2) of lines trusted so much (E,) are doubted by, harmonic mean."""
+    variance = np.trace(doubt, axis1=1, axis2=2) / 2
+    return float(trust.sum() / max(float((trust / variance).sum()), 1e-9))
 
 
 def _wear(found_mm: float, variance_mm2: float) -> tuple[float, float]:

@@ -14,13 +14,13 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import adjusted
 from daemon.vision.refine.edge_samples import edge_samples_of
 from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.following import Fit
-from daemon.vision.refine.poses import SCALE, TUKEY, across, moved, off_places, solve
+from daemon.vision.refine.poses import SCALE, across, moved, off_places
 from daemon.vision.settings import TOLERANCE_MM
 
 SeenCorners = tuple[Array, Array]
@@ -85,8 +85,8 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
     """Where within some reach_mm of `near` (4, 4) cyclopean_from_part the edges of a shape lie on the images' edges;
     None where too few edges show for that.
 
-    Source: edges searched for across their expected places, the pose by Gauss-Newton on their ends with Tukey's weights
-    (as Harris's RAPiD does point by point), then on sub-pixel lines until it moves no more.
+    Source: edges searched for across their expected places, the pose by least squares on their ends (as Harris's
+    RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
     laid, poses = ShapeBatch.of([shape]), near[None]
     for share in ROUGHLY:
@@ -248,8 +248,8 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
     strength, seen = probe_sides(image, start, end)
     there = (np.abs(strength) > LEAST_EVIDENCE) & (seen > LEAST_SUPPORT)
     doubt_px = np.maximum(1.0, reach_px / 6) * np.where(edges.outline, 1.0, INNER_SIGMAS)
-    weight = np.eye(2) / (doubt_px**2)[:, None, None]
-    return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), weight, there)
+    doubt = np.eye(2) * (doubt_px**2)[:, None, None]
+    return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), doubt, there)
 
 
 def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
@@ -266,10 +266,10 @@ def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: boo
     found, every = [], np.arange(len(start))
     for edges, which in zip(both, (every[: counts[0]], every[counts[0] :]), strict=True):
         seen = sides.chosen(which)
-        weight = np.asarray(np.linalg.inv(seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)))
+        doubt = seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)
         there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
         off = off_places(edges.start, edges.end, seen.start, seen.end)
-        found.append(EdgeObservation(edges, off, weight, there, seen))
+        found.append(EdgeObservation(edges, off, doubt, there, seen))
     return found
 
 
@@ -280,12 +280,14 @@ def _nothing(edges: ExpectedEdges) -> EdgeObservation:
 def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array, Array]:
     """The motion (6,) that brings a pose onto the edges of both eyes, not much more than the reach; and the information
     (6, 6) of those that agree."""
-    off, jacobian, weight, usable = (
+    off, jacobian, doubt, usable = (
         np.concatenate(each)
-        for each in zip(*((o.off, o.edges.jacobian, o.weight, o.there & o.edges.sharp) for o in observed), strict=True)
+        for each in zip(*((o.off, o.edges.jacobian, o.doubt, o.there & o.edges.sharp) for o in observed), strict=True)
     )
-    prior = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3)
-    return solve(off, jacobian, weight, usable.astype(float), prior, TUKEY, PASSES)
+    prior, whiten = np.diag(([reach_mm**-2] * 3) + [np.radians(SEARCH_DEG) ** -2] * 3), whitener(doubt)
+    rows, far = (whiten @ jacobian)[None], (whiten @ off[..., None])[None, ..., 0]
+    found = solve(rows, far, usable[None].astype(float), prior, passes=PASSES)
+    return found.unknowns[0], found.information[0]
 
 
 def _share(observed: Sequence[EdgeObservation], good: Sequence[Flags]) -> float:

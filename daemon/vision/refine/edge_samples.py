@@ -2,7 +2,7 @@
 are better, and how much more speaks for each than chance would give beside these very edges.
 
 In: eyes, taught solids at near poses. Out: poses and evidence. Print or wear beside an edge pulls some of its stretches
-aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) with Tukey's weights for the pose; for the
+aside; as one line they would be lost. Source: moving edges (Bouthemy 1989) for the pose; for the
 evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is taken on the parallels of each edge.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import hidden
+from daemon.vision.geometry import hidden, robust_weight, solve
 from daemon.vision.image import StereoImages, peaks, ranks, stretch_slopes
 from daemon.vision.refine.expected_edges import ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.poses import moved
@@ -28,8 +28,8 @@ LEAST_SIGMAS = 4.0
 """What a slope must be to be one, in sigmas of the noise."""
 ROUNDS_PX = (4.0, 3.0, 2.0, 1.2, 0.8), (1.5, 1.0, 0.8)
 """How near what is expected slopes count, round by round; between those the images are read anew."""
-PULLED = 2.5
-"""So many of those away, a slope pulls no more."""
+PULLED = 1.34
+"""So many of those away, a slope pulls a quarter."""
 ON_PLACE_PX, NEAR_PX, BESIDE_PX = 1.25, 2.25, 3.0
 """Within this an edge shows where it should; within this a worn one; beyond this, what shows is chance."""
 SPACING_PX, INNER = 3.75, 0.5
@@ -186,13 +186,11 @@ def _moved(
         bend = low - 2 * top + high
         between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
         found = offsets[best] + between.clip(-1, 1)
-        for _ in range(2):
-            off = found - here
-            trust = each * (top > 0) * np.maximum(1 - (off / (PULLED * near)) ** 2, 0.0) ** 2
-            pull = (row * trust[..., None]).swapaxes(1, 2)
-            motion = np.linalg.solve(pull @ row + prior, pull @ found[..., None])
-            here = (row @ motion)[..., 0]
-    return moved(poses, motion[..., 0])
+        use, outlier = each * (top > 0), PULLED * near
+        trust = use * robust_weight((found - here) ** 2, outlier)
+        motion = solve(row[:, :, None], found[..., None], use, prior, outlier=outlier, passes=2, trust=trust).unknowns
+        here = (row @ motion[..., None])[..., 0]
+    return moved(poses, motion)
 
 
 def _side_by_side(values: NDArray[Any], place: tuple[Index, Index], count: int) -> NDArray[Any]:

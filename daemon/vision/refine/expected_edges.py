@@ -125,13 +125,13 @@ class ExpectedEdges:
 
 @dataclass(frozen=True, eq=False)
 class EdgeObservation:
-    """Edges of one eye as found: off (E, 2) px from their places, across them; weight (E, 2, 2), the inverse of off's
-    covariance; there (E,): which show at all; sides: as measured, None where they were only searched for.
+    """Edges of one eye as found: off (E, 2) px from their places, across them, with covariance doubt (E, 2, 2);
+    there (E,): which show at all; sides: as measured, None where they were only searched for.
     """
 
     edges: ExpectedEdges
     off: Array
-    weight: Array
+    doubt: Array
     there: Flags
     sides: Sides | None = None
 
@@ -146,7 +146,7 @@ class EdgeObservation:
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
         sides = None if self.sides is None else self.sides.chosen(own)
-        return EdgeObservation(edges, self.off[own], self.weight[own], self.there[own], sides)
+        return EdgeObservation(edges, self.off[own], self.doubt[own], self.there[own], sides)
 
 
 def expected(laid: ShapeBatch, view: CameraImage, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:

@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.refine.poses import SCALE
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Facet
@@ -41,7 +41,7 @@ def refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: floa
     Corners farther than gate_mm from every corner of the shape are left out (a facet not taught, a neighbour's), and so
     are facets of which a corner is hardly known; where the rest does not fit, the vaguest facet goes, and so on. None
     where fewer than three different corners in general position are met, or they fit worse than MOST_RESIDUAL_MM.
-    Source: weighted Gauss-Newton on point matches, nearest first (ICP on corners). Where the corners fit worse than
+    Source: point matches, nearest first (ICP on corners). Where the corners fit worse than
     their own covariance says, the pose's covariance grows by the same factor.
     """
     known = [f for f in facets if _vague_mm(f) < VAGUE_MM]
@@ -60,7 +60,7 @@ def _vague_mm(facet: Facet) -> float:
 
 def _refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: float) -> Fit | None:
     corners = np.concatenate([f.corners_mm for f in facets])
-    weights = np.linalg.inv(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
+    whitens = whitener(np.concatenate([f.covariance_mm2 for f in facets]) + TOLERANCE_MM**2 * np.eye(3))
     pose = near
     for _ in range(6):
         placed = frames.apply(pose, shape.corners_mm)
@@ -69,25 +69,23 @@ def _refit(shape: Polyhedron, facets: Sequence[Facet], near: Array, gate_mm: flo
         met = np.unique(nearest[keep])
         if len(met) < 3:
             return None
-        levers = (placed - pose[:3, 3])[nearest[keep]]
-        jacobian, weight = frames.point_motion(levers), weights[keep]
-        errors = corners[keep] - placed[nearest[keep]]
-        information = np.einsum("nia,nij,njb->ab", jacobian, weight, jacobian)
-        if np.linalg.cond(information * np.outer(SCALE, SCALE)) > 1e6:
+        there, whiten = placed[nearest[keep]], whitens[keep]
+        rows, errors = whiten @ frames.point_motion(there - pose[:3, 3]), whiten @ (corners[keep] - there)[..., None]
+        if np.linalg.cond(np.einsum("nia,nib->ab", rows, rows) * np.outer(SCALE, SCALE)) > 1e6:
             return None
-        step = np.linalg.solve(information, np.einsum("nia,nij,nj->a", jacobian, weight, errors))
+        step = solve(rows[None], errors[None, ..., 0], np.ones((1, len(rows))), np.zeros((6, 6))).unknowns[0]
         pose = frames.perturb(pose, step)
         if np.linalg.norm(step * (1, 1, 1, 50, 50, 50)) < 1e-4:
             break
-    return _judged(shape, pose, corners[keep], nearest[keep], weights[keep])
+    return _judged(shape, pose, corners[keep], nearest[keep], whitens[keep])
 
 
-def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, weights: Array) -> Fit | None:
+def _judged(shape: Polyhedron, pose: Array, corners: Array, met: Array, whitens: Array) -> Fit | None:
     errors = corners - frames.apply(pose, shape.corners_mm)[met]
     residual_mm = float(np.sqrt((errors**2).sum(axis=1).mean()))
     if residual_mm > MOST_RESIDUAL_MM:
         return None
-    jacobian = frames.point_motion(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
-    covariance = np.linalg.inv(np.einsum("nia,nij,njb->ab", jacobian, weights, jacobian))
-    excess = float(np.einsum("ni,nij,nj->", errors, weights, errors)) / max(3 * len(errors) - 6, 1)
+    rows = whitens @ frames.point_motion(frames.apply(pose, shape.corners_mm)[met] - pose[:3, 3])
+    covariance = np.linalg.inv(np.einsum("nia,nib->ab", rows, rows))
+    excess = float(((whitens @ errors[..., None]) ** 2).sum()) / max(3 * len(errors) - 6, 1)
     return Fit(pose, covariance * max(excess, 1.0), residual_mm, len(np.unique(met)))

@@ -1,6 +1,5 @@
-"""One step of laying a known shape onto image edges: where its corners show, how those move with its pose, and the
-motion that brings the edges onto those that were found. Which edges to look for, and what to make of the pose, is not
-decided here.
+"""Poses and corners as both images have them: where a shape's corners show, how those move with its pose, how far edges
+that were found are off. Which edges to look for, and what to make of the pose, is not decided here.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Camera, outward
 
-TUKEY = 5.6
-"""So many sigmas off, an edge counts no more."""
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
@@ -51,28 +48,3 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
     """(E, 2) px how far the ends of edges found are from the ends expected, across the expected edge; each (E, 2)."""
     normal = across(start, end)
     return np.stack([((found_start - start) * normal).sum(1), ((found_end - end) * normal).sum(1)], 1)
-
-
-def solve(
-    off: Array, jacobian: Array, weight: Array, usable: Array, prior: Array, tukey: float, passes: int
-) -> tuple[Array, Array]:
-    """The motion (6,) that takes the edges' ends off (E, 2) px away, robustly, and not much farther than the prior
-    (6, 6), as daemon/frames.py has it; and the information (6, 6) of the edges that agree.
-
-    jacobian (E, 2, 6) of the ends by the motion; weight (E, 2, 2), the inverse of their covariance; usable (E,), 0 or
-    1; tukey: so many sigmas off, an edge counts no more.
-    Source: Gauss-Newton with Tukey's weights, as Harris's RAPiD does point by point.
-    """
-    rows, wanted = jacobian.reshape(-1, 6), (weight @ off[..., None]).reshape(-1)
-    pull = (weight @ jacobian).reshape(-1, 6).T
-    trust = usable
-    motion: Array = np.zeros(6)
-    information: Array = np.zeros((6, 6))
-    for _ in range(passes):
-        each = np.repeat(trust, 2)
-        information = (pull * each) @ rows
-        motion = np.asarray(np.linalg.solve(information + prior, rows.T @ (wanted * each)), float)
-        left = off - (rows @ motion).reshape(off.shape)
-        miss = ((weight @ left[..., None])[..., 0] * left).sum(-1)
-        trust = usable * np.maximum(1 - miss / tukey**2, 0.0) ** 2
-    return motion, information

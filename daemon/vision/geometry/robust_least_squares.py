@@ -1,0 +1,98 @@
+"""Robust least squares: the one solver for poses, corners, planes and all else that a look fits.
+
+In: residual blocks (edges, corners, planes), whitened and linearised by the caller, of several problems side by side.
+Out: what fits them best. A block that stays far off counts less and less. What the blocks are, and when they are
+linearised anew, is the caller's.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon.arrays import Array, Real
+
+OUTLIER = 3.0
+"""Sigmas off at which a block counts a quarter. A kernel that leaves far blocks out (Tukey's) had corners of rendered
+parts .196 mm off on average for .172 mm: where few sides hold a corner, to lose one opens it."""
+SHARP = 1e9
+"""Holds an unknown that would be negative to nought."""
+
+LEAST_VARIANCE = 1e-12
+"""Of the largest of a covariance, that any of it is taken for at least."""
+
+
+class LeastSquaresFit(NamedTuple):
+    """Of each of B problems: unknowns (B, N); information (B, N, N) of the blocks as they were weighed, and held (B, N,
+    N), the same with all else that holds the unknowns; miss (B, M) chi-square of each block; trust (B, M) what each
+    counts after that; excess (B,) by how much the misses exceed what their doubt says, where that was asked."""
+
+    unknowns: Array
+    information: Array
+    held: Array
+    miss: Array
+    trust: Array
+    excess: Array
+
+
+def solve(
+    rows: Array,
+    off: Array,
+    use: Array,
+    prior: Array,
+    towards: Array | float = 0.0,
+    *,
+    passes: int = 1,
+    outlier: float = OUTLIER,
+    trust: Array | None = None,
+    spare: int | None = None,
+    grows: bool = True,
+) -> LeastSquaresFit:
+    """The unknowns that take blocks off (B, M, D) away, in sigmas, that move with them by rows (B, M, D, N).
+
+    use (B, M): what each block counts at most; prior (N, N) or (B, N, N): what else holds the unknowns, and towards
+    (N,) or (B, N) what, in units of information; passes: how often blocks are weighed anew; outlier: sigmas off at
+    which one counts a quarter; trust (B, M): what each counts at first, if not its use; spare: so many residuals the
+    unknowns take up; told that, misses are in units of their own spread where that is more; grows: whether the last
+    unknown may be negative.
+    Source: iteratively reweighted least squares with the weights of Geman and McClure.
+    """
+    batch, blocks, size, number = rows.shape
+    flat, wanted = rows.reshape(batch, blocks * size, number), off.reshape(batch, blocks * size, 1)
+    weight, excess = np.asarray(use if trust is None else trust, float), np.ones(batch)
+    for _ in range(passes):
+        pull = (flat * np.repeat(weight, size, 1)[..., None]).swapaxes(1, 2)
+        information = pull @ flat
+        held, force = information + prior, (pull @ wanted)[..., 0] + towards
+        unknowns = np.linalg.solve(held, force[..., None])
+        if not grows and (unknowns[:, -1, 0] < 0).any():
+            held[:, -1, -1] += SHARP * (unknowns[:, -1, 0] < 0)
+            unknowns = np.linalg.solve(held, force[..., None])
+        miss = ((wanted - flat @ unknowns).reshape(off.shape) ** 2).sum(-1)
+        if spare is not None:
+            excess = excess_of(miss, weight, size, spare)
+        weight = np.asarray(use * robust_weight(miss / np.maximum(excess, 1.0)[:, None], outlier), float)
+    return LeastSquaresFit(unknowns[..., 0], information, held, miss, weight, excess)
+
+
+def robust_weight(miss: Real, outlier: float = OUTLIER) -> Array:
+    """What blocks with such chi-squares (...) count: 1 on their place, a quarter so many sigmas off."""
+    return np.asarray(1 / (1 + miss / outlier**2) ** 2)
+
+
+def excess_of(miss: Array, trust: Array, size: int, spare: int) -> Array:
+    """(B,) by how much chi-squares (B, M) of blocks of so many residuals, trusted so much (B, M), exceed what their
+    doubt says on average, where unknowns take up so many."""
+    return np.asarray((miss * trust).sum(1) / np.maximum(size * trust.sum(1) - spare, 1.0))
+
+
+def whitener(covariance: Array) -> Array:
+    """(..., D, D) what turns residuals with such covariances (..., D, D) into sigmas; a covariance that rounding has
+    made indefinite, of what is hardly known, counts as far as it is positive."""
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+    except np.linalg.LinAlgError:
+        squares, ways = np.linalg.eigh(covariance)
+        least = LEAST_VARIANCE * np.abs(squares).max(-1, keepdims=True)
+        return np.asarray(np.swapaxes(ways, -1, -2) / np.sqrt(np.maximum(squares, least))[..., None])
