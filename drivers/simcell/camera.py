@@ -26,8 +26,8 @@ from drivers.simcell.truth import Truth
 
 EYES = ("left", "right")
 BLACK_LEVEL = 4.0
-Ailment = Literal["away", "frozen", "half"]
-"""How an eye fails: it gives no frame, its last one for ever, or half of each."""
+Ailment = Literal["away", "frozen", "stale", "half"]
+"""How an eye fails: it gives no frame, its last one for ever, what it saw last under fresh noise, or half of each."""
 STILL_MM, STILL_RAD = 0.01, 2e-5
 BLUR_STEPS = 6
 SHORTEST, LONGEST = 1 / 64, 64.0
@@ -83,6 +83,7 @@ class SimulatedPair:
         self._alone: EyeName | None = None
         self._ails: dict[str, Ailment] = {}
         self._shown: dict[str, NDArray[np.uint8]] = {}
+        self._lit: dict[str, Array32] = {}
         self._unplugged = False
         self._is_open = False
         self._lock = Lock()
@@ -168,6 +169,7 @@ class SimulatedPair:
 
     def _frame(self, eye: str, middle_s: float, number: int) -> Frame:
         light = np.full(self._vignette.shape, 0.0, np.float32) if eye in self._covered else self._light(eye, middle_s)
+        light = self._lit[eye] = self._lit.get(eye, light) if self._ails.get(eye) == "stale" else light
         pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{eye}") * self._opened[eye])
         how = self._ails.get(eye)
         if how == "frozen":

@@ -288,10 +288,14 @@ class Surprises(RuleBasedStateMachine):
         self.there.move_part(what)
         self.there.wait(seconds)
 
-    @rule(eye=st.sampled_from(["left", "right"]), how=st.sampled_from(["away", "frozen", "half", None]), going=GOING)
+    @rule(
+        eye=st.sampled_from(["left", "right"]),
+        how=st.sampled_from(["away", "frozen", "stale", "half", None]),
+        going=GOING,
+    )
     @kept
     def harm_a_camera(self, eye: str, how: Any, going: Going) -> None:
-        """A camera goes away, freezes, gives half pictures, or is well again."""
+        """A camera goes away, freezes, as it is or under fresh noise, gives half pictures, or is well again."""
         self.send_off(going)
         self.there.cell.camera.ail(eye, how)
 

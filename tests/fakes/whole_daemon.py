@@ -45,7 +45,9 @@ from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
+from daemon.events.outcomes import Outcome
 from daemon.maintenance import journal
+from daemon.pick.outcome import CycleEnd
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.service import NO_DEVICE, Service
 from daemon.store import model as models
@@ -55,6 +57,7 @@ from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import PENDANT, Manners, Mishap
+from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.simulated_time import SimulatedLoop
@@ -89,6 +92,8 @@ HARMED_S = 8.0
 """How long the arm's stop may take where the line carried it spoiled: all its attempts."""
 STOPPED_S = 2.0
 """How long a stop typed at a terminal may be on the line."""
+HELD_STILL_S, NOTICED_S = 10.0, 1.0
+"""A daemon that did not run for longer than this lets nothing go on by itself, once it has had so long to notice."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
 """How an answer begins that says so."""
 READERS = ("load_calibration", "load_facets", "load_parts", "load_model")
@@ -254,6 +259,17 @@ class Words:
             self._tell(True)
         else:
             self.stop(stopped)
+
+    def disabled(self) -> None:
+        """The daemon says so, or something has happened after which only another `enable` lets the arm move."""
+        self.enabled = False
+        self._tell(False)
+
+    def held_still(self) -> None:
+        """The daemon did not run for long: what was going on before goes on by nobody's leave but a new one."""
+        if self.enabled and not self._stopped:
+            resumed = self._resumed
+            self._story.loop.call_later(NOTICED_S, lambda: self._resumed != resumed or self.stop("held still"))
 
     def _received(self, why: str) -> None:
         self._by_hand = dict.fromkeys(self._by_hand, 1)
@@ -615,6 +631,7 @@ class Story:
         self.cell = SimulatedCell(self.folder / "simcell.yaml", 7, manners=manners, loop=self.loop)
         self.cell.motion_monitor.no_faster_than(0.0, FASTEST)
         self.words, self._stamp_s = Words(self), 0.0
+        self._seen, self._brought, self._counted = 0, 0, dict[int, CycleEnd]()
         self._deaf, self._clear_s = False, 0.0
         self._live: asyncio.Task[int] | None = None
         self.texts: list[str] = []
@@ -630,6 +647,10 @@ class Story:
     @property
     def now_s(self) -> float:
         """The cell's time."""
+        return self.loop.time()
+
+    def cell_clock(self) -> float:
+        """What the daemon measures motion and looks by: no wall clock, which somebody may set."""
         return self.loop.time()
 
     def stamp_s(self) -> float:
@@ -692,6 +713,8 @@ class Story:
         """The computer does nothing for a while."""
         self.harm()
         self.loop.sleep(seconds)
+        if seconds > HELD_STILL_S:
+            self.words.held_still()
         self.wait(0.0)
 
     def may_move(self, allowed: bool, wanted: bool) -> None:
@@ -704,6 +727,8 @@ class Story:
 
     def told(self, text: str, at_rest: tuple[str, ...] = ()) -> None:
         """Somebody was told something; at_rest: with which words it would say that the arm is at rest."""
+        if "The arm is disabled:" in text:
+            self.words.disabled()
         if text.startswith(at_rest):
             self.cell.motion_monitor.said_to_rest(self.now_s, text)
         self.texts = [*self.texts[-20:], text]
@@ -744,6 +769,7 @@ class Story:
         with self.cell.server.controller() as controller:
             controller.mishap(Mishap.POWER_CYCLED)
         self.wait(1.0)
+        self.words.disabled()
         self.by_pendant(joint, degrees)
 
     def move_part(self, what: str) -> None:
@@ -751,7 +777,8 @@ class Story:
         world = self.cell.world
         if what == "slips":
             if world.held:
-                world.open_hand(self.cell.world_from_tool())
+                fallen = world.open_hand(self.cell.world_from_tool())
+                self._brought += fallen is not None and fallen[2] is PartPlace.BIN
                 world.gap_mm = 0.0
             return
         lying = [part for part in world.parts if part.where is PartPlace.TABLE]
@@ -806,8 +833,23 @@ class Story:
         return self._live.result()
 
     def violations(self) -> tuple[Violation, ...]:
-        """What the arm did that it must never do."""
-        return self.cell.violations()
+        """What the arm did that it must never do, and parts that count as picked and are not in the bin."""
+        return (*self.cell.violations(), *self._picked_and_not_brought())
+
+    def _picked_and_not_brought(self) -> tuple[Violation, ...]:
+        """Where more picks ended with `picked` than parts fell into the bin."""
+        history = self.cell.controller.machine.history
+        first, events = history.since(self._seen)
+        self._seen = first + len(events)
+        self._brought += sum(isinstance(event, DropRecord) and event.over_bin for event in events)
+        context = self._service.context
+        if context is not None:
+            ends = context.cycle.ends
+            self._counted |= {id(end): end for end in ends if end.outcome is Outcome.PICKED}
+        if len(self._counted) <= self._brought:
+            return ()
+        text = f"{len(self._counted)} picks ended with a part picked, and {self._brought} parts fell into the bin"
+        return (Violation("not in the bin", self.now_s, "pick", text),)
 
     def close(self) -> tuple[Violation, ...]:
         """The end of the story, and what was found up to it."""
@@ -863,7 +905,7 @@ class Story:
             "simulated",
             ArmOnLink(link, geometry, Beliefs(self.loop.time, record)),
             eyes,
-            self.loop.time,
+            self.cell_clock,
             "memory",
             7,
             hand,

@@ -229,6 +229,23 @@ def test_an_arm_that_its_pendant_moved_between_two_moves_is_not_sent_on(joint):
     assert mover.belief.at is None
 
 
+@pytest.mark.parametrize("why", ["dry", "unknown"])
+def test_whether_the_arm_is_still_there_is_asked_only_of_one_that_came_to_rest_and_is_no_dry_run(why):
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    if why == "dry":
+        asyncio.run(mover.rest())
+        mover.dry = True
+    else:
+        mover.beliefs.void(VoidingEvent.STOPPED)
+
+    async def nobody_asks():
+        raise AssertionError("nothing is believed of where it is")
+
+    mover.cell.robot.where = nobody_asks
+    asyncio.run(mover.still_there("a look"))
+
+
 def test_an_arm_that_crept_as_it_settled_is_sent_on():
     world = World(np.random.default_rng(0))
     mover = mover_in(world)

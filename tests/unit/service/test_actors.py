@@ -1,41 +1,282 @@
-"""Who acts behind the daemon's back is noticed: with the guard that notices it taken away, the motion monitor finds it.
+"""Who acts behind the daemon's back is noticed: with the guard that notices it taken away, the story is found out.
 
-Each story is lived twice: as it is, in which nothing may be found, and with one guard taken away, in which something
-must. So a story that proves nothing fails, too.
+Each story is lived twice: as it is, in which nothing may be found, and with its guards taken away, in which the motion
+monitor, or an invariant of the story, must find something. So a story that proves nothing fails, too.
 """
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 
+from daemon.arm import motion
 from daemon.arm.motion import Mover
-from tests.fakes.surprises import Call, surprise
+from daemon.arm.supervisor import Supervisor
+from daemon.events.outcomes import Outcome
+from daemon.maintenance.watchdog import Watchdog
+from daemon.pick import take
+from daemon.pick.transitions import PickState
+from drivers.puma560 import ArmGeometry
+from drivers.simcell.rigid import rigid
+from drivers.simcell.world import PartPlace
+from drivers.val2 import commands
+from drivers.val2.link import Link
+from drivers.val2.location import location_from_matrix
+from drivers.val2.session import LineSession
+from tests.fakes import whole_daemon
+from tests.fakes.whole_daemon import Story
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ON_THE_WAY_S = 12.0
 """After `pick`, seconds of the cell: a look is being worked out, or the arm is on its way to one."""
+Act = Callable[[Story], str | None]
+Guard = tuple[object, str, Any]
+"""What is taken away, and what is there instead."""
 
 
-def story(*acts: Call) -> list[Call]:
-    """A cell with parts, the arm enabled and picking; then what somebody else does, and what becomes of it."""
-    begun: Call = ("begin", {"may": "all", "holds": False, "parts": 9, "at_end": False, "ready": True})
-    return [begun, _typed("go home", 20.0), _typed("pick", ON_THE_WAY_S), *acts, ("wait", {"seconds": 20.0})]
+def nothing(*_: object) -> None:
+    """In place of a guard."""
 
 
-def _typed(text: str, seconds: float) -> Call:
-    return "do", {"frontend": 0, "text": text, "seconds": seconds, "first": True}
+async def none_of_it(*_: object) -> None:
+    """In place of a guard that waits."""
 
 
-def _pendant(degrees: float) -> Call:
-    return "take_the_pendant", {"joint": 0, "degrees": degrees, "seconds": 30.0, "at_rest": True, "going": None}
+def remembered_speed() -> Callable[[float], str]:
+    """SPEED typed only where it is another than was typed last, as if nobody else could set it."""
+    last = list[float]()
+
+    def speed(percent: float) -> str:
+        known = last[-1:] == [percent]
+        last.append(percent)
+        return "WHERE" if known else f"SPEED {percent:g}"
+
+    return speed
+
+
+HEARS_OTHERS: Guard = (LineSession, "_refuse_others", nothing)
+LONGER = rigid(np.eye(3), [0.0, 0.0, -100.0])
+"""A tool that reaches 100 mm less far than ours does."""
+COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: (Outcome.PICKED, label))
+COMPARES_WHERE: Guard = (Mover, "_not_moved_by_others", nothing)
+
+
+@contextmanager
+def without(*guards: Guard) -> Iterator[None]:
+    """The guards taken away."""
+    with ExitStack() as taken:
+        for owner, name, instead in guards:
+            taken.enter_context(patch.object(owner, name, instead))
+        yield
+
+
+def found(act: Act, **how: Any) -> str:
+    """What is found in a story of an arm that is enabled: the rules that were broken, also such as the story itself
+    names; nothing where none was."""
+    story = Story(**how)
+    try:
+        typed(story, "enable", 0.7)
+        wrong = act(story)
+        rules = {violation.rule for violation in story.violations()} | ({wrong} if wrong else set())
+    finally:
+        at_the_end = {violation.rule for violation in story.close()}
+    return ", ".join(sorted(rules | at_the_end))
+
+
+def typed(story: Story, text: str, seconds: float) -> None:
+    """At the first frontend, and what comes of it for a while."""
+    story.sockets[0].say(text)
+    story.wait(seconds)
+
+
+def until(story: Story, so: Callable[[], bool], within_s: float = 120.0) -> None:
+    """Wait for something in the cell."""
+    deadline_s = story.now_s + within_s
+    while not so():
+        assert story.now_s < deadline_s, f"it never came to that: {story.texts[-3:]}"
+        story.wait(0.1)
+
+
+def proven(act: Act, rule: str, *guards: Guard, **how: Any) -> None:
+    """Nothing is found as it is, and the rule is seen broken without the guards."""
+    assert found(act, **how) == ""
+    with without(*guards):
+        assert rule in found(act, **how)
+
+
+def picking(story: Story) -> None:
+    """Home, and on the way to a part."""
+    typed(story, "go home", 20.0)
+    typed(story, "pick", ON_THE_WAY_S)
 
 
 @pytest.mark.parametrize("degrees", [90.0, -90.0])
 def test_an_arm_that_the_pendant_moves_amid_a_pick_begins_no_way_from_where_it_is_not(degrees: float):
-    acts = story(_pendant(degrees))
-    assert surprise(acts) == ""
-    with patch.object(Mover, "_not_moved_by_others", lambda *_: None):
-        assert "step too long" in surprise(acts)
+    def act(story: Story) -> None:
+        picking(story)
+        story.by_pendant(0, degrees, at_rest=True)
+        story.wait(50.0)
+
+    proven(act, "step too long", COMPARES_WHERE, parts=True)
+
+
+def test_a_speed_that_another_terminal_sets_is_no_moves_speed():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.type_beside("SPEED 100")
+        for text in ("resume", "enable", "go survey"):
+            typed(story, text, 5.0)
+        story.wait(20.0)
+
+    proven(act, "too fast", HEARS_OTHERS, (commands, "speed", remembered_speed()))
+
+
+def test_a_speed_of_programs_that_another_terminal_sets_multiplies_no_moves_speed():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.type_beside("DO SPEED 300 ALWAYS")
+        for text in ("resume", "enable", "go survey"):
+            typed(story, text, 5.0)
+        story.wait(20.0)
+
+    proven(act, "too fast", HEARS_OTHERS, (commands, "PROGRAM_SPEED", "WHERE"))
+
+
+def test_a_tool_that_another_terminal_sets_moves_no_arm():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.type_beside(commands.tool(location_from_matrix(ArmGeometry().tool_for_controller @ LONGER)))
+        for text in ("go home", *["jog z -60"] * 4):
+            typed(story, text, 8.0)
+
+    unseen: Guard = (whole_daemon, "belongs_together", lambda *_: True)
+    proven(act, "below the table", HEARS_OTHERS, unseen, (motion, "_went_as_looked_along", nothing))
+
+
+def test_a_motion_that_another_terminal_typed_is_noticed_before_the_next_move():
+    def act(story: Story) -> None:
+        picking(story)
+        until(story, story.cell.controller.machine.at_rest)
+        story.type_beside("DO DRIVE 1,85,100")
+        story.wait(50.0)
+
+    proven(act, "step too long", HEARS_OTHERS, COMPARES_WHERE, parts=True)
+
+
+def test_a_controller_that_repeats_an_old_place_begins_no_way_from_there():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.by_pendant(0, 90.0)
+        story.wait(8.0)
+        story.harm(lambda: setattr(story.cell.controller.faults, "repeated_places", 2))
+        typed(story, "go home", 20.0)
+
+    proven(act, "step too long", COMPARES_WHERE)
+
+
+def pick_up_to(story: Story, state: PickState) -> None:
+    """A pick has come so far."""
+    typed(story, "pick cube", 1.0)
+    context = story._service.context
+    assert context is not None
+    until(story, lambda: context.cycle.state is state)
+
+
+def test_a_part_that_slips_on_the_way_to_the_bin_is_not_counted_as_picked():
+    def act(story: Story) -> None:
+        pick_up_to(story, PickState.BIN)
+        story.move_part("slips")
+        story.wait(40.0)
+
+    proven(act, "not in the bin", COUNTS_RELEASED, parts=True)
+
+
+def test_a_part_that_somebody_takes_amid_a_pick_is_not_counted_as_picked():
+    def act(story: Story) -> None:
+        pick_up_to(story, PickState.CLOSING)
+        while any(part.where is PartPlace.TABLE for part in story.cell.world.parts):
+            story.move_part("is taken")
+        story.wait(40.0)
+
+    proven(act, "not in the bin", (take, "_judged", lambda *_: (True, None)), COUNTS_RELEASED, parts=True)
+
+
+def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.exchange_arm(0, 20.0)
+        story.repair()
+        story.wait(20.0)
+        for text in ("robot power-up", "resume", "robot cal", "go home"):
+            typed(story, text, 3.0)
+            story.sockets[0].answer("y")
+            story.wait(15.0)
+
+    proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_unsee_the_stop", nothing))
+
+
+def test_an_auto_that_was_held_still_goes_on_by_nobodys_leave_but_a_new_one():
+    def act(story: Story) -> None:
+        typed(story, "auto on", 2.0)
+        story.hang(30.0)
+        story.wait(20.0)
+
+    proven(act, "after a stop", (Watchdog, "_check_sleep", none_of_it), parts=True)
+
+
+def test_another_cell_that_is_read_disables_the_arm():
+    def act(story: Story) -> None:
+        typed(story, "go home", 20.0)
+        story.write_config(limits={"box_low_mm": [0, -600, -300]})
+        story.frontends[1].say("reload")
+        story.wait(2.0)
+        typed(story, "go survey", 10.0)
+
+    proven(act, "not allowed", (Supervisor, "disable", none_of_it))
+
+
+def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():
+    def act(story: Story) -> None:
+        pick_up_to(story, PickState.BIN)
+        pair = take._gripper_pair
+
+        async def as_it_looks(*about: Any) -> Any:
+            taken = await pair(*about)
+            story.by_pendant(0, 40.0)
+            await asyncio.sleep(10.0)
+            return taken
+
+        with patch.object(take, "_gripper_pair", as_it_looks):
+            story.wait(60.0)
+
+    proven(act, "dropped", COMPARES_WHERE, parts=True)
+
+
+@pytest.mark.parametrize("seconds", [-1e5, 1e5])
+def test_a_clock_that_is_set_amid_a_pick_changes_nothing_of_it(seconds: float):
+    def act(story: Story) -> str | None:
+        typed(story, "pick cube", 3.0)
+        story.set_by_s += seconds
+        until(story, lambda: not story.sockets[0].waits)
+        return None if story.texts[-1].startswith("picked") else "not picked"
+
+    wall: Guard = (Story, "cell_clock", lambda story: story.loop.time() + story.set_by_s)
+    proven(act, "not picked", wall, parts=True)
+
+
+def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_camera():
+    def act(story: Story) -> str | None:
+        for text in ("go survey", "cameras left", *["jog z -100"] * 3, *["jog z -40"] * 6):
+            typed(story, text, 5.0)
+        before = story.cell.world_from_tool()
+        typed(story, "look", 1.0)
+        return None if (story.cell.world_from_tool() == before).all() else "aside among the parts"
+
+    proven(act, "aside among the parts", (Mover, "low", False))
