@@ -41,6 +41,8 @@ class Machine:
         self.alive = True
         self.arm_power = self.calibrated = not cold
         self.hand_closed = False
+        self._zero_found_s = 0.0
+        """Until when CAL turns the joints."""
         self.by, self.given_s = "", float("-inf")
         """What was typed last to be carried out, and when; what happens from now on comes of it."""
         self.printed_place: list[str] = []
@@ -140,7 +142,7 @@ class Machine:
     def drive_by_pendant(self, joints_rad: Array) -> None:
         """A person at the teach pendant takes over; nothing of it is printed. The pendant brakes an arm under way, and
         brings one at rest to (6,) rad where its joints allow that."""
-        if not self.at_rest():
+        if not self.at_rest() or self.now_s < self._zero_found_s:
             self.halt()
         elif self.arm_power:
             with suppress(UnreachableError):
@@ -154,12 +156,14 @@ class Machine:
         """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
         motion = standing(self.joints(), self.now_s, self.manners.calibration_s)
         self._note(motion, 0.0)
+        self._zero_found_s = motion.ends_s
         return motion.ends_s
 
     def halt(self, braking: float = 1.0) -> None:
         """Come to rest along the path; braking: times the usual deceleration."""
         self.arm.halt(self.now_s, braking)
         self.history.cut(self.now_s, braking)
+        self._zero_found_s = min(self._zero_found_s, self.now_s)
 
     def stop(self, by: str) -> None:
         """Somebody wants the arm at rest now, and said so by this."""
