@@ -1,20 +1,23 @@
-"""Numbers of the configuration as types: what a value may be at all. The unit is in the field's name. And numbers that
-people type: read here, and nowhere else (tests/unit/test_typed_numbers.py).
+"""Types of numbers in the configuration, with their bounds, and the reading of numbers that people type.
 
-A limit that is no number compares with nothing and so would never refuse: each of these has two ends, and neither takes
-it. Whoever types a section by them (daemon/store/yamlfile.py) refuses what lies outside with its file, line and key.
+Every type has two bounds, so that nan, which compares with nothing, never becomes a limit that refuses nothing.
+daemon/store/yamlfile.py reports a value out of bounds with file, line and key. The unit is in the field's name.
 """
 
 from __future__ import annotations
 
+import argparse
+import contextlib
 import re
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, TypeVar
 
 from msgspec import Meta
 
 DECIMAL = re.compile(r"[+-]?(?:[0-9]{1,9}(?:\.[0-9]{0,9})?|\.[0-9]{1,9})")
 WHOLE = re.compile(r"[0-9]{1,15}")
 LONGEST_SHOWN = 40
+N = TypeVar("N", int, float)
 
 Coordinate = Annotated[float, Meta(ge=-5000, le=5000)]
 Length = Annotated[float, Meta(gt=0, le=5000)]
@@ -32,9 +35,10 @@ Name = Annotated[str, Meta(min_length=1, max_length=4096)]
 
 
 def decimal(text: str, unit: str = "") -> float:
-    """A number that somebody typed: ASCII digits and a point, of bounded length, its unit behind it or not. What Python
-    reads besides is none: 1_0, 1e3, inf, digits of other scripts. Raises ValueError, which says so. Also an argument's
-    type."""
+    """Read a number that a person typed: ASCII digits and a point, of bounded length, with or without its unit. Other
+    forms that Python accepts are errors: 1_0, 1e3, inf, digits of other scripts. Raises ValueError. Also an argparse
+    type.
+    """
     word = text.strip().removesuffix(unit).rstrip() if unit else text.strip()
     if not DECIMAL.fullmatch(word):
         raise ValueError(f"expected a number{f' in {unit}' if unit else ''}, such as 12.5, found {shown(text)}")
@@ -42,12 +46,26 @@ def decimal(text: str, unit: str = "") -> float:
 
 
 def whole(text: str) -> int:
-    """A whole number, 0 or more, that somebody typed, as decimal is. Raises ValueError. Also an argument's type."""
+    """Read a whole number, 0 or more, that a person typed. Raises ValueError. Also an argparse type."""
     if not WHOLE.fullmatch(text):
         raise ValueError(f"expected a whole number, found {shown(text)}")
     return int(text)
 
 
+def within(read: Callable[[str], N], least: N, most: N | None = None) -> Callable[[str], N]:
+    """An argparse type: a number that `read` (decimal, whole) reads, from `least` to `most`."""
+    expected = f"{least:g} or more" if most is None else f"{least:g} to {most:.10g}"
+
+    def number(text: str) -> N:
+        with contextlib.suppress(ValueError):
+            value = read(text)
+            if least <= value and (most is None or value <= most):
+                return value
+        raise argparse.ArgumentTypeError(f"expected {expected}, found {shown(text)}")
+
+    return number
+
+
 def shown(text: str) -> str:
-    """What was typed, as it is told back: cut where it is long."""
+    """A typed text for an error message, cut where it is long."""
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}... ({len(text)} characters)"

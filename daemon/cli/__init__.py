@@ -1,1 +1,1 @@
-"""Jobs of `facetctl` that need no daemon: the recogniser on files, the cameras by themselves, the demo."""
+"""Commands of `facetctl` that need no daemon (recogniser on files, cameras, first contact, demo), and commissioning."""

@@ -1,4 +1,4 @@
-"""`facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: the first contact with a controller nobody knows.
+"""Commands `facetctl arm identify PORT` and `facetctl arm replay TRANSCRIPT`: first contact with an unknown controller.
 
 daemon/cell/identify.py carries it out; here are the command line, the person at the terminal, and the files.
 """
@@ -48,16 +48,16 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add `arm` to facetctl."""
     arm = subparsers.add_parser("arm", help="first contact with an arm's controller: identify, replay")
     jobs = arm.add_subparsers(dest="job", required=True, metavar="JOB")
-    meet = jobs.add_parser("identify", help="find out how a controller speaks and which arm it has; writes arm.yaml")
+    meet = jobs.add_parser("identify", help="identify a controller's dialect and its arm; writes arm.yaml")
     meet.add_argument("port", metavar="PORT", help="the serial port, best by its name under /dev/serial/by-id")
     meet.add_argument("--baud", type=whole, help="the line's speed (default: the usual ones, 9600 first)")
     meet.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where the files go (default: here)")
     meet.add_argument("--lengths", type=_lengths, metavar="A2,A3,D3,D4",
-                      help="of an arm that is not published, mm, from its maker's drawing")  # fmt: skip
+                      help="link lengths of an arm unknown to facetd, mm, from its maker's drawing")  # fmt: skip
     meet.add_argument("--pendant", action="store_true",
-                      help="more WHEREs, at places to which you bring the arm: they tell lengths exactly")  # fmt: skip
+                      help="more WHEREs, at positions to which you bring the arm: they give exact lengths")  # fmt: skip
     meet.set_defaults(run=_identify)
-    replay = jobs.add_parser("replay", help="today's driver against a recorded first contact: where it says otherwise")
+    replay = jobs.add_parser("replay", help="compare today's driver with a recorded first contact")
     replay.add_argument("transcript", type=Path, metavar="TRANSCRIPT", help="transcript.jsonl of a first contact")
     replay.set_defaults(run=_replay)
 
@@ -74,26 +74,28 @@ def _identify(args: argparse.Namespace) -> int:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         with (args.out / "transcript.jsonl").open("x", encoding="utf-8") as file:
-            known = asyncio.run(_meet(args.port, args.baud, args.pendant, file))
+            found = asyncio.run(_identify_controller(args.port, args.baud, args.pendant, file))
     except FileExistsError:
-        return _told(f"{args.out / 'transcript.jsonl'} exists already; name another folder with --out", NOT_UNDERSTOOD)
+        return _failed(
+            f"{args.out / 'transcript.jsonl'} exists already; name another folder with --out", NOT_UNDERSTOOD
+        )
     except OSError as error:
-        return _told(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
+        return _failed(f"{args.out}: {error.strerror}", NOT_UNDERSTOOD)
     except EXPECTED as error:
-        return _told(f"{error}\nThe transcript is {args.out / 'transcript.jsonl'}", NOT_DONE)
-    return _keep(known, args.out, args.lengths)
+        return _failed(f"{error}\nThe transcript is {args.out / 'transcript.jsonl'}", NOT_DONE)
+    return _write_files(found, args.out, args.lengths)
 
 
-def _keep(known: Acquaintance, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
-    """arm.yaml and the page; without readings, or where no arm fits them, the dialect alone."""
+def _write_files(found: Acquaintance, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
+    """Write arm.yaml and arm.txt; without readings, or where no arm fits them, with the dialect only."""
     arm = None
     try:
-        arm = arm_of(known, typed_mm) if len(known.readings) > 1 else None
+        arm = arm_of(found, typed_mm) if len(found.readings) > 1 else None
     except NoArmError as error:
         print(f"facetctl: {error}", file=sys.stderr)
-    text = yaml.safe_dump(arm_file(known, arm), sort_keys=False, default_flow_style=None, width=110)
+    text = yaml.safe_dump(arm_file(found, arm), sort_keys=False, default_flow_style=None, width=110)
     write_atomically(folder / "arm.yaml", text.encode())
-    text = page(known, arm)
+    text = page(found, arm)
     (folder / "arm.txt").write_text(text, encoding="utf-8")
     _tell(text)
     _tell(
@@ -103,7 +105,7 @@ def _keep(known: Acquaintance, folder: Path, typed_mm: tuple[float, float, float
     return DONE if arm is not None else NOT_DONE
 
 
-async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquaintance:
+async def _identify_controller(port: str, baud: int | None, pendant: bool, file: Any) -> Acquaintance:
     loop, wants_stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, wants_stop.set)
@@ -112,21 +114,21 @@ async def _meet(port: str, baud: int | None, pendant: bool, file: Any) -> Acquai
         print(json.dumps(record), file=file, flush=True)
 
     person = Person(_tell, partial(_ask, wants_stop=wants_stop), wants_stop)
-    _listen(wants_stop)
+    _watch_for_stop(wants_stop)
     print("Control-C or `stop` stops the arm at any moment.", flush=True)
     bauds = BAUDS if baud is None else (baud,)
     return await identify(port, serial_port, person, write, bauds, pendant)
 
 
 def _tell(text: str, end: str = "\n") -> None:
-    """Folded between words, where this is a terminal."""
+    """Print a text, wrapped to the terminal's width."""
     lines = fold(text, shutil.get_terminal_size().columns - 1) if sys.stdout.isatty() else [text]
     print("\n".join(lines), end=end, flush=True)
 
 
 async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
-    """The person's answer, typed after it was asked for; where it is to be a yes or a no one of these: another word is
-    asked again; nothing at the terminal's end, and where it was to stop."""
+    """The person's answer, typed after the question. A yes-or-no question repeats until one of the two is typed. Empty
+    at the terminal's end and after a stop."""
     question = consult.text
     while True:
         *before, begun = typed_by_now().decode("utf-8", "replace").split("\n")
@@ -134,38 +136,38 @@ async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
         line = "" if any(map(means_stop, before)) else await _typed(wants_stop)
         if any(map(means_stop, before)) or ends_in_stop([begun], line):
             wants_stop.set()
-        said = line.strip()
+        word = line.strip()
         if wants_stop.is_set():
             return ""
         if consult.about == "power-up" or not line:
-            return said
-        if is_yes(said) or is_no(said):
-            return "yes" if is_yes(said) else "no"
-        question = f"`{said}` is not an answer. Answer yes or no."
+            return word
+        if is_yes(word) or is_no(word):
+            return "yes" if is_yes(word) else "no"
+        question = f"`{word}` is not an answer. Answer yes or no."
 
 
 async def _typed(wants_stop: asyncio.Event) -> str:
-    """A line typed at this terminal; nothing at its end."""
+    """Wait for a line typed at this terminal; empty at its end."""
     loop = asyncio.get_running_loop()
     typed: asyncio.Future[str] = loop.create_future()
-    loop.add_reader(sys.stdin.fileno(), _hear, wants_stop, typed)
+    loop.add_reader(sys.stdin.fileno(), _read_line, wants_stop, typed)
     try:
         return await typed
     finally:
         with contextlib.suppress(ValueError):
             loop.remove_reader(sys.stdin.fileno())
-            _listen(wants_stop)
+            _watch_for_stop(wants_stop)
 
 
-def _listen(wants_stop: asyncio.Event) -> None:
-    """A line typed where nothing is asked may be a stop."""
+def _watch_for_stop(wants_stop: asyncio.Event) -> None:
+    """Read lines between questions: one may be a stop."""
     if sys.stdin.isatty():
-        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _hear, wants_stop, None)
+        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _read_line, wants_stop, None)
 
 
-def _hear(wants_stop: asyncio.Event, typed: asyncio.Future[str] | None) -> None:
+def _read_line(wants_stop: asyncio.Event, typed: asyncio.Future[str] | None) -> None:
     line = ""
-    with contextlib.suppress(OSError):  # a terminal that was hung up has no line
+    with contextlib.suppress(OSError):  # the terminal was closed
         line = sys.stdin.readline()
     if means_stop(line):
         wants_stop.set()
@@ -178,18 +180,18 @@ def _hear(wants_stop: asyncio.Event, typed: asyncio.Future[str] | None) -> None:
 def _replay(args: argparse.Namespace) -> int:
     try:
         text = read_file(args.transcript, LARGEST_TRANSCRIPT).decode()
-        whole, _, torn = text.rpartition("\n")
-        differences = list(replay(read_transcript(whole.splitlines())))
+        complete, _, torn = text.rpartition("\n")
+        differences = list(replay(read_transcript(complete.splitlines())))
     except FileError as error:
-        return _told(str(error), NOT_UNDERSTOOD)
+        return _failed(str(error), NOT_UNDERSTOOD)
     except ValueError as error:
-        return _told(f"{args.transcript}: {error}", NOT_UNDERSTOOD)
+        return _failed(f"{args.transcript}: {error}", NOT_UNDERSTOOD)
     if torn:
         print("the last line of the transcript is incomplete and was left out")
     print("\n".join(differences) or "today's driver sends the same, byte for byte")
     return NOT_DONE if differences else DONE
 
 
-def _told(text: str, status: int) -> int:
+def _failed(text: str, status: int) -> int:
     print(f"facetctl: {text}", file=sys.stderr)
     return status

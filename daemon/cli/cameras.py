@@ -1,7 +1,6 @@
-"""`facetctl cameras`, `snap` and `stream`: the cameras by themselves, without a daemon.
+"""Commands `facetctl cameras`, `snap` and `stream`: the cameras without a daemon.
 
-Here: arguments, what is printed, files written. Grabbing is the driver's, seeing is vision's, serving is preview.py's.
-Exit status: 0 done, 1 the cameras do not work (the reason is a line), 2 unusable arguments or files.
+Exit status: 0 done, 1 the cameras do not work (one line with the reason), 2 unusable arguments or files.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daemon.quantities import decimal, shown, whole
+from daemon.quantities import decimal, whole, within
 from daemon.store import folders
 
 if TYPE_CHECKING:
@@ -24,58 +23,36 @@ if TYPE_CHECKING:
     from daemon.config import Config
 
 GRAB_S = 5.0
-"""How long to wait for one pair."""
+"""Longest wait for one pair."""
 
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `cameras`, `snap` and `stream` to facetctl."""
     cameras = subparsers.add_parser("cameras", help="list the cameras; rate, skew and drops of the configured pair")
     cameras.add_argument(
-        "--seconds", type=_number(0), default=3.0, help="how long to measure (default 3; 0: only list)"
+        "--seconds", type=within(decimal, 0.0), default=3.0, help="how long to measure (default 3; 0: only list)"
     )
     snap = subparsers.add_parser("snap", help="save stereo pairs as left.png and right.png")
     snap.add_argument("folder", type=Path, metavar="DIR", help="the folder to write to")
-    snap.add_argument("--count", type=_whole(1, 100_000), default=1, help="more than one: DIR/1, DIR/2, ...")
-    snap.add_argument("--every", type=_number(0), default=1.0, metavar="SECONDS", help="time between them (default 1)")
-    stream = subparsers.add_parser("stream", help="a live picture for a browser on this machine, facets drawn in")
-    stream.add_argument("--port", type=_whole(0, 65535), default=8080, help="on 127.0.0.1 (default 8080)")
-    stream.add_argument("--fps", type=_number(0.1), default=5.0, help="pictures a second at most (default 5)")
-    stream.add_argument("--plain", action="store_true", help="the bare images: nothing looked for, nothing drawn")
+    snap.add_argument("--count", type=within(whole, 1, 100_000), default=1, help="more than one: DIR/1, DIR/2, ...")
+    snap.add_argument(
+        "--every", type=within(decimal, 0.0), default=1.0, metavar="SECONDS", help="time between them (default 1)"
+    )
+    stream = subparsers.add_parser("stream", help="a live image for a browser on this machine, with the facets found")
+    stream.add_argument("--port", type=within(whole, 0, 65535), default=8080, help="on 127.0.0.1 (default 8080)")
+    stream.add_argument("--fps", type=within(decimal, 0.1), default=5.0, help="most images a second (default 5)")
+    stream.add_argument("--plain", action="store_true", help="the images only: without recognition")
     for parser, run in ((cameras, _cameras), (snap, _snap), (stream, _stream)):
         parser.add_argument(
             "--config", type=Path, default=folders.config_file(), metavar="FILE", help="the configuration"
         )
         parser.add_argument("--sim", action="store_true", help="the simulated cell's cameras")
-        parser.add_argument("--json", action="store_true", help="for machines")
+        parser.add_argument("--json", action="store_true", help="JSON for programs")
         parser.set_defaults(run=_guarded(run))
 
 
-def _number(least: float) -> Callable[[str], float]:
-    """An argument's type: a number, `least` or more."""
-
-    def number(text: str) -> float:
-        with contextlib.suppress(ValueError):
-            if (value := decimal(text)) >= least:
-                return value
-        raise argparse.ArgumentTypeError(f"expected {least:g} or more, found {shown(text)}")
-
-    return number
-
-
-def _whole(least: int, most: int) -> Callable[[str], int]:
-    """An argument's type: a whole number within bounds."""
-
-    def number(text: str) -> int:
-        with contextlib.suppress(ValueError):
-            if least <= (value := whole(text)) <= most:
-                return value
-        raise argparse.ArgumentTypeError(f"expected {least} to {most}, found {shown(text)}")
-
-    return number
-
-
 def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
-    """Trouble with cameras is one line and status 1; with arguments or files, as of every job, status 2."""
+    """Wrap a command: an error of the cameras is one line and status 1."""
 
     def guarded(args: argparse.Namespace) -> int:
         from daemon.cell.build import EXPECTED_ERRORS
@@ -139,16 +116,16 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
     yield (
         f"    {measured['pairs']} pairs in {measured['seconds']:.1f} s: {measured['rate_hz']:.1f} a second, "
         f"skew median {measured['skew_ms']:.1f} ms, worst {measured['worst_skew_ms']:.1f} ms, "
-        f"age when given {measured['age_ms']:.0f} ms"
+        f"age at delivery {measured['age_ms']:.0f} ms"
     )
     for eye in measured["eyes"]:
         took = ", ".join(f"{k} {v}" for k, v in eye["controls"].items()) or "as found"
         yield f"    {eye['line']}: {eye['frames']} frames, {eye['dropped']} dropped, {eye['damaged']} damaged; {took}"
-        yield from (f"        {old} is called {new} here: write that" for old, new in eye["renamed"].items())
+        yield from (f"        {old} is called {new} here: use that name" for old, new in eye["renamed"].items())
 
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
-    """Grab for a while: how many pairs a second, how far apart and how old, and what each eye lost."""
+    """Grab pairs for a while: rate, skew and age, and the frames that each camera lost."""
     from daemon.cell.cameras import camera_rows
 
     camera.grab(clock(), GRAB_S)
@@ -181,7 +158,7 @@ def _snap(args: argparse.Namespace) -> int:
 
 
 def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
-    """One pair into a folder: left.png, right.png, and snap.json with times, skew and the images' health."""
+    """Write one pair into a folder: left.png, right.png, and snap.json with times, skew and measures of the images."""
     import cv2
 
     from daemon.vision.health import examine, findings_json, troubles
@@ -219,7 +196,7 @@ def _stream(args: argparse.Namespace) -> int:
 
 
 def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], Shot]:
-    """What makes one picture of the preview: the pair, seen and drawn, and a few lines about it."""
+    """A function that makes one image of the preview: the pair with its facets, and some lines of text."""
     import cv2
     import numpy as np
 
@@ -256,12 +233,12 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
 
 
 def _rig(config: Config) -> Any:
-    """The calibrated pair; without a usable calibration None, said once on stderr: pictures do not need one."""
+    """The calibrated rig; None, with a line on stderr, without a usable calibration, which images do not need."""
     from daemon.calibration.file import load_calibration
     from daemon.store.outside import FileError
 
     try:
         return load_calibration(config.calibration).rig
     except FileError as error:
-        print(f"facetctl: without facets: {error}", file=sys.stderr)
+        print(f"facetctl: no facets are shown: {error}", file=sys.stderr)
         return None

@@ -1,7 +1,7 @@
-"""`facetctl commission`: from a known arm to the first pick, every check in order, by the console's own words.
+"""Command `facetctl commission`: every check from an identified arm to the first pick, in order.
 
-What the checks are is commission_steps.py's. What was proven is kept in a small file, with the calibration and the
-model that it was proven with, so that an evening can be a morning as well.
+commission_steps.py has the checks. A small file records each proof with the calibration and the model in use, so that
+commissioning can continue another day.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from daemon.frontends.client import DaemonLink
 from daemon.frontends.keyboard import InputLines
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, read_file
+from daemon.store.outside import JSON_ERRORS, FileError, read_file
 
 FILE, LARGEST_BYTES = "commission.json", 100_000
 
 
 class StepProof(msgspec.Struct, frozen=True):
-    """A step that was done: when, what it showed, with which calibration and model."""
+    """Proof of a step: when, what it showed, with which calibration and model."""
 
     at: str
     shown: str
@@ -48,12 +48,12 @@ class CommissioningFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 def commission(
     talk: CommissioningSession, proofs: dict[str, StepProof], keep: Callable[[Mapping[str, StepProof]], None]
 ) -> bool:
-    """Every step that is not proven yet, in order, up to the first that cannot be; whether all are."""
+    """Do every step without a valid proof, in order, up to the first failure; returns whether all are proven."""
     for number, step in enumerate(STEPS, 1):
         calibration, model = talk.facts()
         proof = proofs.get(step.name)
         talk.person.tell(f"{number:2} of {len(STEPS)}  {step.name}: {step.proves}")
-        if proof is not None and _holds(step, proof, calibration, model):
+        if proof is not None and _is_valid(step, proof, calibration, model):
             talk.person.tell(f"  done {proof.at}: {proof.shown}")
             continue
         try:
@@ -70,17 +70,17 @@ def commission(
     return True
 
 
-def _holds(step: CommissioningStep, proof: StepProof, calibration: int, model: int | None) -> bool:
+def _is_valid(step: CommissioningStep, proof: StepProof, calibration: int, model: int | None) -> bool:
     now = {"calibration": calibration, "model": model}
     return step.with_what is not None and all(getattr(proof, what) == now[what] for what in step.with_what)
 
 
 def run(link: DaemonLink, words: list[str]) -> int:
-    """`facetctl commission`: at a terminal, with the daemon that runs."""
+    """Run `facetctl commission` at a terminal, with the running daemon."""
     options = _parser().parse_args(words)
     path = options.keep / FILE
     try:
-        proofs = _kept(path)
+        proofs = _read_proofs(path)
         names = [step.name for step in STEPS]
         if options.step is not None:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
@@ -88,7 +88,9 @@ def run(link: DaemonLink, words: list[str]) -> int:
         order = CommissioningPlan(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
         with InputLines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
             person = CommissioningDialogue(_tell, lambda question: typed.answer(f"  {question}"))
-            all_proven = commission(CommissioningSession(link, person, order), proofs, lambda now: _keep(path, now))
+            all_proven = commission(
+                CommissioningSession(link, person, order), proofs, lambda now: _write_proofs(path, now)
+            )
     except (FileError, OSError) as error:
         print(f"facetctl: {error}", flush=True)
         return NOT_UNDERSTOOD
@@ -115,17 +117,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _kept(path: Path) -> dict[str, StepProof]:
-    """What an earlier sitting proved. Raises FileError."""
+def _read_proofs(path: Path) -> dict[str, StepProof]:
+    """The proofs of earlier sessions. Raises FileError."""
     try:
         return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=CommissioningFile).steps
     except FileError:
         if not path.exists():
             return {}
         raise
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+    except JSON_ERRORS as error:
         raise FileError(f"{path}: {error}; move it away to start again") from None
 
 
-def _keep(path: Path, proofs: Mapping[str, StepProof]) -> None:
+def _write_proofs(path: Path, proofs: Mapping[str, StepProof]) -> None:
     write_atomically(path, msgspec.json.format(msgspec.json.encode(CommissioningFile(1, dict(proofs)))))

@@ -1,6 +1,8 @@
-"""What stands between a known arm and the first pick: each step says commands to the running daemon, and holds its
-answers against what it is to prove; what it asks, the person answers. Nothing here calibrates, moves or judges by
-itself; the order is STEPS."""
+"""Steps of commissioning, from an identified arm to the first pick, in the order of STEPS.
+
+Each step sends console commands to the running daemon, checks their results, and asks the person where needed. Nothing
+here calibrates or moves by itself.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,23 @@ from daemon.errors import DONE, FacetdError
 from daemon.frontends.client import DaemonLink
 
 HAND_EYE_MM = 0.5
-"""A hand-eye known no better than this is calibrated once more by itself; the guide has the same number."""
+"""A hand-eye with a larger sigma is calibrated once more on its own; the guide has the same number."""
 TABLE_MM = 4.0
-"""How far the table may be from where pick.limits has it: less than a finger tip keeps from it."""
+"""Largest error of the table's height in pick.limits: less than the fingertips' clearance."""
 TEACHING_TRIES, PICKING_TRIES = 6, 3
 ASKS, NO_POWER, NO_ZERO = "the controller asks", "arm power off", "not calibrated"
-"""What the daemon and the controller, in whatever letters, say when it was just switched on."""
+"""Parts of what the daemon and the controller report after a power-up; the controller's letters may be of any case."""
 PLACES = re.compile(r"home|bin|survey\d*")
-"""Those of facetd.yaml."""
+"""The positions of facetd.yaml."""
 
 
 class NotProvenError(FacetdError):
-    """What a step is to prove is not so; the message says what was seen."""
+    """A step is not proven: what was seen instead."""
 
 
 @dataclass(frozen=True)
 class CommissioningDialogue:
-    """Who sits there: is told a line, and answers a question by a line."""
+    """The person at the terminal: `tell` shows a line, `answer` asks a question and returns the answer."""
 
     tell: Callable[[str], None]
     answer: Callable[[str], str]
@@ -38,7 +40,7 @@ class CommissioningDialogue:
 
 @dataclass(frozen=True)
 class CommissioningPlan:
-    """What commissioning is done with: the board (its inner corners, its square, its thickness) and the first part."""
+    """The board (inner corners, square and thickness in mm) and the first part."""
 
     board: str
     square_mm: float
@@ -48,21 +50,21 @@ class CommissioningPlan:
 
     @property
     def calibrate(self) -> str:
-        """The board in the words of `calibrate`."""
+        """The board as an argument of `calibrate`."""
         return f"{self.board} {self.square_mm:g}" + " charuco" * self.charuco
 
 
 class CommissioningSession:
-    """The running daemon and the person, as a step has them."""
+    """The running daemon and the person, for the steps."""
 
     def __init__(self, link: DaemonLink, person: CommissioningDialogue, order: CommissioningPlan) -> None:
         self._link, self.person, self.order = link, person, order
         self.hand_eye: dict[str, Any] | None = None
-        """What a tour of this sitting has said of it already."""
+        """The hand-eye that `calibrate stereo` found in this session."""
 
-    def said(self, command: str) -> dict[str, Any]:
-        """One command, shown; what came of it. What it asks, the person is asked. Raises NotProvenError where they
-        pressed control-C meanwhile: also where nothing moved then, something may next."""
+    def send(self, command: str) -> dict[str, Any]:
+        """Send a command and show it; returns its result. The person answers its questions. Raises NotProvenError after
+        a control-C, even where nothing moved: the next step may move."""
         self.person.tell(f"  facetd> {command}")
         done = self._link.do(command, "commission", lambda line: self.person.tell(f"  {line}"), self.person.answer)
         if "interrupted" in done:
@@ -70,61 +72,61 @@ class CommissioningSession:
         return done
 
     def do(self, command: str) -> dict[str, Any]:
-        """One command that must be done; its data. Raises NotProvenError."""
-        done = self.said(command)
+        """Send a command that must succeed; returns its data. Raises NotProvenError."""
+        done = self.send(command)
         if done["status"] != DONE:
             raise NotProvenError(done["text"])
         data: dict[str, Any] = done["data"]
         return data
 
     def need(self, question: str) -> None:
-        """The person's yes. Raises NotProvenError."""
-        said = self.person.answer(f"{question} [y/n]")
-        while said.strip() and not (is_yes(said) or is_no(said)):
-            said = self.person.answer(f"`{said.strip()}` is not y or n. {question} [y/n]")
-        if not is_yes(said):
+        """Ask the person for a yes. Raises NotProvenError."""
+        answer = self.person.answer(f"{question} [y/n]")
+        while answer.strip() and not (is_yes(answer) or is_no(answer)):
+            answer = self.person.answer(f"`{answer.strip()}` is not y or n. {question} [y/n]")
+        if not is_yes(answer):
             raise NotProvenError(f"not confirmed: {question}")
 
     def enable(self) -> None:
-        """Let the arm move; a fault that stands is for the person to put right first. Raises NotProvenError."""
+        """Enable the arm, after the person has removed the cause of an active fault. Raises NotProvenError."""
         self.clear(None)
         self.do("enable")
 
     @property
     def fault(self) -> str | None:
-        """What stands until `resume`."""
+        """The active fault."""
         fault: str | None = self._status()["fault"]
         return fault
 
-    def clear(self, known: str | None) -> None:
-        """Go on after a fault that the person knows of. Of another, such as somebody's stop since, they are asked
-        first, and where somebody holds the arm. Raises NotProvenError."""
+    def clear(self, expected: str | None) -> None:
+        """`resume` after a fault that the person knows (expected). Another fault, such as a stop since, or a pause by
+        another operator, needs their yes first. Raises NotProvenError."""
         may_go_on = False
-        while True:  # what is said while they think of their answer is not lifted by it
+        while True:  # the answer does not clear what came while they thought
             status = self._status()
             if status["paused"] and not may_go_on:
                 self.need("The arm is paused by another operator. Resume it?")
                 may_go_on = True
-            elif status["fault"] not in (None, known):
-                known = status["fault"]
-                self.need(f"A fault is active: {known}. Is its cause removed?")
+            elif status["fault"] not in (None, expected):
+                expected = status["fault"]
+                self.need(f"A fault is active: {expected}. Is its cause removed?")
             else:
                 break
         if status["fault"] is not None or status["paused"]:
             self.do("resume")
 
-    def fault_told(self, text: str) -> str | None:
-        """The fault that stands, where it is the one that this answer told of, and no stop of anybody's came since."""
+    def fault_of(self, text: str) -> str | None:
+        """The active fault, where it is the one that this result reported; None after a stop since."""
         fault = self.fault
         return fault if fault is not None and fault.endswith(text) else None
 
     @property
     def simulated(self) -> bool:
-        """Whether the cell is one, where nobody can lay a part down by hand."""
+        """Whether the cell is simulated, where nobody can put a part down by hand."""
         return bool(self._status()["cell"] == "simulated")
 
     def facts(self) -> tuple[int, int | None]:
-        """Which calibration and which model are in use."""
+        """The calibration and the model in use, by number."""
         listed = self._link.do("calibrate list", "commission", lambda _: None)["data"]
         return int(listed.get("current", 0)), self._status()["model"]["version"]
 
@@ -134,11 +136,11 @@ class CommissioningSession:
 
 
 def _arm(talk: CommissioningSession) -> str:
-    where = talk.said("where")
+    where = talk.send("where")
     if where["status"] != DONE and ASKS in where["text"]:
         talk.need(f"The controller was just switched on: {where['text']}. Answer Y to all its questions?")
         talk.do("robot power-up")
-        where = talk.said("where")
+        where = talk.send("where")
     if where["status"] != DONE:
         raise NotProvenError(where["text"])
     x, y, z = (row[3] for row in where["data"]["world_from_tool"][:3])
@@ -161,27 +163,27 @@ def _doctor(talk: CommissioningSession) -> str:
 
 
 def _zero(talk: CommissioningSession) -> None:
-    """Find the arm's zero, where the controller has none yet."""
+    """Calibrate the arm's zero (CAL), where the controller has none."""
     while True:
-        done = talk.said("robot cal")
+        done = talk.send("robot cal")
         if done["status"] == DONE:
             return
         if NO_POWER not in done["text"].lower():
             raise NotProvenError(done["text"])
-        fault = talk.fault_told(done["text"])
+        fault = talk.fault_of(done["text"])
         talk.need(f"{done['text']}. Switch arm power on. Is it on now?")
         talk.clear(fault)
 
 
 def _survey(talk: CommissioningSession) -> None:
-    """Go where the board is in view."""
+    """Go to the survey position, where the board is in view."""
     talk.enable()
-    there = talk.said("go survey")
-    said = there["text"].lower()
-    if there["status"] != DONE and (NO_ZERO in said or NO_POWER in said):
-        talk.clear(talk.fault_told(there["text"]))
+    there = talk.send("go survey")
+    text = there["text"].lower()
+    if there["status"] != DONE and (NO_ZERO in text or NO_POWER in text):
+        talk.clear(talk.fault_of(there["text"]))
         _zero(talk)
-        there = talk.said("go survey")
+        there = talk.send("go survey")
     if there["status"] != DONE:
         raise NotProvenError(there["text"])
 
@@ -194,11 +196,11 @@ def _light(talk: CommissioningSession) -> str:
     try:
         _survey(talk)
     finally:
-        talk.said("step off")
+        talk.send("step off")
     ill = [f for f in talk.do("look")["health"] if not f["good"]]
     if ill:
-        told = (f"{f['name']}, {f['eye']} eye: {f['value']:.3g} {f['unit']}, limit {f['limit']:g}" for f in ill)
-        raise NotProvenError("; ".join(told))
+        measured = (f"{f['name']}, {f['eye']} camera: {f['value']:.3g} {f['unit']}, limit {f['limit']:g}" for f in ill)
+        raise NotProvenError("; ".join(measured))
     return "both images are sharp, even and bright enough"
 
 
@@ -218,11 +220,11 @@ def _hand_eye(talk: CommissioningSession) -> str:
         talk.need("Is the board still on the table? The arm moves next.")
         _survey(talk)
         found = talk.do(f"calibrate hand-eye {talk.order.calibrate}")["hand_eye"]
-    told = f"known to {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
-    told += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
+    result = f"standard deviation {found['sigma_mm']:.2f} mm and {found['sigma_deg']:.3f} degrees"
+    result += f", arm accuracy {found['arm_mm']:.2f} mm and {found['arm_deg']:.3f} degrees an axis"
     if _doubtful(found):
-        raise NotProvenError(f"{told}; the limit is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
-    return told
+        raise NotProvenError(f"{result}; the limit is {HAND_EYE_MM:g} mm. {found['warning'] or ''}")
+    return result
 
 
 def _doubtful(found: dict[str, Any]) -> bool:
@@ -243,10 +245,10 @@ def _table(talk: CommissioningSession) -> str:
     _survey(talk)
     found = talk.do(f"calibrate touch {talk.order.calibrate}")
     low, high = (z - talk.order.board_mm for z in found["board_z_mm"])
-    told = f"the table is at z {low:.1f} to {high:.1f} mm, pick.limits.table_z_mm says {found['table_z_mm']:g}"
+    result = f"the table is at z {low:.1f} to {high:.1f} mm, pick.limits.table_z_mm is {found['table_z_mm']:g}"
     if not max(abs(low - found["table_z_mm"]), abs(high - found["table_z_mm"])) <= TABLE_MM:
-        raise NotProvenError(told)
-    return told
+        raise NotProvenError(result)
+    return result
 
 
 def _workspace(talk: CommissioningSession) -> str:
@@ -263,7 +265,7 @@ def _gripper(talk: CommissioningSession) -> str:
     talk.enable()
     for word in ("close", "open"):
         talk.do(f"hand {word}")
-        talk.need(f"Did the hand {word}?")
+        talk.need(f"Did the gripper {word}?")
     return "it closes and opens"
 
 
@@ -271,21 +273,21 @@ def _teach(talk: CommissioningSession) -> str:
     part = talk.order.part
     talk.need(f"Is one {part} alone in view of the cameras at `go survey`? The arm moves next.")
     _survey(talk)
-    kept: list[str] = []
+    taught: list[str] = []
     for _ in range(TEACHING_TRIES):
-        done = talk.said(f"teach {part}")
+        done = talk.send(f"teach {part}")
         talk.person.tell(f"  {done['text']}")
         if done["status"] != DONE:
             talk.need("Try again?")
             continue
-        kept.append(done["data"]["view"])
+        taught.append(done["data"]["view"])
         if not talk.person.answer("Turn the part for another view, or is this enough? [more/enough]").startswith("m"):
             break
-    if not kept:
+    if not taught:
         raise NotProvenError(done["text"])
     talk.do("train")
-    talk.said("accept")
-    return f"the {part} is known from {', '.join(kept)}"
+    talk.send("accept")
+    return f"the {part} is taught in {', '.join(taught)}"
 
 
 def _pick(talk: CommissioningSession) -> str:
@@ -296,12 +298,12 @@ def _pick(talk: CommissioningSession) -> str:
         talk.need(f"Is one {part} on the table, in any pose? The arm moves next.")
     talk.enable()
     for _ in range(PICKING_TRIES):
-        done = talk.said(f"pick {part}")
+        done = talk.send(f"pick {part}")
         outcome = str(done["text"]).splitlines()[0]
         if done["status"] == DONE:
             return outcome
         talk.person.tell(f"  {done['text']}")
-        if outcome.startswith("released"):  # the cameras could not prove it; a person beside the bin can
+        if outcome.startswith("released"):  # the cameras could not prove it; a person near the bin can
             talk.need(f"Is the {part} in the bin?")
             return outcome
         talk.need("Try again?")
@@ -310,8 +312,8 @@ def _pick(talk: CommissioningSession) -> str:
 
 @dataclass(frozen=True)
 class CommissioningStep:
-    """do: says what was shown, raises NotProvenError. with_what: of `calibration` and `model`, what it holds for: where
-    that is another since, it is done again; None: it only looks, and is done every time."""
+    """A step. do: returns what was shown, raises NotProvenError. with_what: `calibration`, `model`: the proof is valid
+    while these stay the same; None: the step only looks and is repeated every time."""
 
     name: str
     proves: str
@@ -329,7 +331,7 @@ STEPS = (
     CommissioningStep("stop", "the arm can be stopped before it is ever moved",
          "set arm.dialect.abort_word to the word that the manual of the controller names", _stop, None),
     CommissioningStep("light", "the images are good enough to measure in",
-         "light evenly from above, focus and clean the lenses; a refused move names its rule",
+         "light evenly from above, focus and clean the lenses; a refusal names its rule",
          _light, None),
     CommissioningStep("stereo", "the calibration of both cameras",
          "put the board whole in both images; measure its square; give a rough hand_eye in calibration.yaml",
@@ -337,17 +339,18 @@ STEPS = (
     CommissioningStep("hand-eye", "the position of the cameras on the arm",
          "tighten the bracket; correct arm.flange_from_tool; put the board nearer, so that the poses differ more",
          _hand_eye),
-    CommissioningStep("verify", "known lengths and one point measure the same from new poses",
+    CommissioningStep("verify", "given lengths and one point measure the same from new poses",
          "correct what the FAILED lines say; then `facetctl commission stereo`", _verify, ("calibration",)),
     CommissioningStep("table",
          "the finger tips are where TOOL says, and the table is where the guard assumes it",
-         "arm.flange_from_tool as the hand is, then `facetctl commission stereo`; the board's thickness (--board-mm); "
-         "pick.limits.table_z_mm, then `facetctl reload`", _table, ("calibration",)),
+         "set arm.flange_from_tool to the gripper's real pose, then `facetctl commission stereo`; "
+         "the board's thickness (--board-mm); pick.limits.table_z_mm, then `facetctl reload`",
+         _table, ("calibration",)),
     CommissioningStep("workspace", "home, bin and survey positions are reachable, and the paths between them are free",
          "the refusal names the rule: pick.limits, pick.home, pick.bin, pick.surveys in facetd.yaml; `facetctl reload`",
          _workspace, ("calibration",)),
     CommissioningStep("gripper", "OPENI opens and CLOSEI closes the gripper",
-         "air, valves, the wires to the controller's hand outputs", _gripper),
+         "air, valves, the wires to the controller's gripper outputs", _gripper),
     CommissioningStep("teach", "the first part is taught",
          "turn the part so that three faces are visible; improve the light; show it alone", _teach),
     CommissioningStep("pick", "everything together: recognise, reach, grasp, put into the bin",

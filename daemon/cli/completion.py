@@ -1,6 +1,6 @@
-"""`facetctl completion bash|zsh`: what a shell's Tab offers behind `facetctl`, from the tables that `--help` shows.
+"""Command `facetctl completion bash|zsh`: Tab completion for a shell, from the tables that `--help` shows.
 
-Words that depend on the running daemon (parts, views, places) are asked of it when Tab is pressed.
+The script asks the running daemon, when Tab is pressed, for words that depend on it (parts, views, positions).
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ complete -o filenames -F _facetctl facetctl
 
 
 def options(parser: argparse.ArgumentParser) -> tuple[list[str], list[str], bool]:
-    """What a job takes: its words and options, those of them that a file follows, whether it takes files by place."""
+    """Words and options of a command, its options that take a file, and whether it has file arguments."""
     words: list[str] = []
     files: list[str] = []
     takes = False
-    for action in parser._actions:  # there is no public way to ask a parser what it takes
+    for action in parser._actions:  # argparse has no public interface for this
         words += action.option_strings
         is_file = getattr(action.type, "__name__", "") in FILE_TYPES
         if is_file:
@@ -63,7 +63,8 @@ def options(parser: argparse.ArgumentParser) -> tuple[list[str], list[str], bool
 
 
 def script(shell: str, asked: Iterable[str], jobs: Mapping[str, argparse.ArgumentParser], own: Iterable[str]) -> str:
-    """The shell's script. asked: words of the daemon's language; jobs: what works without it; own: the tool's own."""
+    """The shell's script. asked: the daemon's commands; jobs: commands without a daemon; own: the tool's own
+    commands."""
     asked, own = sorted(asked), sorted(own)
     taken = {name: options(parser) for name, parser in jobs.items()}
     files = sorted({option for _, follows, _ in taken.values() for option in follows} | {"--mesh", "--socket"})

@@ -1,7 +1,7 @@
-"""`facetctl demo`: teach, train and clear a table on the simulated cell, by the console commands a person would give.
+"""Command `facetctl demo`: teach, train and clear a table in the simulated cell, by console commands.
 
-A daemon of its own is started, told what to do, and followed in its run log; nothing here moves or judges. How far each
-grasp truly was from where it was estimated is the simulated cell's own word, which the daemon logs and never uses.
+It starts a daemon of its own, sends it commands, and follows its run log. The true error of each grasp comes from the
+simulated cell; the daemon records it and never uses it.
 """
 
 from __future__ import annotations
@@ -36,26 +36,28 @@ VIEWS = (
     ("pentagonal_prism", 0, ("pentagon", "rectangle", "rectangle")),
     ("pentagonal_prism", 1, ("rectangle", "rectangle", "rectangle")),
 )
-"""The six characteristic views (D'Souza, chapter 5), and what a person sees in each: the answer to `is this right?`."""
+"""The six characteristic views (D'Souza, chapter 5), and the facets that a person sees in each, to confirm `teach`."""
 TEACHING_TRIES = 6
-"""How often a person holds the part up again before giving up on a view."""
+"""Most looks at a view before it is given up."""
 PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
 ROUNDS = 3
-"""How often the table is gone over before what is left is given up."""
+"""Most passes over the table."""
 VERDICT = "verdict.jsonl"
 READY_S = 60.0
-"""How long the daemon may take to start."""
+"""Longest start of the daemon."""
 
 
 class DemoError(FacetdError):
-    """The demo cannot go on; the message says why."""
+    """The demo cannot continue: why."""
 
 
 def register(subparsers: Any) -> None:
     """Add `demo` to facetctl."""
     parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
     parser.add_argument("--seed", type=whole, help="repeat an earlier demo (each prints its seed)")
-    parser.add_argument("--time-scale", type=decimal, default=20.0, help="how much faster than life the cell runs (20)")
+    parser.add_argument(
+        "--time-scale", type=decimal, default=20.0, help="speed of the cell as a multiple of real time (20)"
+    )
     parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
     parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
@@ -63,7 +65,7 @@ def register(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run it; 0 only when every part was picked. Raises FileError, DemoError, OSError where it cannot be."""
+    """Run the demo; 0 only when every part was picked. Raises FileError, DemoError, OSError."""
     from daemon.review.page import write_page
 
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
@@ -74,40 +76,40 @@ def run(args: argparse.Namespace) -> int:
         _daemon(Path(folder), _configuration(args, seed, runs, folder)) as (process, link),
     ):
         written = Path(link.do("status", "demo", say)["data"]["run"])
-        _begin_beside(runs, written)
+        _begin_default_state(runs, written)
         look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
         again = f"seed {seed} (repeat it with --seed {seed}{look})"
         say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
         _teach(link)
         rows = _clear(link, follow(written, lambda: process.poll() is None))
-        found = _judged(Path(folder) / VERDICT)
+        found = _forbidden_motions(Path(folder) / VERDICT)
     picked = _table(rows, time.monotonic() - began)
     say(f"report: {write_page(written, written / 'report.html')}")
-    say("\n".join(found) or "the cell's motion monitor saw the arm do nothing that it must never do")
+    say("\n".join(found) or "the cell's motion monitor found no forbidden motion")
     return 0 if picked == len(PARTS) and not found else 1
 
 
-def _begin_beside(runs: Path, written: Path) -> None:
-    """Where the first of all runs is a demo's, begin for the daemon that comes after it. Raises OSError."""
+def _begin_default_state(runs: Path, written: Path) -> None:
+    """Begin the recovery file of later daemons where the demo's run is the first in their folder. Raises OSError."""
     if runs == folders.runs_folder(simulated=True).resolve() and list_runs(runs) == [written]:
         _begin(folders.state_folder(simulated=True), written.name)
 
 
 def _begin(state: Path, run: str) -> None:
-    """Write that nothing stands, for a daemon that finds runs beside it which are not its own: it would take what stood
-    in them for lost. Raises OSError."""
+    """Write an empty recovery state for a daemon that finds runs of others in its folder: it would report their state
+    as lost. Raises OSError."""
     with contextlib.closing(RecoveryFile(state / FILE)) as file:
         file.begin(run)
 
 
-def _judged(verdict: Path) -> list[str]:
-    """What the simulated cell's motion monitor found, a line each."""
+def _forbidden_motions(verdict: Path) -> list[str]:
+    """The forbidden motions that the simulated cell's motion monitor found, one line each."""
     lines = [json.loads(line) for line in verdict.read_text(encoding="utf-8").splitlines()]
     return [f"JUDGE {line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line]
 
 
 def say(text: str) -> None:
-    """A line on the screen, at once."""
+    """Print a line at once."""
     print(text, flush=True)
 
 
@@ -116,9 +118,9 @@ def _variety(args: argparse.Namespace) -> dict[str, str]:
 
 
 def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str) -> dict[str, Any]:
-    """facetd.yaml of the demo's daemon: the program's own files, all else as shipped. Raises ConfigError.
+    """facetd.yaml of the demo's daemon: the program's own files, otherwise defaults. Raises ConfigError.
 
-    Idle cameras are not asked for signs of life: each frame draws noise, and a seed would not give the same run again.
+    Idle cameras are not checked: each frame draws noise, and the same seed would not give the same run.
     """
     from daemon.config import load_config
 
@@ -145,7 +147,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
 
 @contextlib.contextmanager
 def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subprocess.Popen[bytes], DaemonLink]]:
-    """A daemon that keeps its things in a folder, and a line to it. Raises DemoError with its last word."""
+    """Start a daemon with all its files in a folder, and connect to it. Raises DemoError with its last message."""
     (folder / "facetd.yaml").write_text(json.dumps(configuration))
     _begin(folder, "demo")
     command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
@@ -161,19 +163,19 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
             yield process, link
     except (DaemonUnreachableError, DemoError) as error:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            if process.wait(2.5) == 0:  # control-C at a terminal ends the daemon, too
+            if process.wait(2.5) == 0:  # control-C at a terminal ends the daemon too
                 raise KeyboardInterrupt from None
         if isinstance(error, DemoError):
             raise
-        told = (folder / "stderr").read_text(errors="replace").strip().splitlines()
-        raise DemoError(told[-1].removeprefix("facetd: ") if told else "the daemon does not start") from None
+        lines = (folder / "stderr").read_text(errors="replace").strip().splitlines()
+        raise DemoError(lines[-1].removeprefix("facetd: ") if lines else "the daemon does not start") from None
     finally:
         process.terminate()
         process.wait(10.0)
 
 
 def _do(link: DaemonLink, text: str) -> dict[str, Any]:
-    """One command; its data. Raises DemoError where it was not done."""
+    """Send a command that must succeed; returns its data. Raises DemoError."""
     done = link.do(text, "demo", lambda _: None)
     if done["status"]:
         raise DemoError(f"{text}: {done['text']}")
@@ -182,42 +184,44 @@ def _do(link: DaemonLink, text: str) -> dict[str, Any]:
 
 
 def _teach(link: DaemonLink) -> None:
-    """Show the six views, answer what is asked, train, and take the model into use."""
+    """Teach the six views, train, and take the model into use."""
     say("teaching")
     for text in ("enable", "go survey"):
         _do(link, text)
     for label, view, facets in VIEWS:
-        if not any(_shown(link, label, view, facets) for _ in range(TEACHING_TRIES)):
-            raise DemoError(f"the {label} was not seen whole in {TEACHING_TRIES} looks; light, focus and calibration?")
+        if not any(_teach_view(link, label, view, facets) for _ in range(TEACHING_TRIES)):
+            raise DemoError(
+                f"the {label} was not seen completely in {TEACHING_TRIES} looks; check light, focus and calibration"
+            )
     trained = link.do("train", "demo", lambda _: None)["data"]
     if not trained.get("accepted"):
         _do(link, "accept")
     say(f"trained on {trained['views']} views in {trained['seconds']:.1f} s, {trained['right']} of them named right")
 
 
-def _shown(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
-    """Whether a view was seen as a person sees it, and so kept."""
-    told: list[str] = []
+def _teach_view(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]) -> bool:
+    """Teach one view and confirm it where the facets are right; returns whether it was stored."""
+    lines: list[str] = []
 
     def answer(_: str) -> str:
-        return "y" if _facets_told(told[-1]) == sorted(facets) else "n"
+        return "y" if _facets_in(lines[-1]) == sorted(facets) else "n"
 
-    done = link.do(f"teach {label}", "demo", told.append, answer)
-    seen = _facets_told(told[-1]) if told else []
-    kept = bool(done["status"] == 0)
+    done = link.do(f"teach {label}", "demo", lines.append, answer)
+    seen = _facets_in(lines[-1]) if lines else []
+    stored = bool(done["status"] == 0)
     why = f"not all of it was seen ({', '.join(seen)})" if seen else done["text"]
-    say(f"  {label}, view {view + 1}: {', '.join(seen) if kept else f'{why}; again'}")
-    return kept
+    say(f"  {label}, view {view + 1}: {', '.join(seen) if stored else f'{why}; again'}")
+    return stored
 
 
-def _facets_told(text: str) -> list[str]:
-    """The types of the facets that `teach` shows, those alike in a line: `side 1 2: square 50 50 50 50 mm`."""
+def _facets_in(text: str) -> list[str]:
+    """The facet types in a line of `teach`, equal ones together: `side 1 2: square 50 50 50 50 mm`."""
     lines = re.findall(r"side ([\d? ]+): ([a-z_]+) \d[\d ]* mm", text)
     return sorted(kind for sides, kind in lines for _ in sides.split())
 
 
 def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
-    """Pick until all parts are in the bin or several rounds left some; what became of each, and how it truly was."""
+    """Pick until all parts are in the bin, at most ROUNDS times; returns the end of each pick with its true error."""
     say(f"the table: {', '.join(PARTS)}, in random poses")
     ends: list[dict[str, Any]] = []
     truths: dict[int, Record] = {}
@@ -226,15 +230,15 @@ def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
         if not left or (ends and ends[-1]["outcome"] == "fault"):
             break
         _do(link, f"auto on {left}")
-        ended, true = _told(records)
+        ended, true = _follow_auto(records)
         ends, truths = ends + ended, truths | true
     tried = [end for end in ends if end["outcome"] in ("picked", "missed", "fault") and end["predicted"]]
     unknown = {"error_mm": None, "error_deg": None, "held": False}
     return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
 
 
-def _told(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
-    """Tell an auto's picks as they are logged, until it ends; how they ended, and how far each grasp truly was, by
+def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
+    """Print the picks of an auto as they are recorded, until it ends; returns the ends, and the true errors by
     cycle."""
     ends, truths = list[dict[str, Any]](), dict[int, Record]()
     began_s = 0.0
@@ -262,7 +266,7 @@ def _told(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Re
 
 
 def _table(rows: list[dict[str, Any]], seconds: float) -> int:
-    """Print part by part; returns how many were picked (and truly held)."""
+    """Print a table of the picks; returns how many succeeded, as the simulated cell confirms."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
         predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
@@ -275,5 +279,5 @@ def _table(rows: list[dict[str, Any]], seconds: float) -> int:
 
 
 def _error(mm: float | None, deg: float | None) -> str:
-    """None: the pick ended before it was known."""
+    """An error as text; None: the pick ended before it was measured."""
     return "-" if mm is None or deg is None else f"{mm:.2f} mm {deg:.2f} deg"

@@ -1,7 +1,4 @@
-"""What a model knows, for people: parts, views, nodes, which parts could be confused, and what two models differ in.
-
-In: loaded models. Out: text and the same as JSON values. Nothing is changed here.
-"""
+"""Reports on models, as text and as JSON values: parts, views, nodes, confusable parts, differences of two models."""
 
 from __future__ import annotations
 
@@ -19,19 +16,19 @@ from daemon.vision.model import Model
 from daemon.vision.recognition import fitted, recalled
 
 SAME_TYPES = 0.8
-"""A vigilance at which a view is recalled whatever its lengths and angles."""
+"""A vigilance at which a view is recalled by its types only, whatever lengths and angles."""
 
 
 @dataclass(frozen=True)
 class ModelReport:
-    """The same thing twice: lines for people, values for machines."""
+    """A report as text for people and as values for programs."""
 
     text: str
     data: dict[str, Any]
 
 
 def describe(file: ModelFile) -> ModelReport:
-    """Parts with their shape, nodes with the views behind them, parameters."""
+    """Describe a model: parts with their shape, nodes with their views, parameters."""
     model = file.model
     parts = [_part(model, label, file.codes.get(label, "")) for label in model.labels]
     nodes = [_node(model, j) for j in range(len(model.artmap.node_labels))]
@@ -61,7 +58,7 @@ def describe(file: ModelFile) -> ModelReport:
 
 
 def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    """Rows under their heads, each column as wide as it must be; numbers to the right."""
+    """Lay out rows below their heads in aligned columns; numbers to the right."""
     cells = [list(heads), *([str(cell) for cell in row] for row in rows)]
     widths = [max(len(line[k]) for line in cells) for k in range(len(heads))]
     right = [all(line[k].replace(".", "").isdecimal() for line in cells[1:]) for k in range(len(heads))]
@@ -75,7 +72,7 @@ def _columns(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str
 
 
 def check(file: ModelFile) -> ModelReport:
-    """What a person should mend: views that could not be joined, parts that look alike from some side."""
+    """Check a model: views that could not be joined, parts that look alike from some side."""
     model = file.model
     warnings = [
         f"{label}: view {source} shares no facet with the others; teach a view in between"
@@ -84,62 +81,61 @@ def check(file: ModelFile) -> ModelReport:
     ]
     pairs = confusable(model)
     warnings += [f"{p['seen']} as {p['taken_for']}: {p['how']}" for p in pairs]
-    text = "\n".join(["sound: the file's checksum fits its content", *warnings])
+    text = "\n".join(["sound: the file's checksum matches its content", *warnings])
     return ModelReport(text, {"sound": True, "warnings": warnings, "confusable": pairs})
 
 
 def compare(one: ModelFile, two: ModelFile) -> ModelReport:
-    """Parts, views and parameters that only one of them has, and shapes that differ."""
+    """Compare two models: parts, views and parameters that only one has, and shapes that differ."""
     a, b = one.model, two.model
-    gone = [label for label in a.labels if label not in b.labels]
+    removed = [label for label in a.labels if label not in b.labels]
     new = [label for label in b.labels if label not in a.labels]
-    lines = [f"- {label}" for label in gone] + [f"+ {label}" for label in new]
+    lines = [f"- {label}" for label in removed] + [f"+ {label}" for label in new]
     changed: dict[str, list[str]] = {}
     for label in (x for x in a.labels if x in b.labels):
-        told = _differences(a, b, label)
-        if told:
-            changed[label] = told
-            lines += [f"~ {label}: {text}" for text in told]
+        if differences := _differences(a, b, label):
+            changed[label] = differences
+            lines += [f"~ {label}: {text}" for text in differences]
     if a.parameters != b.parameters:
         lines.append(f"~ parameters: {a.parameters} -> {b.parameters}")
     if a.library != b.library:
         lines.append("~ facet library")
-    data = {"gone": gone, "new": new, "changed": changed, "same": not lines, "sha256": [one.sha256, two.sha256]}
+    data = {"gone": removed, "new": new, "changed": changed, "same": not lines, "sha256": [one.sha256, two.sha256]}
     return ModelReport("\n".join(lines) or "the same", data)
 
 
 def confusable(model: Model) -> list[dict[str, str]]:
-    """Views of one part that another part's pattern fits as well; what tells them apart is said in `how`."""
+    """Views of one part that another part's pattern fits too; `how`: what distinguishes them."""
     found = list[dict[str, str]]()
     for view in model.views:
-        seen, told = model.solid_of(view), set[str]()
+        seen, reported = model.solid_of(view), set[str]()
         for count in (len(seen.facets), 2):
             for some in combinations(range(len(seen.facets)), count):
                 part = seen.only(some)
                 for label, how in _taken_for(model, part).items() if part.seams else ():
-                    if label != view.label and label not in told:
-                        told.add(label)
+                    if label != view.label and label not in reported:
+                        reported.add(label)
                         found.append({"seen": view.label, "taken_for": label, "how": how})
     unique = {(f["seen"], f["taken_for"], f["how"]): f for f in found}
     return list(unique.values())
 
 
 def _taken_for(model: Model, part: Polyhedron) -> dict[str, str]:
-    """Every part whose memory has such types so related, and whether lengths and angles tell it from these facets."""
+    """Every part that is recalled from these types, and whether lengths and angles distinguish it."""
     ways = [
         (one.label, one.way)
         for one in recalled(part, [(name,) for name in part.types], model, SAME_TYPES)
         if one.way.explained == len(part.facets) and _same_types(part, model.metric[one.label].solid, one.way.facets)
     ]
-    told = dict[str, str]()
+    found = dict[str, str]()
     for label in dict.fromkeys(label for label, _ in ways):
         own = [way for way in ways if way[0] == label]
         best = fitted(part, model.metric, own, model.parameters.tolerance_mm)[0]
-        settled = "lengths and angles do not settle it" if best.tail > 1e-4 else (
-            f"settled by lengths and angles ({best.rms_mm:.1f} mm rms apart)"
+        decided = "lengths and angles do not distinguish them" if best.tail > 1e-4 else (
+            f"lengths and angles distinguish them ({best.rms_mm:.1f} mm rms)"
         )  # fmt: skip
-        told[label] = f"{', '.join(part.types)} alone have the same pattern; {settled}"
-    return told
+        found[label] = f"{', '.join(part.types)} alone have the same pattern; {decided}"
+    return found
 
 
 def _same_types(seen: Polyhedron, taught: Polyhedron, facets: tuple[int, ...]) -> bool:
@@ -175,15 +171,15 @@ def _node(model: Model, node: int) -> dict[str, Any]:
 
 
 def _differences(a: Model, b: Model, label: str) -> list[str]:
-    told = []
+    found = []
     views = [sum(v.label == label for v in m.views) for m in (a, b)]
     if views[0] != views[1]:
-        told.append(f"{views[0]} -> {views[1]} views")
+        found.append(f"{views[0]} -> {views[1]} views")
     one, two = a.metric[label].solid, b.metric[label].solid
     if len(one.facets) != len(two.facets):
-        told.append(f"{len(one.facets)} -> {len(two.facets)} facets known")
+        found.append(f"{len(one.facets)} -> {len(two.facets)} facets")
     elif one.corners_mm.shape == two.corners_mm.shape:
         apart = float(np.abs(one.corners_mm - two.corners_mm).max())
         if apart > 0:
-            told.append(f"corners up to {apart:.2f} mm apart")
-    return told
+            found.append(f"corners up to {apart:.2f} mm apart")
+    return found

@@ -1,7 +1,4 @@
-"""`facetctl recognise`, `train` and `model`: the recogniser on files, without a daemon.
-
-Here: arguments, files, lines of output, exit status. What is seen, learnt or stored is done elsewhere.
-"""
+"""Commands `facetctl recognise`, `train` and `model`: the recogniser on files, without a daemon."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import argparse
 import json
 import shutil
 import sys
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class OfflineError(FacetdError):
-    """An argument or a file cannot be used: one line, where and what."""
+    """An argument or a file cannot be used: which, and why."""
 
 
 class ListedView(msgspec.Struct, forbid_unknown_fields=True):
@@ -56,16 +54,16 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     train.add_argument("--facets", type=Path, metavar="YAML", help="the facet library (default: etc/facets.yaml)")
     train.add_argument("--parts", type=Path, metavar="YAML", help="names and ART-b codes (default: etc/parts.yaml)")
     train.set_defaults(run=_train)
-    model = subparsers.add_parser("model", help="what a model knows: show, compare, check")
+    model = subparsers.add_parser("model", help="the parts of a model: show, compare, check")
     kinds = model.add_subparsers(dest="what", required=True, metavar="show|diff|check")
     for name, files, text in (
         ("show", 1, "parts, views and nodes"),
-        ("diff", 2, "what the second model has that the first has not, and the other way round"),
+        ("diff", 2, "the differences of two models"),
         ("check", 1, "whether the file is sound, and which parts could be confused"),
     ):
         kind = kinds.add_parser(name, help=text)
         kind.add_argument("files", type=Path, nargs=files, metavar="MODEL", help="a file, or 3, or latest")
-        kind.add_argument("--json", action="store_true", help="for machines")
+        kind.add_argument("--json", action="store_true", help="JSON for programs")
         kind.set_defaults(run=_model)
 
 
@@ -75,19 +73,20 @@ def _register_recognise(subparsers: argparse._SubParsersAction[argparse.Argument
         "--calibration", type=Path, required=True, metavar="FILE", help="calibration.yaml of the pictures"
     )
     recognise.add_argument("--model", type=Path, required=True, metavar="MODEL", help="a file, or 3, or latest")
-    recognise.add_argument("--json", action="store_true", help="one JSON object a line (it is so anyway)")
+    recognise.add_argument("--json", action="store_true", help="one JSON object a line (the default)")
     recognise.add_argument("--draw", type=Path, metavar="PNG", help="draw what was seen; with several pairs PNG-<name>")
     recognise.add_argument("pairs", nargs="+", metavar="DIR", help="a folder with left.png and right.png")
     recognise.set_defaults(run=_recognise)
 
 
 def _recognise(args: argparse.Namespace) -> int:
-    """One JSON line a pair; pairs that cannot be used are named on stderr and the others still done."""
+    """Print one JSON line a pair; unusable pairs are reported on stderr and the others still done."""
     from time import thread_time
 
     from daemon.calibration.file import load_calibration
     from daemon.store.model import load
     from daemon.store.model_store import model_file
+    from daemon.store.pictures import read_as_stored
     from daemon.vision.image import VisionError
     from daemon.vision.look import look
     from daemon.vision.report import scene_json
@@ -96,7 +95,7 @@ def _recognise(args: argparse.Namespace) -> int:
     status = DONE
     for name in args.pairs:
         try:
-            left, right = _pair(Path(name))
+            left, right = (read_as_stored(Path(name) / f"{eye}.png") for eye in ("left", "right"))
             scene = look(left, right, calibration.rig, model, clock=thread_time)
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:
@@ -107,16 +106,6 @@ def _recognise(args: argparse.Namespace) -> int:
     return status
 
 
-def _pair(folder: Path) -> tuple[Any, Any]:
-    return _image(folder / "left.png"), _image(folder / "right.png")
-
-
-def _image(path: Path) -> Any:
-    from daemon.store.pictures import read_as_stored
-
-    return read_as_stored(path)
-
-
 def _drawing_path(path: Path, pair: str, count: int) -> Path:
     return path if count == 1 else path.with_name(f"{path.stem}-{Path(pair).resolve().name}{path.suffix}")
 
@@ -124,19 +113,16 @@ def _drawing_path(path: Path, pair: str, count: int) -> Path:
 def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
     import cv2
 
-    from daemon.store.files import write_atomically
+    from daemon.store.files import failing_as, write_atomically
     from daemon.vision.draw import draw_scene
 
-    picture = draw_scene(left, right, scene)
-    try:
-        write_atomically(path, cv2.imencode(".png", picture)[1].tobytes())
-    except OSError as error:
-        raise OfflineError(f"{path}: cannot be written: {error.strerror}") from None
+    with failing_as(OfflineError, f"{path}: cannot be written"):
+        write_atomically(path, cv2.imencode(".png", draw_scene(left, right, scene))[1].tobytes())
 
 
 def _train(args: argparse.Namespace) -> int:
-    """Learn every view in the order of the file, then every drawing. A drawing that cannot be learnt is named on stderr
-    and the others still are; a view that cannot be ends the training."""
+    """Learn every view in the order of the file, then every drawing. A drawing that cannot be learnt is reported on
+    stderr and the others still learnt; a view that cannot be learnt ends the training."""
     from daemon.calibration.file import load_calibration
     from daemon.store.library import FACETS, PARTS, load_facets, load_parts
     from daemon.store.model import save
@@ -161,12 +147,8 @@ def _train(args: argparse.Namespace) -> int:
         raise OfflineError(f"none of {plural(len(refused), 'drawing')} can be learned")
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
-    known = (
-        plural(len(model.labels), "part"),
-        plural(len(model.views), "view"),
-        plural(len(model.artmap.node_labels), "node"),
-    )
-    print(f"{spelt(str(args.out))}: {known[0]} from {known[1]}, {known[2]}")
+    taught, views = plural(len(model.labels), "part"), plural(len(model.views), "view")
+    print(f"{spelt(str(args.out))}: {taught} from {views}, {plural(len(model.artmap.node_labels), 'node')}")
     return NOT_UNDERSTOOD if refused else DONE
 
 
@@ -222,11 +204,12 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
 
 
 def _taught(model: Model, view: ListedView, base: Path, calibration: Calibration) -> Model:
+    from daemon.store.pictures import read_as_stored
     from daemon.vision.facets import find_facets
     from daemon.vision.model import TeachError, learn_view
 
     left, right = (_found(base, name) for name in (view.left, view.right))
-    seen = find_facets(_image(left), _image(right), calibration.rig)
+    seen = find_facets(read_as_stored(left), read_as_stored(right), calibration.rig)
     if not seen.groups:
         raise TeachError("no facet was found in both images")
     largest = max(seen.groups, key=lambda g: (len(g.facets), sum(len(f.corners_mm) for f in g.facets)))
@@ -236,27 +219,23 @@ def _taught(model: Model, view: ListedView, base: Path, calibration: Calibration
 
 
 def _found(base: Path, name: str) -> Path:
-    """A picture named in a list of views: beside the list, or from where the command was given."""
+    """An image named in a list of views: relative to the list, or else to the working directory."""
     return base / name if (base / name).exists() else Path(name)
 
 
 def _model(args: argparse.Namespace) -> int:
-    from daemon.cli.model_report import check, compare, describe
+    from daemon.cli.model_report import ModelReport, check, compare, describe
     from daemon.console.text_layout import fold
     from daemon.store.model import load_file
     from daemon.store.model_store import model_file
 
     files = [load_file(model_file(path)) for path in args.files]
-    if args.what == "show":
-        told = describe(files[0])
-    elif args.what == "diff":
-        told = compare(files[0], files[1])
-    else:
-        told = check(files[0])
+    reports: Mapping[str, Callable[..., ModelReport]] = {"show": describe, "diff": compare, "check": check}
+    report = reports[args.what](*files)
     if args.json:
-        print(json.dumps(told.data))
+        print(json.dumps(report.data))
     elif sys.stdout.isatty():
-        print("\n".join(fold(told.text, shutil.get_terminal_size().columns)))
+        print("\n".join(fold(report.text, shutil.get_terminal_size().columns)))
     else:
-        print(told.text)
+        print(report.text)
     return DONE

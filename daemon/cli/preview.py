@@ -1,7 +1,7 @@
-"""A live picture over http, on this machine's loopback only: for aiming, focusing and lighting the cameras by eye.
+"""Serve a live image over http on the loopback interface, to aim, focus and light the cameras.
 
-Belongs here: one thread that has pictures made, any number of browsers that watch the newest (MJPEG as
-multipart/x-mixed-replace). What is in a picture is the caller's; nothing is stored and nothing can be commanded.
+One thread makes images, any number of browsers show the newest (MJPEG as multipart/x-mixed-replace). Nothing is stored,
+and no command can be given.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from collections.abc import Callable
 from typing import Any
 
 Shot = tuple[bytes, dict[str, Any]]
-"""A JPEG, and what to say of it."""
+"""A JPEG and its status."""
 
 PAGE = """<!doctype html><meta charset="utf-8"><title>facetd: what the cameras see</title>
 <link rel="icon" href="data:,">
 <style>body{margin:0;background:#181818;color:#ddd;font:15px/1.5 sans-serif}
 img{display:block;max-width:100%;margin:auto}
 p{margin:.6em 1em;white-space:pre-wrap}.bad{color:#fa6}</style>
-<img src="/stream.mjpg" alt="left and right eye"><p id="said">waiting for the cameras</p>
+<img src="/stream.mjpg" alt="left and right camera"><p id="said">waiting for the cameras</p>
 <script>
 async function ask(){
   try{const s=await (await fetch('/status.json')).json(),p=document.getElementById('said');
@@ -33,7 +33,7 @@ ask()
 
 
 class Preview:
-    """Serves what `shoot` makes. shoot may raise one of `errors`; its text then stands where a picture's words do."""
+    """Serves the images that `shoot` makes. Where it raises one of `errors`, the page shows that text."""
 
     def __init__(self, shoot: Callable[[], Shot], port: int, fps: float, errors: tuple[type[Exception], ...]) -> None:
         self._shoot, self._period_s, self._errors = shoot, 1.0 / fps, errors
@@ -51,11 +51,11 @@ class Preview:
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """The page's address."""
         return f"http://127.0.0.1:{self._server.server_address[1]}/"
 
     def serve(self) -> None:
-        """Until close() is called or the program is interrupted; then no picture is being made any more."""
+        """Serve until close() or an interrupt; afterwards no image is made any more."""
         self._worker.start()
         try:
             self._server.serve_forever(poll_interval=0.2)
@@ -64,7 +64,7 @@ class Preview:
             self._worker.join()
 
     def close(self) -> None:
-        """End everything; safe to call twice and from another thread."""
+        """Stop; safe to call twice and from another thread."""
         if not self._ending.is_set():
             self._ending.set()
             with self._fresh:
@@ -73,11 +73,11 @@ class Preview:
             self._server.server_close()
 
     def status(self) -> dict[str, Any]:
-        """What there is to say of the newest picture, or of why there is none."""
+        """The status of the newest image, or why there is none."""
         return self._status
 
     def after(self, number: int, timeout_s: float = 5.0) -> tuple[int, bytes] | None:
-        """The newest picture once there is a newer one than `number`; None when it ends or none comes."""
+        """Wait for an image newer than `number`; None at the end or on timeout."""
         with self._fresh:
             self._fresh.wait_for(lambda: self._number > number or self._ending.is_set(), timeout_s)
             return (self._number, self._jpeg) if self._number > number and not self._ending.is_set() else None
@@ -104,9 +104,9 @@ class PreviewHandler(http.server.BaseHTTPRequestHandler):
     timeout = 30.0
 
     def do_GET(self) -> None:
-        """A page, the moving picture in it, one picture, or the words under it."""
+        """Serve the page, its stream, one image, or the status."""
         if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
-            self.send_error(403, "only for this machine")  # a page elsewhere must not reach us through a made-up name
+            self.send_error(403, "only for this machine")  # DNS rebinding: another site must not reach this server
         elif self.path == "/":
             self._answer("text/html; charset=utf-8", PAGE.encode())
         elif self.path == "/status.json":
@@ -141,7 +141,7 @@ class PreviewHandler(http.server.BaseHTTPRequestHandler):
                 head = f"--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
                 self.wfile.write(head.encode() + jpeg + b"\r\n")
         except OSError:
-            pass  # the browser has gone
+            pass  # the browser closed the connection
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nobody wants a line for every picture."""
+        """Requests are not logged."""

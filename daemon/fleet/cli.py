@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon.errors import DONE, NOT_UNDERSTOOD, FacetdError
-from daemon.quantities import shown, whole
+from daemon.quantities import whole, within
 from daemon.review.cli import command
 from daemon.store import folders
 from daemon.store.runs import find_run, list_runs
@@ -40,7 +39,7 @@ grasp."""
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
     runs = command(subparsers, "runs", _runs, "a table of all runs; `runs collect`: many cells' runs into one store")
-    runs.add_argument("--last", type=_count, default=30, metavar="N", help="how many, newest last (30)")
+    runs.add_argument("--last", type=within(whole, 1, MOST), default=30, metavar="N", help="how many, newest last (30)")
     runs.add_argument("--json", action="store_true", help="one JSON line a run")
     collect = runs.add_subparsers(metavar="[collect ...]").add_parser(
         "collect", help="take finished runs into a store (extra `fleet`)"
@@ -65,23 +64,20 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="instead of the runs' own: a model (a file, 3, latest), a calibration, a facetd.yaml; may be repeated",
     )  # fmt: skip
     replay.add_argument(
-        "--workers", type=_count, metavar="N", help="by so many processes of this computer (extra `fleet`)"
+        "--workers",
+        type=within(whole, 1, MOST),
+        metavar="N",
+        help="by so many processes of this computer (extra `fleet`)",
     )
     replay.add_argument("--cluster", metavar="ADDRESS", help="by the workers of this dask scheduler")
     replay.add_argument("--out", metavar="DIR", help="results and report.html; called again, it goes on there")
     replay.add_argument("--json", action="store_true", help="one JSON line")
     fleet = command(subparsers, "fleet", _fleet, "one HTML page for all cells of a store (extra `fleet`)")
     fleet.add_argument("store", metavar="STORE", help="what `facetctl runs collect` made")
-    fleet.add_argument("--days", type=_count, default=7, metavar="N", help="up to the last run in it (7)")
+    fleet.add_argument(
+        "--days", type=within(whole, 1, MOST), default=7, metavar="N", help="up to the last run in it (7)"
+    )
     fleet.add_argument("--out", type=Path, default=Path("fleet.html"), metavar="PAGE.html", help="(fleet.html)")
-
-
-def _count(text: str) -> int:
-    """Argument type: a whole number from 1 to MOST."""
-    with contextlib.suppress(ValueError):
-        if 1 <= (count := whole(text)) <= MOST:
-            return count
-    raise argparse.ArgumentTypeError(f"expected a whole number from 1 to {MOST}, found {shown(text)}")
 
 
 def _runs(args: argparse.Namespace) -> int:

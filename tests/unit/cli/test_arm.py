@@ -117,6 +117,6 @@ def test_a_stop_typed_at_a_first_contact_stops_the_arm_whether_anything_is_asked
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
         monkeypatch.setattr(arm, "identify", meeting)
-        asyncio.run(arm._meet("/dev/none", None, False, io.StringIO()))
+        asyncio.run(arm._identify_controller("/dev/none", None, False, io.StringIO()))
     os.close(master)
     assert "neither" not in capsys.readouterr().out

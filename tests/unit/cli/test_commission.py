@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli.commission import FILE, _keep, _kept, commission, run
+from daemon.cli.commission import FILE, _read_proofs, _write_proofs, commission, run
 from daemon.cli.commission_steps import (
     STEPS,
     CommissioningDialogue,
@@ -27,7 +27,7 @@ SAYS = {
     "calibrate hand-eye 9x6 16": {"hand_eye": HAND_EYE},
     "calibrate verify 9x6 16": {"poses": 9, "length_mm": 0.1, "spread_mm": 0.2},
     "calibrate touch 9x6 16": {"board_z_mm": [-296.2, -295.9], "table_z_mm": -300.0},
-    "places": {"places": {"home": [], "bin": [], "survey": [], "survey2": [], "mine": []}},
+    "positions": {"places": {"home": [], "bin": [], "survey": [], "survey2": [], "mine": []}},
     "teach cube": {"view": "cube/1"},
 }
 
@@ -134,7 +134,7 @@ def test_a_table_elsewhere_than_the_guard_has_it_is_told_with_both_heights(monke
     monkeypatch.setitem(SAYS, "calibrate touch 9x6 16", {"board_z_mm": [-281.0, -280.0], "table_z_mm": -300.0})
     all_proven, told, _ = sitting(ToldLink())
     assert not all_proven
-    assert "the table is at z -285.0 to -284.0 mm, pick.limits.table_z_mm says -300" in told
+    assert "the table is at z -285.0 to -284.0 mm, pick.limits.table_z_mm is -300" in told
 
 
 def test_a_board_whose_thickness_is_no_number_proves_no_table() -> None:
@@ -199,7 +199,7 @@ def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:
         lambda _: None,
     )
     assert link.said.count("teach cube") == 3
-    assert proofs["teach"].shown == "the cube is known from cube/1, cube/1, cube/1"
+    assert proofs["teach"].shown == "the cube is taught in cube/1, cube/1, cube/1"
 
 
 def test_another_word_is_neither_a_yes_nor_a_no() -> None:
@@ -300,12 +300,12 @@ def test_a_stop_right_behind_what_told_that_the_arm_has_no_zero_is_asked_about()
 
 def test_the_file_is_read_back_and_a_spoilt_one_is_told_in_one_line(tmp_path: Path, capsys) -> None:
     _, _, proofs = sitting(ToldLink())
-    _keep(tmp_path / FILE, proofs)
-    assert _kept(tmp_path / FILE) == proofs
-    assert _kept(tmp_path / "none.json") == {}
+    _write_proofs(tmp_path / FILE, proofs)
+    assert _read_proofs(tmp_path / FILE) == proofs
+    assert _read_proofs(tmp_path / "none.json") == {}
     for damaged in (json.dumps({"version": 1, "steps": {"arm": 3}}).encode(), b'{"steps\xff": 1}', b'{"a":' * 5000):
         (tmp_path / FILE).write_bytes(damaged)
         with pytest.raises(FileError, match="move it away"):
-            _kept(tmp_path / FILE)
+            _read_proofs(tmp_path / FILE)
     assert run(ToldLink(), ["--keep", str(tmp_path)]) == 2
     assert capsys.readouterr().out.count("\n") == 1
