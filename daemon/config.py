@@ -1,8 +1,7 @@
-"""etc/facetd.yaml -> Config. The service's own keys are typed here; another room's settings stay in that room.
+"""Read facetd.yaml into Config: the service's own keys with type, bounds and meaning; other packages add theirs.
 
-Sections `cameras`, `arm.dialect` and the simulated cell belong to drivers and are typed where drivers are named
-(daemon/cell/sections.py), through the same Document, so that their errors name file, line and key as well. Paths in the
-file are relative to the file. Nothing is opened here but the file itself, and what says which calibration is in use.
+daemon/cell/sections.py types the sections `cameras`, `arm.dialect` and the simulated cell, which belong to drivers,
+from the same Document, so that their errors name file, line and key too. Paths in the file are relative to the file.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ Megabytes = Annotated[int, Meta(ge=1, le=100_000_000)]
 Silence = Annotated[float, Meta(gt=0, le=86_400)]
 FIXED = "it is fixed now; delete the line"
 CALIBRATED = "the calibration says it of itself (`quality` in calibration.yaml); delete the line"
-GONE = {
+OBSOLETE = {
     "health.arm_silence_s": "an idle arm is asked every `arm_check_s`; delete the line",
     **dict.fromkeys((f"pick.doubt.{name}" for name in ("hand_eye_mm", "hand_eye_deg", "pixels")), CALIBRATED),
     **dict.fromkeys((f"pick.{name}" for name in ("gone_mm", "views_of_doubtful", "epipolar_limit_px")), FIXED),
@@ -36,7 +35,7 @@ GONE = {
         "shrinks", "levels", "faintest", "max_corners", "max_regions", "alike", "min_evidence", "min_support",
         "min_seen", "search_epipolar_px")), FIXED),
 }  # fmt: skip
-"""Keys that files of earlier versions may have, and what became of each. Their values are the fields' defaults."""
+"""Keys of earlier versions, with what became of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class SimulatedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedSettings:
-    """RecordedSettings stereo pairs instead of cameras; nothing moves."""
+    """Recorded stereo pairs instead of cameras; nothing moves."""
 
     pairs: Name = "pairs"
     """Folder of recorded pairs, each a folder with left.png and right.png."""
@@ -104,7 +103,7 @@ class FilesSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FolderSettings:
-    """Where the daemon keeps its own files. Unset: as daemon/store/folders.py says."""
+    """Where the daemon keeps its own files. Unset: the defaults of daemon/store/folders.py."""
 
     state: Name | None = None
     """Folder of runs, models, taught views and calibrations. Unset: systemd's state directory, else var/ of the
@@ -202,10 +201,10 @@ class ConfigFile:
 
 @dataclass(frozen=True)
 class Config:
-    """The whole configuration: `values` as the file has it, `document` to name lines in, paths made absolute.
+    """The configuration: `values` of the file, `document` for errors with line numbers, absolute paths.
 
-    calibration: the file in use, the configuration's or one made here; notes: a line for each key in the file that is
-    no longer one, and for what else is not as it may seem.
+    calibration: the file in use, the configured one or one made on this cell; notes: a line for each obsolete key, and
+    for other surprises.
     """
 
     values: ConfigFile
@@ -216,16 +215,16 @@ class Config:
 
     @property
     def path(self) -> Path:
-        """The file it was read from."""
+        """The configuration file."""
         return self.document.path
 
     def file(self, name: str) -> Path:
-        """A path as the file means it."""
+        """The absolute path of a path in the file."""
         return (self.path.resolve().parent / Path(name).expanduser()).resolve()
 
     @property
     def calibrations(self) -> Calibrations:
-        """Those made here, and the one that the file names."""
+        """The calibrations made on this cell, and the configured one."""
         return Calibrations(self.state, self.kind, self.file(self.values.files.calibration))
 
     @property
@@ -250,7 +249,7 @@ class Config:
 
 def load_config(path: Path, simulated: bool = False) -> Config:
     """Read and check facetd.yaml; simulated overrides `cell`. Raises ConfigError."""
-    document, notes = read(path).without(GONE)
+    document, notes = read(path).without(OBSOLETE)
     values = document.convert(ConfigFile)
     for check in (_check_limits, _check_stops, _check_depth, _check_files):
         check(document, values)
@@ -260,7 +259,9 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     except CalibrationsError as error:
         raise ConfigError(str(error)) from None
     if old is not None:
-        notes.append(f"{made} is another than it was: it is used, not calibration {old} (`calibrate use {old}`)")
+        notes.append(
+            f"{made} has changed: it is in use instead of calibration {old}; go back with `calibrate use {old}`"
+        )
     return replace(config, calibration=made, notes=tuple(notes))
 
 

@@ -1,6 +1,6 @@
-"""`facetctl`: the operator's tool. Which module serves which offline job; everything else is said to the daemon.
+"""The operator's tool, `facetctl`: commands without a daemon, by their modules; all others go to the running daemon.
 
-Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon there, 3 nobody answered a stop in
+Exit status: 0 done, 1 not done (refused, missed), 2 not understood, or no daemon, 3 the daemon did not answer a stop in
 time: press the emergency stop.
 """
 
@@ -59,7 +59,7 @@ OFFLINE: dict[str, str] = {
     "arm": "daemon.cli.arm",
     "thesis": "daemon.cli.thesis",
 }
-"""Command -> the module that registers it. `train` is both: with --views a job on files, without it the daemon's."""
+"""Command without a daemon -> the module that registers it. `train` works on files with --views, else in the daemon."""
 OWN: dict[str, tuple[str, str]] = {
     "console": ("console", "a prompt for commands, with completion and history; control-C stops the arm"),
     "script": (
@@ -75,40 +75,40 @@ OWN: dict[str, tuple[str, str]] = {
         'Tab completion for your shell: eval "$(facetctl completion bash)" in ~/.bashrc',
     ),
 }
-"""The tool's own words: how they are used, what they do."""
+"""The tool's own commands: usage and meaning."""
 BOTH = ("train", "calibrate", "cameras", "model", "doctor", "bundle")
-"""Words of the daemon's that are jobs without it as well."""
+"""Commands of the daemon that also work without it."""
 HELP, VERSION = ("-h", "--help"), "--version"
 LARGEST_SCRIPT = 1_000_000
-OUR_OWN = re.compile(r"(\A\r|\x1b\[\d*m)")
+OWN_CODES = re.compile(r"(\A\r|\x1b\[\d*m)")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns its exit status, also where what it is to read from or write to is closed or full."""
-    _stand_in()
+    """Run one command; returns its exit status, also where standard files are closed or full."""
+    _replace_closed_files()
     try:
         status = _main(arguments)
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        _write_no_more()
+        _discard_output()
     except OSError as error:
-        _write_no_more()
+        _discard_output()
         with contextlib.suppress(OSError):
             print(f"facetctl: output cannot be written: {error.strerror or error}", file=sys.stderr)
     return NOT_DONE
 
 
-def _stand_in() -> None:
-    """For standard files that are closed: nothing comes in, and what goes out is lost."""
+def _replace_closed_files() -> None:
+    """Replace closed standard files by /dev/null."""
     fill_standard_files()
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
 
 
-def _write_no_more() -> None:
-    """What waits to be written is lost: at the end it would be tried again, and Python says a word of its own."""
+def _discard_output() -> None:
+    """Discard buffered output: at exit Python would try again to write it, and print an error of its own."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -130,7 +130,7 @@ def _main(arguments: list[str] | None) -> int:
             return NOT_UNDERSTOOD
         if words[0] == "completion":
             return _completion(words[1:], socket_path)
-        if _needs_no_daemon(words):
+        if _works_without_daemon(words):
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except DaemonUnreachableError as error:
@@ -141,8 +141,8 @@ def _main(arguments: list[str] | None) -> int:
         return NOT_DONE
 
 
-def _needs_no_daemon(words: list[str]) -> bool:
-    """Whether it is a job without the daemon. Words that are both (BOTH) differ by what follows."""
+def _works_without_daemon(words: list[str]) -> bool:
+    """Whether a command works without the daemon; those of BOTH depend on their arguments."""
     if words[0] == "train":
         return len(words) > 1
     if words[0] == "calibrate":
@@ -155,7 +155,7 @@ def _needs_no_daemon(words: list[str]) -> bool:
 
 
 def _take_options(words: list[str]) -> tuple[Path | None, bool]:
-    """Take --json and --socket off the front, and --json off the end, of what was typed."""
+    """Remove --json and --socket from the front, and --json from the end, of the typed words; returns their values."""
     socket_path, as_json = None, False
     while words and words[0] in ("--json", "--socket"):
         option = words.pop(0)
@@ -170,7 +170,7 @@ def _take_options(words: list[str]) -> tuple[Path | None, bool]:
 
 
 def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[str, argparse.ArgumentParser]]:
-    """A parser for the jobs of modules that offer register(subparsers), and that of each job."""
+    """A parser for the commands of modules, from their register(subparsers), and the parser of each command."""
     parser = argparse.ArgumentParser(prog="facetctl")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in dict.fromkeys(modules):
@@ -179,13 +179,13 @@ def _parser(modules: Iterable[str]) -> tuple[argparse.ArgumentParser, Mapping[st
 
 
 def _offline(module: str, words: list[str]) -> int:
-    """A job on files. Arguments, files or a disk that it cannot use are one line on stderr."""
+    """Run a command without a daemon. Unusable arguments, files or disks are one line on stderr."""
     parser, jobs = _parser([module])
     args, unknown = parser.parse_known_args(words)
     if unknown:
         jobs[words[0]].error(f"unrecognized arguments: {' '.join(unknown)}")
-    out: Any = _Shown(sys.stdout)
-    errors: Any = _Shown(sys.stderr)
+    out: Any = _SafeOutput(sys.stdout)
+    errors: Any = _SafeOutput(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         try:
             return int(args.run(args))
@@ -199,16 +199,16 @@ def _offline(module: str, words: list[str]) -> int:
             return NOT_UNDERSTOOD
 
 
-class _Shown:
-    """What jobs on files print may hold what those files hold: that steers no terminal, and no name that is not UTF-8
-    ends the job. Colours are the jobs' own, and a line that is written again."""
+class _SafeOutput:
+    """Output that may hold texts from files: shows their control characters, and replaces names that are not UTF-8. The
+    commands' own colours and carriage returns pass."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def write(self, text: str) -> int:
         """See TextIO."""
-        pieces = OUR_OWN.split(text)
+        pieces = OWN_CODES.split(text)
         return self._stream.write("".join(p if k % 2 else spelt(visible(p)) for k, p in enumerate(pieces)))
 
     def __getattr__(self, name: str) -> Any:
@@ -216,7 +216,7 @@ class _Shown:
 
 
 def _help(words: list[str], status: int) -> int:
-    """What there is, or all about one word, whether a daemon runs or not; nothing is done."""
+    """Print the overview, or the help of one command, with or without a running daemon."""
     from daemon.commands import every_command
     from daemon.console.text_layout import prose
 
@@ -238,13 +238,13 @@ def _help(words: list[str], status: int) -> int:
     if name in OWN or name in commands or name in jobs:
         return status
     close = difflib.get_close_matches(name, [*OWN, *commands, *jobs], 1)
-    hint = f"did you mean {close[0]}?" if close else "`facetctl --help` lists what there is"
+    hint = f"did you mean {close[0]}?" if close else "`facetctl --help` lists the commands"
     print(f"facetctl: {name}: no such command; {hint}", file=sys.stderr)
     return NOT_UNDERSTOOD
 
 
 def _columns() -> int:
-    """How wide the terminal is."""
+    """The terminal's width, characters."""
     return shutil.get_terminal_size().columns
 
 
@@ -252,14 +252,14 @@ def _overview(commands: Mapping[str, ConsoleCommand], jobs: Mapping[str, argpars
     from daemon.console.text_layout import fold, prose, table
 
     columns = min(_columns(), 80)
-    said = prose(", ".join(sorted({c.name for c in commands.values()})), columns)
+    online = prose(", ".join(sorted({c.name for c in commands.values()})), columns)
     offline = prose(", ".join(sorted({*jobs, "doctor", "bundle"})), columns)
     lines = [
         *fold("usage: facetctl [--socket PATH] [--json] COMMAND...     facetctl COMMAND --help", columns),
         "",
         *table([(f"  {usage}", text) for usage, text in OWN.values()], columns).splitlines(),
         "To the running daemon:",
-        *said,
+        *online,
         "Without a daemon:",
         *offline,
         *fold("To begin: `facetd --sim` in one window, `facetctl console` in another.", columns),
@@ -268,9 +268,9 @@ def _overview(commands: Mapping[str, ConsoleCommand], jobs: Mapping[str, argpars
 
 
 def _completion(words: list[str], socket_path: Path | None) -> int:
-    """A shell's script; or `of WORDS...`: what the last of them may become."""
+    """Print a shell's completion script; or, for `of WORDS...`, the completions of the last word."""
     if words[:1] == ["of"]:
-        print("\n".join(_may_become(words[1:], socket_path)))
+        print("\n".join(_completions(words[1:], socket_path)))
         return DONE
     from daemon.cli.completion import SHELLS, script
 
@@ -279,13 +279,13 @@ def _completion(words: list[str], socket_path: Path | None) -> int:
         return NOT_UNDERSTOOD
     from daemon.commands import every_command
 
-    asked = [*(c.name for c in every_command("simulated")), "help"]
-    print(script(words[0], asked, _parser([*OFFLINE.values(), TRAIN])[1], OWN), end="")
+    online = [*(c.name for c in every_command("simulated")), "help"]
+    print(script(words[0], online, _parser([*OFFLINE.values(), TRAIN])[1], OWN), end="")
     return DONE
 
 
-def _may_become(words: list[str], socket_path: Path | None) -> list[str]:
-    """What the running daemon says the last word may become; without one, what it would always say."""
+def _completions(words: list[str], socket_path: Path | None) -> list[str]:
+    """Completions of the last word from the running daemon; without one, the fixed choices."""
     try:
         with DaemonLink(socket_path) as link:
             return [option.rpartition(" ")[2] for option in link.options(" ".join(words))]
@@ -298,9 +298,9 @@ def _may_become(words: list[str], socket_path: Path | None) -> list[str]:
 
 
 def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
-    if words[0] in ("doctor", "bundle") and socket_path is None and not _runs():
+    if words[0] in ("doctor", "bundle") and socket_path is None and not _daemon_runs():
         return _without_daemon(words[0], as_json)
-    if words[0] == "model" and socket_path is None and not _runs():
+    if words[0] == "model" and socket_path is None and not _daemon_runs():
         return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
         if words[0] == "console":
@@ -316,7 +316,7 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
         return show(_one_shot(link, shlex.join(words), as_json), as_json)
 
 
-def _runs() -> bool:
+def _daemon_runs() -> bool:
     """Whether a daemon answers."""
     try:
         DaemonLink().close()
@@ -326,32 +326,31 @@ def _runs() -> bool:
 
 
 def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
-    """One command. A stop that is typed at this terminal meanwhile is said at once; what else nobody asked for is told
-    as not done."""
-    say = _teller(as_json)
+    """Run one command. A stop typed at this terminal meanwhile acts at once; any other line is reported as not done."""
+    say = _printer(as_json)
     if not sys.stdin.isatty():
         return link.do(text, "one-shot", say)
     from daemon.frontends.keyboard import InputLines
 
-    beside = [DONE]
+    stops = [DONE]
 
     def stop(words: str) -> None:
         done = link.stop_beside(words, "one-shot", say)
-        beside.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
+        stops.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
         say(done["text"])
 
     with InputLines(stop, say) as typed:
         done = link.do(text, "one-shot", say, None if as_json else typed.answer)
     typed.drop()
-    return done | {"status": max(done["status"], *beside)}
+    return done | {"status": max(done["status"], *stops)}
 
 
-def _teller(as_json: bool) -> Callable[[str], None]:
+def _printer(as_json: bool) -> Callable[[str], None]:
     return lambda line: _tell(line, sys.stderr if as_json else sys.stdout)
 
 
 def show(done: dict[str, Any], as_json: bool) -> int:
-    """Print an answer: text for people (what was not done on stderr), or everything as one JSON object."""
+    """Print a result: its text (errors on stderr), or all of it as one JSON object; returns its status."""
     status = int(done["status"])
     if as_json:
         print(json.dumps({"status": status, "text": done["text"], **done["data"]}), flush=True)
@@ -362,7 +361,7 @@ def show(done: dict[str, Any], as_json: bool) -> int:
 
 
 def _tell(text: str, stream: TextIO) -> None:
-    """To a person folded between words, to a file or another program as it is."""
+    """Print a text, wrapped at a terminal, unchanged to a file or a program."""
     from daemon.console.text_layout import fold
 
     with told_anyway():
@@ -370,59 +369,56 @@ def _tell(text: str, stream: TextIO) -> None:
 
 
 def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
-    """Commands from a file (`-`: stdin), one a line; # begins a comment."""
+    """Run commands from a file (`-`: stdin), one a line; # begins a comment."""
     if len(words) != 1:
         print("facetctl: usage: facetctl script FILE", file=sys.stderr)
         return NOT_UNDERSTOOD
     from_stdin = words[0] == "-"
     try:
         written = "" if from_stdin else read_file(Path(words[0]), LARGEST_SCRIPT).decode()
-    except FileError as error:
-        print(f"facetctl: {error}", file=sys.stderr)
-        return NOT_UNDERSTOOD
-    except UnicodeDecodeError as error:
-        print(f"facetctl: {words[0]}: {error}", file=sys.stderr)
+    except (FileError, UnicodeDecodeError) as error:
+        print(f"facetctl: {error if isinstance(error, FileError) else f'{words[0]}: {error}'}", file=sys.stderr)
         return NOT_UNDERSTOOD
     from daemon.frontends.keyboard import InputLines
 
-    say, beside = _teller(as_json), list[int]()
+    say, statuses = _printer(as_json), list[int]()
 
     def stop(text: str) -> None:
-        beside.append(show(link.stop_beside(text, "script", say), as_json))
+        statuses.append(show(link.stop_beside(text, "script", say), as_json))
 
-    def dropped(told: str) -> None:
-        beside.append(NOT_DONE)
-        say(told)
+    def dropped(text: str) -> None:
+        statuses.append(NOT_DONE)
+        say(text)
 
     with InputLines(stop, dropped) if from_stdin or sys.stdin.isatty() else contextlib.nullcontext() as typed:
         lines = iter(typed.waiting.get, None) if typed is not None and from_stdin else written.splitlines()
-        status = _in_turn(link, words[0], lines, lambda: typed is not None and typed.stopped, as_json)
-    return max(status, *beside, DONE)
+        status = _run_lines(link, words[0], lines, lambda: typed is not None and typed.stopped, as_json)
+    return max(status, *statuses, DONE)
 
 
-def _in_turn(link: DaemonLink, script: str, lines: Iterable[str], stopped: Callable[[], bool], as_json: bool) -> int:
-    """Each line when the one before is done, to the first that is not. stopped: whether a stop came meanwhile."""
+def _run_lines(link: DaemonLink, script: str, lines: Iterable[str], stopped: Callable[[], bool], as_json: bool) -> int:
+    """Run each line after the one before, up to the first failure. stopped: whether a stop came meanwhile."""
     for number, line in enumerate(lines, 1):
         if stopped():
-            return _left_out(script, number, "stop", NOT_DONE)
+            return _end_script(script, number, "stop", NOT_DONE)
         if not line.split("#")[0].strip():
             continue
-        done = link.do(line, "script", _teller(as_json))
+        done = link.do(line, "script", _printer(as_json))
         status = show(done, as_json)
         if status != DONE:
-            return _left_out(script, number, "not done", status)
-        if "interrupted" in done:  # what this line does is no motion, and what follows may be
-            return _left_out(script, number, "control-C", NOT_DONE)
+            return _end_script(script, number, "not done", status)
+        if "interrupted" in done:  # this line may not move the arm, but a later one may
+            return _end_script(script, number, "control-C", NOT_DONE)
     return DONE
 
 
-def _left_out(script: str, number: int, why: str, status: int) -> int:
+def _end_script(script: str, number: int, why: str, status: int) -> int:
     print(f"facetctl: {script}:{number}: {why}; the rest was not run", file=sys.stderr)
     return status
 
 
 def _model_without_daemon(words: list[str], as_json: bool) -> int:
-    """`model list` and `model use N` when no daemon runs: the next one begins with what is in use now."""
+    """`model list` and `model use N` without a daemon: the next start uses that version."""
     from daemon.commands.models import MODEL_USAGE, list_of, version_named
     from daemon.config import load_config
     from daemon.store import folders
@@ -447,12 +443,11 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
 
 
 def _without_daemon(command: str, as_json: bool) -> int:
-    """doctor and bundle when no daemon runs."""
+    """`doctor` and `bundle` without a daemon."""
     from daemon.commands.maintaining import doctor_answer
     from daemon.config import load_config
     from daemon.maintenance import bundle, doctor
     from daemon.store import folders
-    from daemon.store.outside import FileError
 
     try:
         config = load_config(folders.config_file())

@@ -1,5 +1,6 @@
-"""The root of the errors that a person can act on, and how texts from elsewhere are shown to people. What an error says
-is for that person; anything else raised is a fault of the program.
+"""FacetdError, the base of errors that a person can act on; exit statuses; texts made safe to show or write.
+
+The message of a FacetdError is for that person; any other exception is a fault of the program.
 """
 
 from __future__ import annotations
@@ -8,30 +9,30 @@ from collections.abc import Mapping
 from typing import Any
 
 DONE, NOT_DONE, NOT_UNDERSTOOD = 0, 1, 2
-"""How a command ended, at every frontend and as a tool's exit status."""
+"""How a command ended, at every frontend, and facetctl's exit status."""
 STOP_UNANSWERED = 3
-"""A tool's exit status only: nobody answered a stop in time, and its operator was sent to the emergency stop."""
+"""facetctl's exit status where the daemon did not answer a stop in time: the operator must press the emergency stop."""
 
 
 def printable(text: str, names: bool = False) -> str:
-    """The same on one line, with what cannot be shown or kept as question marks; names: bytes of files' names that are
-    no UTF-8 stay, so that the file is found by it."""
-    kept = "".join(chr(c) for c in range(0xDC80, 0xDD00)) if names else ""
-    return "".join(c if c.isprintable() or c in kept else " " if c.isspace() else "?" for c in text)
+    """A text on one line, with unprintable characters as question marks. names: keep bytes of file names that are not
+    UTF-8, so that the name still finds the file."""
+    undecoded = "".join(chr(c) for c in range(0xDC80, 0xDD00)) if names else ""
+    return "".join(c if c.isprintable() or c in undecoded else " " if c.isspace() else "?" for c in text)
 
 
 def visible(text: str) -> str:
-    """Lines as a terminal may have them: what would steer it (clear it, name its window) is shown instead, as ^[ is."""
+    """A text for a terminal, with control characters (clear the screen, name the window) shown as ^[ is."""
     return "".join(c if c.isprintable() or c in "\n\t" else f"^{chr(ord(c) ^ 64)}" if c < "\x80" else "?" for c in text)
 
 
 def spelt(text: str) -> str:
-    """A text that may hold a file's name, which need not be UTF-8, as it can be written to a file."""
+    """A text, which may hold a file name that is not UTF-8, as valid UTF-8."""
     return text.encode(errors="replace").decode()
 
 
 def spelt_throughout(value: Any) -> Any:
-    """Every text in a value of lists and mappings, as `spelt` has it."""
+    """Apply `spelt` to every text in a value of lists and mappings."""
     if isinstance(value, str):
         return spelt(value)
     if isinstance(value, Mapping):
@@ -40,4 +41,4 @@ def spelt_throughout(value: Any) -> Any:
 
 
 class FacetdError(Exception):
-    """What happened, where, and what to do: one line. Drivers have roots of their own (they know no daemon)."""
+    """What happened, where, and what to do: one line. Drivers have base classes of their own."""

@@ -1,7 +1,7 @@
-"""`facetd`: the daemon's command line. Arguments in, exit status out; the work is daemon/service.py's.
+"""The command line of the daemon, `facetd`. daemon/service.py does the work.
 
-Status: 0 ended as told, 1 a fault in the program, 2 a device that cannot be had, 78 an unusable configuration,
-calibration or model (systemd does not restart on that one).
+Exit status: 0 ended on request, 1 a fault in the program, 2 a device is not available, 78 an unusable configuration,
+calibration or model (systemd does not restart after that).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from daemon.store.outside import fill_standard_files
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the daemon, or with --check only look at its files."""
+    """Run the daemon; with --check only check its files."""
     args = parser().parse_args(arguments)
     if args.check:
         return check(args.config, args.sim)
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """What the daemon's command line takes."""
+    """The parser of the daemon's command line."""
     made = argparse.ArgumentParser(prog="facetd", description="Recognises parts by their facets and picks them.")
     named = "the configuration (default: %(default)s)"
     made.add_argument("--config", type=Path, default=folders.config_file(), metavar="FILE", help=named)
@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def check(config_path: Path, simulated: bool) -> int:
-    """Read every file the daemon would read; touch no device. One line a fault, status 78."""
+    """Read every file that the daemon reads; open no device. An error is one line and status 78."""
     from daemon.service import BAD_CONFIGURATION, read_files
     from daemon.store.outside import FileError
 
@@ -56,7 +56,7 @@ def check(config_path: Path, simulated: bool) -> int:
 
 
 def serve(config_path: Path, simulated: bool) -> int:
-    """Run until told to end."""
+    """Run the daemon until a signal ends it."""
     import faulthandler
 
     fill_standard_files()
@@ -74,14 +74,14 @@ def serve(config_path: Path, simulated: bool) -> int:
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
-    # All is stopped, written and told. A driver's thread that hangs in the kernel must not keep the process.
+    # All is stopped and written. A driver's thread that hangs in the kernel must not keep the process.
     os._exit(status)
 
 
 def tame_malloc() -> None:
-    """One arena for all threads, and large arrays given back: glibc otherwise keeps some 50 MB of pictures long gone.
+    """Make glibc use one arena and return large arrays: otherwise it keeps some 50 MB of freed images.
 
-    Before anything starts a thread. Without glibc nothing happens. Source: mallopt(3).
+    Call it before any thread starts. Without glibc it does nothing. Source: mallopt(3).
     """
     import ctypes
 

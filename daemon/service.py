@@ -1,8 +1,4 @@
-"""The daemon's life: start everything, watch it, reload, stop the arm first and then the rest.
-
-Here: what is started in which order, and what ends it. Signals in, exit status out. Commands are the console's, moving
-is the cycle's, watching devices is daemon/maintenance/watchdog.py's.
-"""
+"""The daemon from start to end: start everything in order, serve, reload, stop the arm first and then the rest."""
 
 from __future__ import annotations
 
@@ -58,25 +54,25 @@ from daemon.store.runs import enforce_quota, list_runs, new_folder
 from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 
-STOPPED, BROKEN, NO_DEVICE, BAD_CONFIGURATION = 0, 1, 2, 78
+STOPPED, NO_DEVICE, BAD_CONFIGURATION = 0, 2, 78
 AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics")
-"""Sections of the configuration that only a start looks at."""
+"""Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
-"""Keys of `pick` that say how hand and cell stand to each other."""
-AT_WORK = "the controller was still carrying out what it was told before this start; it was stopped (ABORT)"
+"""Keys of `pick` that describe the geometry of gripper and cell."""
+AT_WORK = "the controller was still executing a command from before this start; facetd stopped it (ABORT)"
 LOOK_S = 60.0
-"""No look, fusing or plan takes longer, on the slowest computer; what does is given up, and its process ended."""
+"""Longest look, fusion or plan, on the slowest computer; after that facetd ends the worker process."""
 STUDY_S, STUDY_IDLE_S = 3600.0, 60.0
-"""No training takes longer; and how long its process is kept for the next one."""
+"""Longest training, and how long its worker process stays for the next one."""
 RELOAD_S = 1.0
-"""Between two reloads that hang-ups (SIGHUP) ask for."""
+"""Shortest period between two reloads by SIGHUP."""
 HALT_S = 8.4
-"""What the arm's stop may take of the time that systemd gives the end (TimeoutStopSec): the alarm where no rest is seen
-(arm/stopping.py, ABORT_S), and more tries after it. What comes after it takes at most 1.5 s."""
+"""Longest stop of the arm at the end, within systemd's TimeoutStopSec: the alarm where the arm is not seen at rest
+(arm/stopping.py, ABORT_S), and more tries after it. The rest of the end takes at most 1.5 s."""
 
 
 class Service:
-    """One run of the daemon, from configuration to exit status."""
+    """The daemon, from configuration to exit status."""
 
     def __init__(self, config_path: Path, simulated: bool = False) -> None:
         self._config_path, self._simulated = config_path, simulated
@@ -92,17 +88,17 @@ class Service:
         self._run_log: RunLog | None = None
         self._lock: int | None = None
         self._opening: asyncio.Task[None] | None = None
-        """May be stopping an arm that was found at work: told to end meanwhile, the daemon waits for it."""
+        """Opening may stop an arm found in motion, so that the end waits for it."""
         self._started = self._ready = False
         self._reloading = asyncio.Lock()
         self._hung_up = 0
-        """How often, since the first of the hang-ups that are being answered."""
+        """SIGHUPs since the running series of reloads began."""
         self._tasks: set[asyncio.Task[Any]] = set()
 
     async def run(self) -> int:
-        """Start, serve until told to end, stop the arm, end. What goes wrong is one line."""
+        """Start, serve until `end`, stop the arm, close everything; returns the exit status. An error is one line."""
         self._listen_to_signals()
-        asyncio.get_running_loop().set_exception_handler(_tell_unheard)
+        asyncio.get_running_loop().set_exception_handler(_report_unhandled)
         status = STOPPED
         try:
             started = await self._unless_ending(self._start())
@@ -119,30 +115,29 @@ class Service:
         return status
 
     def end(self, why: str) -> None:
-        """Begin to end."""
+        """Request the end of the daemon."""
         self._why = why
         self._ending.set()
 
     async def reload(self, who: str | None = None, change: Change | None = None) -> str:
-        """Read configuration and calibration again; a bad one is refused, all stays as it was. Raises ConfigError.
-        who: the operator who asked for it, and is told by what this returns; change: what is written to be taken over,
-        first and in the same turn, and put back where it is refused.
+        """Read configuration and calibration again; a bad one is refused and nothing changes. Raises ConfigError.
 
-        One at a time: what was read first would else be taken over last, where it waits for the arm's stop; and what
-        one operator writes would be put back to, or taken over by, another whose turn it is.
+        who: the operator who requested it and gets the returned text; change: writes files first, under the same lock,
+        and returns how to undo that after a refusal. Reloads run one at a time: while one waits for the arm's stop,
+        another would overtake it, and files that one operator writes would mix with another's.
         """
         async with self._reloading:
-            put_back = None if change is None else await change()
+            undo = None if change is None else await change()
             try:
                 return await self._reload(who)
             except BaseException:
-                if put_back is not None:
-                    put_back()
+                if undo is not None:
+                    undo()
                 raise
 
     async def _reload(self, who: str | None) -> str:
-        """Whoever enabled the arm, or was asked whether it may move, knew how it stands in its cell: where that is
-        another, it is disabled first, and `enable` judges the new one."""
+        """Reload. Where the cell's geometry changes, the arm is disabled first: its operator enabled it, or confirmed a
+        move, for the old geometry, and `enable` checks the new one."""
         assert self.context is not None
         context, old = self.context, self.context.config
         disabled, answered = "", None
@@ -150,7 +145,7 @@ class Service:
         try:
             config = load_config(self._config_path, self._simulated)
             sections.check(config)
-            _tell_notes(config)
+            _report_notes(config)
             calibration = load_calibration(config.calibration)
             sections.check_hand_eye(config, calibration)
             if context.cycle.status()["doing"]:
@@ -191,7 +186,7 @@ class Service:
 
     async def _start(self) -> None:
         config, calibration, trainer = read_files(self._config_path, self._simulated)
-        _tell_notes(config)
+        _report_notes(config)
         try:
             self._lock = hold(config.state)
         except OSError as error:
@@ -233,8 +228,8 @@ class Service:
         await self._open_frontends(context)
         context.use_model("start", trainer.model_store.current)
         watch = Watchdog(context)
-        self.beside(self._guarded(watch.run()), "watch")
-        self.beside(self._guarded(tell_what_waits(context)), "what waits for a yes")
+        self.in_background(self._guarded(watch.run()), "watch")
+        self.in_background(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
         journal.write("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
@@ -249,7 +244,7 @@ class Service:
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
-        cycle.observer = CycleObserver(self.context, self.beside)
+        cycle.observer = CycleObserver(self.context, self.in_background)
         return self.context
 
     async def _open_frontends(self, context: CommandContext) -> None:
@@ -264,7 +259,7 @@ class Service:
                 self._interrupt,
                 lambda text: context.troubles.report("console", text),
             )
-            self.beside(self._guarded(self._terminal.run()), "terminal")
+            self.in_background(self._guarded(self._terminal.run()), "terminal")
         if values.metrics.port is not None:
             self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
@@ -281,16 +276,15 @@ class Service:
         if self.context is None:
             return
         if not self._hung_up:
-            self.beside(self._reload_quietly(), "reload")
+            self.in_background(self._reload_quietly(), "reload")
         self._hung_up += 1
 
     async def _reload_quietly(self) -> None:
-        """Once for all hang-ups of a while: reading takes the loop's whole time, and a burst of them kept a stop from
-        being heard for seconds."""
+        """Reload once for a burst of SIGHUPs: reading blocks the loop, and a burst would delay a stop by seconds."""
         try:
-            heard = 0
-            while heard < self._hung_up:
-                heard = self._hung_up
+            done = 0
+            while done < self._hung_up:
+                done = self._hung_up
                 with contextlib.suppress(FacetdError):
                     await self.reload()
                 await asyncio.sleep(RELOAD_S)
@@ -298,13 +292,13 @@ class Service:
             self._hung_up = 0
 
     async def _interrupt(self, who: str, about_to_move: bool) -> str:
-        """Control-C at any frontend."""
+        """Handle a control-C at any frontend; returns the answer."""
         assert self.context is not None
         supervisor = self.context.cycle.supervisor
         if not about_to_move and await supervisor.at_rest():
             return "Nothing moves."
         alarm = await supervisor.stop(f"by control-C of {who}")
-        with contextlib.suppress(Exception):  # the operator is answered all the same
+        with contextlib.suppress(Exception):  # the operator gets an answer all the same
             self.context.log.record("command", who=who, door="control-C", text="stop")
         return alarm or "Stopped. Nothing moves until `resume`."
 
@@ -316,24 +310,24 @@ class Service:
             self._notice(f"TROUBLE {text}")
 
     def _logged(self, kind: str, text: str, who: str | None) -> None:
-        """What the log is told, for those who want to hear it."""
+        """Show a record of the log at the frontends that want it."""
         if self.context is not None:
             level = NoticeLevel.ALL if kind in ("command", "model") else NoticeLevel.FAULTS
             self.context.notices.tell(text, level, who if level is NoticeLevel.ALL else None)
 
     def _notice(self, text: str) -> None:
-        """Show something at every frontend that nobody there asked for."""
+        """Show a notice at every frontend."""
         if self.context is not None:
             self.context.notices.tell(text)
 
-    def beside(self, work: Coroutine[Any, Any, Any], name: str) -> None:
-        """Do something while all else goes on, until the end at most."""
+    def in_background(self, work: Coroutine[Any, Any, Any], name: str) -> None:
+        """Run a coroutine in the background, until the end at most."""
         task = asyncio.create_task(work, name=name)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     async def _guarded(self, work: Coroutine[Any, Any, None]) -> None:
-        """A part of the daemon that must not end: where it does, the daemon stops the arm and ends."""
+        """Run a part of the daemon that must not fail: if it does, the daemon stops the arm and ends."""
         try:
             await work
         except asyncio.CancelledError:
@@ -343,7 +337,7 @@ class Service:
             raise
 
     async def _unless_ending(self, work: Coroutine[Any, Any, None]) -> bool:
-        """Do the work unless told to end meanwhile."""
+        """Do the work unless the end is requested meanwhile; returns whether it was done."""
         task, ending = asyncio.create_task(work), asyncio.create_task(self._ending.wait())
         await asyncio.wait([task, ending], return_when=asyncio.FIRST_COMPLETED)
         ending.cancel()
@@ -358,7 +352,7 @@ class Service:
     # Ending
 
     async def _end(self) -> None:
-        """The arm first. One step that fails or hangs cannot keep the others from being taken."""
+        """Stop the arm, then close everything. A step that fails or hangs does not prevent the others."""
         if self.context is not None:
             await _within(HALT_S, _bring_to_rest(self.context.cycle.supervisor))
         elif self._opening is not None and not self._opening.done():
@@ -376,9 +370,11 @@ class Service:
         if self._hardware is not None:
             await _within(0.5, self._hardware.close())
         if self._run_log is not None:
-            known = {} if self.context is None or not self._ready else {"holding": self.context.cycle.belief.holds_part}
-            self._run_log.close(self._why, **known)
-            if not self._started:  # a device that is missing over a week-end would leave thousands
+            holding = (
+                {} if self.context is None or not self._ready else {"holding": self.context.cycle.belief.holds_part}
+            )
+            self._run_log.close(self._why, **holding)
+            if not self._started:  # restarts over a weekend without a device would leave thousands
                 shutil.rmtree(self._run_log.folder, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)
@@ -388,7 +384,7 @@ class Service:
 
 
 def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration, Trainer]:
-    """Every file a start needs; no device is touched. Raises ConfigError, ModelError, ModelStoreError."""
+    """Read every file that a start needs; no device is opened. Raises ConfigError, ModelError, ModelStoreError."""
     config = load_config(config_path, simulated)
     sections.check(config)
     config = replace(config, notes=(*config.notes, *sections.out_of_reach(config)))
@@ -406,44 +402,44 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
 
 
 def _moved(before: tuple[Config, Calibration], after: tuple[Config, Calibration]) -> list[str]:
-    """What of the cell's geometry, by which moves are computed and guarded, is another in the one than in the other."""
+    """The parts of the cell's geometry that differ between two configurations and calibrations."""
     (config, calibration), (new_config, new_calibration) = before, after
     found = [] if same_geometry(calibration, new_calibration) else ["calibration"]
     pick, new_pick = config.values.pick, new_config.values.pick
     return found + [f"pick.{name}" for name in GUARDING if getattr(pick, name) != getattr(new_pick, name)]
 
 
-def _tell_notes(config: Config) -> None:
+def _report_notes(config: Config) -> None:
     for note in config.notes:
         journal.write("trouble", note, journal.NOTICE)
 
 
 def make_room(config: Config) -> None:
-    """A disk that old runs have filled must not keep the daemon from starting."""
+    """Remove old runs beyond the quota before a start, which needs room on the disk."""
     limits = config.values.log
     most, least = limits.quota_mb * 1_000_000, limits.keep_free_mb * 1_000_000
 
-    def tell_stuck(run: Path, why: str) -> None:
+    def report_stuck(run: Path, why: str) -> None:
         journal.write("trouble", journal.stuck(run, why), journal.WARNING)
 
-    journal.write_removed(enforce_quota(config.runs, most, None, least, tell_stuck))
+    journal.write_removed(enforce_quota(config.runs, most, None, least, report_stuck))
 
 
 async def _bring_to_rest(supervisor: Supervisor) -> None:
-    """Also beyond the alarm: more tries may be heard."""
+    """Stop the arm and wait until it rests, also after the alarm, as later tries may succeed."""
     await supervisor.close()
     await supervisor.rested()
 
 
-def _tell_unheard(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """What went wrong where nobody awaits it: in a callback, or in telling of a stop."""
+def _report_unhandled(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Report an exception in a callback, which no task awaits."""
     if "exception" in context and not {"task", "future"} & context.keys():
         error = context["exception"]
         journal.write("trouble", f"{context['message']}: {type(error).__name__}: {error}", journal.ERROR)
 
 
 async def _within(seconds: float, work: Awaitable[Any]) -> None:
-    """One step of the end: what it raises is told, what it takes is bounded."""
+    """One step of the end, with a time limit; an exception is reported."""
     try:
         async with asyncio.timeout(seconds):
             await work

@@ -157,7 +157,7 @@ def sections(kind: type, path: str) -> Iterator[tuple[str, type, list[Setting]]]
     rows, below = [], []
     for field in dataclasses.fields(kind):
         full = f"{path}.{field.name}".lstrip(".")
-        if full.replace("[]", "") in config.GONE:
+        if full.replace("[]", "") in config.OBSOLETE:
             continue
         hint = TYPED_BY_DRIVERS.get(full, hints[field.name])
         inner = entries(hint)
@@ -184,7 +184,7 @@ def document() -> str:
             parts.append("| key | default | allowed | unit | meaning |\n| --- | --- | --- | --- | --- |")
             parts.append("\n".join(map(_line, rows)) + "\n")
             parts += [_written_out(kind, row.name) for row in rows if row.default == BELOW]
-    parts.append(TAIL.format(rows="\n".join(f"| `{key}` | {what} |" for key, what in sorted(config.GONE.items()))))
+    parts.append(TAIL.format(rows="\n".join(f"| `{key}` | {what} |" for key, what in sorted(config.OBSOLETE.items()))))
     return "\n".join(parts)
 
 

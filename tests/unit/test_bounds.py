@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from daemon.cell import sections
-from daemon.config import GONE, ConfigError, ConfigFile, load_config
+from daemon.config import OBSOLETE, ConfigError, ConfigFile, load_config
 from daemon.store.yamlfile import UNIONS, Key, dotted
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
@@ -66,7 +66,7 @@ def leaves(kind: Any, keys: Keys) -> Iterator[Leaf]:
         yield Leaf(keys, kinds[0] if meta is not None else kind, *ends)
 
 
-ALL = [leaf for leaf in leaves(ConfigFile, ()) if leaf.name.partition("[")[0] not in GONE]
+ALL = [leaf for leaf in leaves(ConfigFile, ()) if leaf.name.partition("[")[0] not in OBSOLETE]
 NUMBERS = [leaf for leaf in ALL if leaf.kind in (int, float)]
 NAMES = [leaf for leaf in ALL if leaf.kind is str and leaf.name != "cameras.formats[0]"]
 
@@ -106,7 +106,7 @@ def file_with(leaf: Leaf, value: str) -> tuple[str, int]:
     data["console"]["tty"] = {"device": "d"}
     data["vision"]["depth_readings_mm"] = [[600.0, 1.0]]
     data["pick"]["limits"]["keep_out"] = [{"name": "a post", "low_mm": [0, 0, 0], "high_mm": [1, 1, 1]}]
-    for name in GONE:
+    for name in OBSOLETE:
         *above, key = name.split(".")
         section = data
         for step in above:
@@ -200,7 +200,7 @@ def test_what_would_leave_a_pick_without_a_way_is_refused(folder: Path, section:
     assert want in told(folder, f"version: 1\n{section}\n")
 
 
-@pytest.mark.parametrize("name", GONE)
+@pytest.mark.parametrize("name", OBSOLETE)
 def test_a_key_that_is_gone_is_passed_over_and_told_with_its_line(folder: Path, name: str) -> None:
     *above, key = name.split(".")
     opening = "".join(f"{section}: {{" for section in above)

@@ -29,7 +29,7 @@ def told(drift: Drift | None, auto: bool) -> tuple[dict[str, str], list[tuple[st
     async def story() -> dict[str, str]:
         cycle = SimpleNamespace(status=lambda: {"auto": auto}, supervisor=SimpleNamespace(fail=fail))
         context: Any = SimpleNamespace(cycle=cycle, troubles=Troubles(), calibration=None)
-        between: Any = CycleObserver(context, Service(Path("facetd.yaml")).beside)
+        between: Any = CycleObserver(context, Service(Path("facetd.yaml")).in_background)
         between._drift = SimpleNamespace(seen=lambda clue, at: drift, alone=None)
         between.looked(LOOK)
         await asyncio.sleep(0.01)

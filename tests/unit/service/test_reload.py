@@ -71,7 +71,7 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
     def refit(*_: Any) -> None:
         raise FacetdError("busy: pick")
 
-    for name in ("load_config", "load_calibration", "pick_cell", "_tell_notes"):
+    for name in ("load_config", "load_calibration", "pick_cell", "_report_notes"):
         monkeypatch.setattr(service, name, lambda *_: SimpleNamespace(calibration="c"))
     monkeypatch.setattr(service, "pick_cell", lambda *_: ())
     monkeypatch.setattr(service, "sections", SimpleNamespace(check=lambda *_: None, check_hand_eye=lambda *_: None))

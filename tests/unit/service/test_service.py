@@ -377,7 +377,7 @@ def test_what_was_asked_by_a_signal_is_forgotten_once_it_is_done(folder: Path) -
     async def reloads() -> int:
         service = Service(folder / "facetd.yaml")
         for _ in range(100):
-            service.beside(asyncio.sleep(0), "reload")
+            service.in_background(asyncio.sleep(0), "reload")
         await asyncio.gather(*service._tasks)
         return len(service._tasks)
 
