@@ -45,7 +45,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
 def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tuple[str, Path]) -> None:
     said, run = demo
     assert f"seed {SEED}" in said
-    assert "the cell's motion monitor saw the arm do nothing that it must never do" in said
+    assert "the cell's motion monitor found no forbidden motion" in said
     records = [json.loads(line) for line in (run / "run.jsonl").read_text().splitlines()]
     picked = {r["label"] for r in records if r["kind"] == "cycle_end" and r["outcome"] == "picked"}
     assert picked == {"cube", "pyramid", "triangular_prism", "pentagonal_prism"}
