@@ -59,7 +59,7 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 """Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that describe the geometry of gripper and cell."""
-AT_WORK = "the controller was still executing a command from before this start; facetd stopped it (ABORT)"
+AT_WORK = "the controller was still carrying out a command from before this start; facetd stopped it (ABORT)"
 LOOK_S = 60.0
 """Longest look, fusion or plan, on the slowest computer; after that facetd ends the worker process."""
 STUDY_S, STUDY_IDLE_S = 3600.0, 60.0

@@ -95,7 +95,7 @@ MOST_ASKED = 5
 """How often a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
     *("arm", "commission", "completion", "console", "dashboard", "demo", "export", "fleet", "recognise"),
-    *("replay", "review", "runs", "script", "snap", "stream", "tail"),
+    *("replay", "review", "runs", "script", "snap", "stream", "tail", "thesis"),
 )
 """Subcommands of `facetctl` that are not commands of the daemon."""
 
