@@ -118,10 +118,10 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
         f"skew median {measured['skew_ms']:.1f} ms, worst {measured['worst_skew_ms']:.1f} ms, "
         f"age at delivery {measured['age_ms']:.0f} ms"
     )
-    for eye in measured["eyes"]:
-        took = ", ".join(f"{k} {v}" for k, v in eye["controls"].items()) or "as found"
-        yield f"    {eye['line']}: {eye['frames']} frames, {eye['dropped']} dropped, {eye['damaged']} damaged; {took}"
-        yield from (f"        {old} is called {new} here: use that name" for old, new in eye["renamed"].items())
+    for one in measured["eyes"]:
+        took = ", ".join(f"{k} {v}" for k, v in one["controls"].items()) or "as found"
+        yield f"    {one['line']}: {one['frames']} frames, {one['dropped']} dropped, {one['damaged']} damaged; {took}"
+        yield from (f"        {old} is called {new} here: use that name" for old, new in one["renamed"].items())
 
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:

@@ -95,7 +95,7 @@ def _recognise(args: argparse.Namespace) -> int:
     status = DONE
     for name in args.pairs:
         try:
-            left, right = (read_as_stored(Path(name) / f"{eye}.png") for eye in ("left", "right"))
+            left, right = (read_as_stored(Path(name) / f"{camera}.png") for camera in ("left", "right"))
             scene = look(left, right, calibration.rig, model, clock=thread_time)
             print(json.dumps({"pair": name, **scene_json(scene)}), flush=True)
             if args.draw:

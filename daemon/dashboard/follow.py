@@ -112,13 +112,13 @@ class RunFollower:
         with contextlib.suppress(ValueError):  # half a line where reading began, or a line of another program
             self._now.recorded(record_of(line))
 
-    def expects(self, seq: int, eye: str) -> bool:
+    def expects(self, seq: int, camera: str) -> bool:
         """Whether the record of one of the last looks names this image."""
-        return bool(self._now.pictures.get(seq, {}).get(eye))
+        return bool(self._now.pictures.get(seq, {}).get(camera))
 
-    def picture(self, seq: int, eye: str) -> bytes | None:
+    def picture(self, seq: int, camera: str) -> bytes | None:
         """The file of an image of one of the last looks; None where it is not in the run's folder."""
-        name = self._now.pictures.get(seq, {}).get(eye)
+        name = self._now.pictures.get(seq, {}).get(camera)
         if self.folder is None or not name:
             return None
         try:

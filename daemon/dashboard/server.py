@@ -81,7 +81,7 @@ def app(socket_path: Path | None) -> Any:
         return StreamingResponse(changes(now), media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
     async def picture(request: Request) -> Response:
-        content = await picture_once_written(run, request.path_params["seq"], request.path_params["eye"])
+        content = await picture_once_written(run, request.path_params["seq"], request.path_params["camera"])
         if content is None:
             return Response(status_code=404)
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
@@ -93,17 +93,17 @@ def app(socket_path: Path | None) -> Any:
         Route("/dashboard.js", asset((pages / "dashboard.js").read_text(), "text/javascript")),
         Route("/style.css", asset((review / "style.css").read_text(), "text/css")),
         Route("/events", events),
-        Route("/picture/{seq:int}/{eye}", picture),
+        Route("/picture/{seq:int}/{camera}", picture),
     ]
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["localhost", LOOPBACK], www_redirect=False)
     return Starlette(routes=routes, lifespan=lifespan, middleware=[hosts])
 
 
-async def picture_once_written(run: RunFollower, seq: int, eye: str) -> bytes | None:
+async def picture_once_written(run: RunFollower, seq: int, camera: str) -> bytes | None:
     """Wait for an image of one of the last looks: a look's record comes before its files."""
     ends_s = asyncio.get_running_loop().time() + PICTURE_S
-    while (content := run.picture(seq, eye)) is None:
-        if not run.expects(seq, eye) or asyncio.get_running_loop().time() > ends_s:
+    while (content := run.picture(seq, camera)) is None:
+        if not run.expects(seq, camera) or asyncio.get_running_loop().time() > ends_s:
             return None
         await asyncio.sleep(SEND_S)
     return content

@@ -83,16 +83,9 @@ class DashboardState:
             error = {"mm": record.get("predicted_mm"), "deg": record.get("predicted_deg")}
             self.approach.append({"look": record.get("stop"), **error, "label": record.get("label")})
         elif kind == "cycle_end":
-            self.picks.append(
-                {
-                    "n": record.get("cycle"),
-                    "t": record.get("t"),
-                    "label": record.get("label"),
-                    "outcome": record.get("outcome"),
-                    "why": record.get("why"),
-                    "s": round(float(record["mono_s"]) - self._began_s, 1) if self._began_s else None,
-                }
-            )
+            seconds = round(float(record["mono_s"]) - self._began_s, 1) if self._began_s else None
+            same = {name: record.get(name) for name in ("t", "label", "outcome", "why")}
+            self.picks.append({"n": record.get("cycle"), **same, "s": seconds})
 
     def json(self) -> Json:
         """The state as JSON values."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from datetime import datetime
-from typing import Annotated, Any, Literal, TypedDict, get_args, get_type_hints
+from typing import Annotated, Any, Literal, Required, TypedDict, get_args, get_type_hints
 
 import msgspec
 from msgspec import Meta
@@ -36,22 +36,16 @@ Edge = Annotated[list[Finite], Meta(min_length=4, max_length=4)]
 Points = list[Point] | None
 
 
-class CornersRecord(TypedDict):
-    corners_mm: list[Vector]
-
-
-class FacetRecord(CornersRecord, total=False):
+class FacetRecord(TypedDict, total=False):
+    corners_mm: Required[list[Vector]]
     type: Text
     left_px: Points
     right_px: Points
 
 
-class NamedRecord(TypedDict):
-    label: str
-    confidence: Finite
-
-
-class PartRecord(NamedRecord, total=False):
+class PartRecord(TypedDict, total=False):
+    label: Required[str]
+    confidence: Required[Finite]
     match_ratio: Number
     activation: Number
     runner_up: Text

@@ -32,13 +32,7 @@ AT_ONCE = 20
 """Runs of a cell whose rows are added to the tables together."""
 QUIET_S = 60.0
 """How long a run must be unchanged before it is collected: its last pictures are written after its last line."""
-FILTER = (
-    "--include=/run.jsonl",
-    "--include=/wire.jsonl",
-    "--include=/images/***",
-    "--include=/kept/***",
-    "--exclude=*",
-)
+FILTER = (*(f"--include=/{name}" for name in (RUN, "wire.jsonl", "images/***", "kept/***")), "--exclude=*")
 
 
 @dataclass(frozen=True)

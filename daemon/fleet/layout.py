@@ -133,7 +133,7 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
         "cycle": cycle.number,
         "target": cycle.records[0].get("target"),
         "tried": cycle.tried,
-        "cause": next((c.name for c in found), None),
+        "cause": next((c.code.summary for c in found), None),
     }
 
 

@@ -36,8 +36,8 @@ def write_replay_page(
             row["looks"] = [
                 stop_json(LookStep(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})
             ]
-        for eye, image in images.items():
-            pictures[f"{number}-{eye}"] = embedded(image)
+        for camera, image in images.items():
+            pictures[f"{number}-{camera}"] = embedded(image)
             spent += len(image)
         rows.append(row)
     data = {
@@ -65,7 +65,7 @@ def _recorded(one: Json, folders: Sequence[str]) -> tuple[Record | None, dict[st
             if Path(where).name == one["run"]:
                 return _look(Path(where), one["seq"])
             if not (Path(where) / RUN).exists():
-                names = [RUN, *(f"images/{one['seq']:06d}-{eye}.png" for eye in ("left", "right"))]
+                names = [RUN, *(f"images/{one['seq']:06d}-{camera}.png" for camera in ("left", "right"))]
                 with tempfile.TemporaryDirectory() as spare:
                     return _look(open_store(where).fetch(one["cell"], one["run"], names, Path(spare)), one["seq"])
         except (FileError, StoreError):
@@ -80,4 +80,4 @@ def _look(folder: Path, seq: int) -> tuple[Record | None, dict[str, bytes]]:
     if line is None:
         return None, {}
     record = record_of(line)
-    return record, {eye: jpeg_of(folder, name) for eye, name in (record.get("images") or {}).items()}
+    return record, {camera: jpeg_of(folder, name) for camera, name in (record.get("images") or {}).items()}

@@ -62,7 +62,7 @@ def _pair(then: Json | None, now: Json | None, seen: ReplayedLook, proof: Proof 
 
 def light_of(health: Mapping[str, Any]) -> str:
     """The class of brightness (LIGHTS) of a look, from its measures."""
-    levels = [health.get(f"darkness_{eye}") for eye in ("left", "right")]
+    levels = [health.get(f"darkness_{camera}") for camera in ("left", "right")]
     measured = [level for level in levels if isinstance(level, (int, float))]
     return next(name for most, name in LIGHTS if min(measured) < most) if measured else "not measured"
 

@@ -60,9 +60,9 @@ def _health() -> tuple[Column, ...]:
     columns = []
     for name, measure in MEASURES.items():
         side = f"limit {measure.limit:g} {'at most' if measure.above else 'at least'}"
-        for eye in ("pair",) if name in OF_PAIR else ("left", "right"):
-            of = "both images" if eye == "pair" else f"the {eye} image"
-            columns.append(Column(f"{name}_{eye}", "real", f"{name} of {of}; {side}", measure.unit))
+        for camera in ("pair",) if name in OF_PAIR else ("left", "right"):
+            of = "both images" if camera == "pair" else f"the {camera} image"
+            columns.append(Column(f"{name}_{camera}", "real", f"{name} of {of}; {side}", measure.unit))
     for axis in AXES:
         columns.append(Column(f"{axis}_deg", "real", f"{axis} of the right camera against its calibration", "degrees"))
         columns.append(Column(f"{axis}_sigma_deg", "real", f"standard deviation of this {axis}", "degrees"))

@@ -78,8 +78,8 @@ def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | N
 
 def mend_of(text: str) -> str:
     """The remedy for a fault or a trouble, from its text; empty for an unknown cause or an operator's stop."""
-    cause = next(why.causes_of_record(read_prose(text)))
-    return "" if cause.stage == "operator" or cause.code is CauseCode.INTERNAL else cause.remedy
+    code = next(why.causes_of_record(read_prose(text))).code
+    return "" if code.stage == "operator" or code is CauseCode.INTERNAL else code.remedy
 
 
 def _configuration(config: Config, _: bool) -> Iterator[CheckResult]:
@@ -142,14 +142,10 @@ def _cameras(config: Config, running: bool) -> Iterator[CheckResult]:
         yield from _device(f"camera {path}", path, "video", running) if path.startswith("/") else ()
 
 
-def _controller_port(config: Config, running: bool) -> Iterator[CheckResult]:
+def _serial_ports(config: Config, running: bool) -> Iterator[CheckResult]:
     if config.kind == "real":
         yield from _device("controller port", config.values.arm.port, "dialout", running)
-
-
-def _console_port(config: Config, running: bool) -> Iterator[CheckResult]:
-    tty = config.values.console.tty
-    if tty is not None:
+    if (tty := config.values.console.tty) is not None:
         yield from _device("console port", tty.device, "dialout", running)
 
 
@@ -235,13 +231,5 @@ def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
 
 
 CHECKS: tuple[Callable[[Config, bool], Iterator[CheckResult]], ...] = (
-    _configuration,
-    _calibration,
-    _model,
-    _cameras,
-    _controller_port,
-    _console_port,
-    _disk,
-    _clock,
-    _unit,
-)
+    _configuration, _calibration, _model, _cameras, _serial_ports, _disk, _clock, _unit,
+)  # fmt: skip

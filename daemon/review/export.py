@@ -102,14 +102,14 @@ def _messages(folder: Path, record: dict[str, Any], stamp: int) -> list[tuple[st
     kind, when = record["kind"], {"sec": stamp // 10**9, "nsec": stamp % 10**9}
     found: list[tuple[str, str, dict[str, Any]]] = []
     if kind == "look":
-        for eye, name in (record.get("images") or {}).items():
+        for camera, name in (record.get("images") or {}).items():
             try:
                 content = read_below(folder, name, LARGEST_BYTES)
             except FileError:
                 continue
             data = base64.b64encode(content).decode()
-            message = {"timestamp": when, "frame_id": f"{eye}_eye", "format": "png", "data": data}
-            found.append((f"/{eye}/image", "foxglove.CompressedImage", message))
+            message = {"timestamp": when, "frame_id": f"{camera}_eye", "format": "png", "data": data}
+            found.append((f"/{camera}/image", "foxglove.CompressedImage", message))
         found += _transform(when, "world", "cyclopean", record.get("world_from_cyclopean"))
     elif kind == "moved":
         found += _transform(when, "world", "tool", record.get("where"))

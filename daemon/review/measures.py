@@ -98,10 +98,12 @@ def _of_pictures(looks: Sequence[Record], zero: float) -> list[Strip]:
     found = []
     for name, measure in MEASURES.items():
         by_camera = {
-            eye: [number((r.get("health") or {}).get(f"{name}_{eye}")) for r in looks]
-            for eye in ("left", "right", "pair")
+            camera: [number((r.get("health") or {}).get(f"{name}_{camera}")) for r in looks]
+            for camera in ("left", "right", "pair")
         }
-        lines = {eye.replace("pair", ""): line for eye, line in by_camera.items() if any(v is not None for v in line)}
+        lines = {
+            camera.replace("pair", ""): line for camera, line in by_camera.items() if any(v is not None for v in line)
+        }
         flag = measure.limit == 0.0 or name == "swapped"
         if flag and not any(v for line in lines.values() for v in line):
             continue  # frozen, doubled, swapped: of interest only where one occurred

@@ -114,7 +114,7 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
     chosen: dict[str, str] = {}
     spent = left_out = 0
     for look in _by_interest(run):
-        for eye, name in (look.get("images") or {}).items():
+        for camera, name in (look.get("images") or {}).items():
             if spent >= PICTURE_BUDGET:
                 left_out += 1
                 continue
@@ -123,7 +123,7 @@ def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
             except FileError:
                 left_out += 1
                 continue
-            chosen[f"{look['seq']}-{eye}"] = embedded(content)
+            chosen[f"{look['seq']}-{camera}"] = embedded(content)
             spent += len(content)
     return chosen, left_out
 

@@ -85,7 +85,8 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
         "true_deg": _short(cycle.true_deg),
         "why": None if cycle.why is None else in_plain_words(cycle.why),
         "causes": [
-            {"name": c.name, "stage": c.stage, "w": round(c.weight, 2), "e": c.evidence, "r": c.remedy, "at": c.at}
+            {"name": c.code.summary, "stage": c.code.stage, "r": c.code.remedy}
+            | {"w": round(c.weight, 2), "e": c.evidence, "at": c.at}
             for c in found
         ],
         "decisions": [{"text": r.get("text"), "why": r.get("why")} for r in cycle.of("decision")],
@@ -146,9 +147,9 @@ def _guess(guess: Json) -> Json:
     sides = {
         key: [
             {"px": _points([edge[:2], edge[2:]]), "shows": shows}
-            for edge, shows in zip(guess.get(f"{eye}_px") or [], guess.get(f"{eye}_shows") or [], strict=False)
+            for edge, shows in zip(guess.get(f"{camera}_px") or [], guess.get(f"{camera}_shows") or [], strict=False)
         ]
-        for key, eye in (("l", "left"), ("r", "right"))
+        for key, camera in (("l", "left"), ("r", "right"))
     }
     return {"label": guess.get("label"), "share": _short(guess.get("share")), **sides}
 

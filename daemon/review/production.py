@@ -80,13 +80,14 @@ def _stops(run: Digest) -> Iterable[str]:
     for cycle in run.cycles:
         if cycle.outcome not in NOTHING_WRONG:
             others = [c for c in run.cycles if c is not cycle]
-            found = [c.name for c in causes(cycle, others, run.going)[:1]]
+            found = [c.code.summary for c in causes(cycle, others, run.going)[:1]]
             ended |= {(cycle.number, name) for name in found}
             yield from found
     repeated = repeated_faults(run.records)
     for record in run.outside:
         if record["kind"] == "fault" and record["seq"] not in repeated:
-            yield from (c.name for c in causes_of_record(record) if (record.get("cycle"), c.name) not in ended)
+            names = [c.code.summary for c in causes_of_record(record)]
+            yield from (name for name in names if (record.get("cycle"), name) not in ended)
 
 
 def _nameless(cycle: Cycle) -> int:

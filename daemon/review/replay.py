@@ -224,7 +224,7 @@ def _corners_moved(then: Json, now: Json) -> str | None:
 def _pictures(folder: Path, record: Record) -> tuple[NDArray[Any], NDArray[Any]] | None:
     names = record.get("images") or {}
     try:
-        left, right = (read_as_stored(Path(names[eye]), folder) for eye in ("left", "right"))
+        left, right = (read_as_stored(Path(names[camera]), folder) for camera in ("left", "right"))
     except (FileError, KeyError):
         return None
     return left, right

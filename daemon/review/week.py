@@ -80,7 +80,7 @@ def run_json(run: Digest) -> Json:
         "drift": {name.removesuffix("_deg"): _weighted_mean(looks, name) for name in DRIFTS},
         "epipolar_px": median_of([h.get("epipolar_pair") for h in looks]),
         "light": {name.removeprefix("darkness_"): median_of([h.get(name) for h in looks]) for name in LIGHTS},
-        "focus_px": {eye: median_of([h.get(f"focus_{eye}") for h in looks]) for eye in ("left", "right")},
+        "focus_px": {camera: median_of([h.get(f"focus_{camera}") for h in looks]) for camera in ("left", "right")},
     }
 
 

@@ -70,21 +70,6 @@ class LikelyCause:
     evidence: str
     at: int
 
-    @property
-    def name(self) -> str:
-        """Its name on pages."""
-        return self.code.summary
-
-    @property
-    def stage(self) -> str:
-        """Its place in the cell."""
-        return self.code.stage
-
-    @property
-    def remedy(self) -> str:
-        """What to do about it."""
-        return self.code.remedy
-
 
 def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[LikelyCause]:
     """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress.

@@ -69,7 +69,7 @@ class StoredView:
 
     def images(self) -> tuple[Image, Image]:
         """Left and right, (H, W) grey, of a view that is not a drawing. Raises FileError, ModelStoreError."""
-        left, right = (_read_image(self.folder, f"{eye}.png") for eye in ("left", "right"))
+        left, right = (_read_image(self.folder, f"{camera}.png") for camera in ("left", "right"))
         return left, right
 
 
@@ -115,7 +115,7 @@ class ModelStore:
 
     def add_view(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Store a view, whole or not at all, under the next free number. Raises ModelStoreError."""
-        images = {f"{eye}.png": cv2.imencode(".png", pixels)[1].tobytes() for eye, pixels in
+        images = {f"{camera}.png": cv2.imencode(".png", pixels)[1].tobytes() for camera, pixels in
                   (("left", left), ("right", right))}  # fmt: skip
         return self._add(label, images, note)
 

@@ -238,9 +238,9 @@ def main() -> int:
             (cycle, *others) = read_digest(folder).cycles
             found = causes(cycle, others)
             first = found[0] if found else None
-            good = first is not None and first.name == plant.name
+            good = first is not None and first.code.summary == plant.name
             right += good
-            said = "-" if first is None else first.name
+            said = "-" if first is None else first.code.summary
             print(f"{'ok  ' if good else 'BAD '} {name:30} {cycle.outcome:11} {said}", flush=True)
             if args.runs:
                 write_page(folder, folder / "report.html")

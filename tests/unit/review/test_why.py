@@ -398,9 +398,9 @@ def test_a_planted_cause_is_named_first(planted: str, made: MadeRun) -> None:
     plant(made)
     *others, cycle = read_digest(made.close(1)).cycles
     found = causes(cycle, others)
-    assert found[0].name == name, [(c.name, round(c.weight, 2), c.evidence) for c in found]
+    assert found[0].code.summary == name, [(c.code.summary, round(c.weight, 2), c.evidence) for c in found]
     assert found[0].evidence
-    assert len({c.name for c in found}) == len(found)
+    assert len({c.code.summary for c in found}) == len(found)
 
 
 PROSE = ("fault", "decision", "cycle_end")
@@ -419,7 +419,7 @@ TOLD = yaml.safe_load((HOUSE / "tests/data/causes.yaml").read_text(encoding="utf
 def test_what_is_told_of_it_is_told_so_to_the_word(planted: str, made: MadeRun) -> None:
     PLANTED[planted][1](made)
     *others, cycle = read_digest(made.close(1)).cycles
-    told = [f"{c.weight:.2f} {c.name} (record {c.at}): {c.evidence}" for c in causes(cycle, others)]
+    told = [f"{c.weight:.2f} {c.code.summary} (record {c.at}): {c.evidence}" for c in causes(cycle, others)]
     assert told == TOLD[planted]
 
 
@@ -454,8 +454,8 @@ def test_a_cause_and_a_measure_of_a_newer_release_are_told_as_far_as_they_are_kn
     made.write("cycle_start", cycle=2, target=None)
     end(made, "fault", "ImagesError: left: too blue: change the lamp (blueness 3, limit 2)")
     stranger, unfit = read_digest(made.close(1)).cycles
-    assert [c.name for c in causes(stranger)] == ["unknown cause"]
-    assert [c.name for c in causes(unfit)] == ["a fault in facetd"]
+    assert [c.code.summary for c in causes(stranger)] == ["unknown cause"]
+    assert [c.code.summary for c in causes(unfit)] == ["a fault in facetd"]
 
 
 def test_a_cycle_that_is_still_going_on_is_not_said_to_have_been_killed(made: MadeRun) -> None:
@@ -556,7 +556,7 @@ def test_the_hand_eye_is_blamed_where_parts_lie_otherwise_from_everywhere(
         {"kind": "decision", "seq": 10 + k, "label": label, "code": code} for k, (label, code) in enumerate(decisions)
     ]
     cycle: Any = SimpleNamespace(of=lambda kind: records)
-    blamed = [(cause.name, cause.evidence.split(" seemed")[0], cause.at) for cause in _all_moves(cycle, ())]
+    blamed = [(cause.code.summary, cause.evidence.split(" seemed")[0], cause.at) for cause in _all_moves(cycle, ())]
     last = max((k for k, (_, code) in enumerate(decisions) if code == ELSEWHERE), default=0)
     assert blamed == ([] if named is None else [("hand-eye", named, 10 + last)])
 
@@ -566,7 +566,7 @@ def test_where_no_cause_is_known_the_end_of_the_pick_is_shown(made: MadeRun) -> 
     made.close()
     run = read_digest(made.folder)
     (cycle,) = run.cycles
-    unknown = [cause for cause in causes(cycle, ()) if cause.name == "unknown cause"]
+    unknown = [cause for cause in causes(cycle, ()) if cause.code.summary == "unknown cause"]
     assert [cause.at for cause in unknown] == [cycle.end["seq"]]  # type: ignore[index]
 
 
@@ -601,7 +601,7 @@ def test_a_look_is_not_said_to_have_erred_where(
     look_errs(again, purpose)(made)
     (cycle,) = read_digest(made.close(1)).cycles
     assert picks_not_counted(cycle) == [], why_not
-    assert "look after the lift" not in [cause.name for cause in causes(cycle)]
+    assert "look after the lift" not in [cause.code.summary for cause in causes(cycle)]
 
 
 @pytest.mark.parametrize(("slant", "name"), [(10, "gripper"), (11, "part slipped")])
@@ -611,7 +611,7 @@ def test_fingers_that_meet_a_part_no_more_than_ten_degrees_off_square_hold_it(
     missed("cube: still lies there after 2 tries")(made)
     (cycle,) = read_digest(made.close(1)).cycles
     decision = {"kind": "decision", "cycle": 1, "text": "pick", "code": "chosen", "slip_deg": slant + 0.4}
-    assert causes(replace(cycle, records=(*cycle.records, decision)))[0].name == name
+    assert causes(replace(cycle, records=(*cycle.records, decision)))[0].code.summary == name
 
 
 def test_a_finding_is_told_by_its_advice_or_its_text_or_as_it_is() -> None:
@@ -627,7 +627,7 @@ def test_pictures_are_hardly_to_blame_for_a_part_that_was_seen_and_cannot_be_rea
     made.look("survey", part("cube"), findings={"focus left": FOCUS})
     end(made, "unreachable", "cube: none of its 12 grasps can be reached all the way (6 blocked by a neighbour)")
     unseen, seen = (
-        next(c.weight for c in causes(cycle) if c.name == "lens out of focus or dirty")
+        next(c.weight for c in causes(cycle) if c.code.summary == "lens out of focus or dirty")
         for cycle in read_digest(made.close(1)).cycles
     )
     assert unseen > 0.7
