@@ -1,3 +1,4 @@
-"""Simulated cell: arm, VAL II controller, gripper, light, cameras and parts; a witness of what happened, a monitor of
-of what must never happen. etc/simcell.yaml says what it is like. Nothing here knows of the daemon.
+"""Simulated cell: arm, VAL II controller, gripper, light, cameras and parts, with an independent motion monitor.
+
+etc/simcell.yaml has its true values. Nothing here imports the daemon.
 """

@@ -1,8 +1,8 @@
-"""The simulated arm: where its joints are at a moment, and trapezoidal motion between poses. Time is an argument.
+"""Simulated arm: joint angles over time, trapezoidal motion between poses. Time is an argument.
 
-It does not know that it is commanded over a line. Two arms live here in one: the one the controller believes in
-(`reported_*`) and the true one (`pose_at`), whose joints are a little off and which never stops twice on the same spot.
-A motion is an immutable value, so another thread (a camera) may ask where the arm is while the controller moves it.
+The pose that the controller reports (`reported_*`) differs from the true one (`pose_at`) by joint offsets and the
+repeatability of each stop. A motion is an immutable value, so that another thread (a camera) can read the pose while
+the controller moves the arm.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ TURN_SPEED_RAD_S, TURN_ACCELERATION_RAD_S2 = 1.6, 6.4
 EMERGENCY_BRAKING = 4.0
 WRIST_TOO_STRAIGHT_RAD = np.radians(1.0)
 CHECKS = 40
-"""At how many points of a straight line the joints are solved beforehand."""
+"""Number of points of a straight line at which the joints are solved in advance."""
 
 
 class SingularWristError(UnreachableError):
-    """A straight line would take the wrist through the pose where joints 4 and 6 turn without bound."""
+    """A straight line passes a wrist singularity, where joints 4 and 6 would turn without bound."""
 
 
 @dataclass(frozen=True)
 class Trapezoid:
-    """A way of length 1, run at up to `speed` (1/s) with `acceleration` (1/s2) at both ends; perhaps cut short.
+    """Trapezoidal velocity profile over a path of length 1, with speed in 1/s and acceleration in 1/s2.
 
-    cut_s: when braking sets in early (None: at the natural moment), with braking times the acceleration.
+    cut_s: when an early braking begins (None: none), at `braking` times the acceleration.
     """
 
     speed: float
@@ -80,7 +80,7 @@ class Trapezoid:
         return 1.0 - self.acceleration * (end_s - t_s) ** 2 / 2
 
     def way(self, t_s: float) -> float:
-        """How much of the way, 0 to 1, is behind after t_s."""
+        """Share of the path covered after t_s, 0 to 1."""
         t_s = min(max(t_s, 0.0), self.duration_s)
         if self.cut_s is None or t_s <= self.cut_s:
             return self._natural_way(t_s)
@@ -89,7 +89,7 @@ class Trapezoid:
         return min(1.0, self._natural_way(self.cut_s) + braked)
 
     def cut(self, t_s: float, braking: float) -> Trapezoid:
-        """The same motion, braked from t_s on (from the earlier moment, if it was braked before)."""
+        """The same profile, braked from t_s on, or from an earlier cut on."""
         if t_s >= self.duration_s or (self.cut_s is not None and self.cut_s <= t_s):
             return self
         return replace(self, cut_s=max(t_s, 0.0), braking=braking)
@@ -97,9 +97,9 @@ class Trapezoid:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion: joints (6,) rad along a way from 0 to 1, started at started_s.
+    """One motion: joints (6,) rad along a path from 0 to 1, started at started_s.
 
-    scatter_mm (2, 3): how far beside its path the true tool is at the start and at the end.
+    scatter_mm (2, 3): offset of the true tool from its path at the start and at the end.
     """
 
     path: Callable[[float], Array]
@@ -113,11 +113,11 @@ class Motion:
         return self.started_s + self.profile.duration_s
 
     def cut(self, now_s: float, braking: float = 1.0) -> Motion:
-        """The same motion, braked from a moment on."""
+        """The same motion, braked from now_s on."""
         return replace(self, profile=self.profile.cut(now_s - self.started_s, braking))
 
     def uncut(self) -> Motion:
-        """The whole of it, as it was meant."""
+        """The motion as commanded, without braking."""
         return replace(self, profile=replace(self.profile, cut_s=None))
 
     def joints_at(self, now_s: float) -> Array:
@@ -132,9 +132,9 @@ class Motion:
 
 
 class SimulatedArm:
-    """A PUMA that moves. Lengths mm, angles rad, times on whatever clock its owner uses.
+    """A moving PUMA. Lengths mm, angles rad, times on the caller's clock.
 
-    geometry: what the controller believes of base and tool; changing it (TOOL, BASE) moves nothing in the true world.
+    geometry: the controller's base and tool; changing it (TOOL, BASE) does not move the arm.
     """
 
     def __init__(
@@ -145,9 +145,8 @@ class SimulatedArm:
         repeatability_mm: float = 0.0,
         rng: np.random.Generator | None = None,
     ) -> None:
-        """joint_offsets_rad (6,): true minus believed angle. repeatability_mm: standard deviation of a stop, per axis.
-
-        The geometry given is also the true one.
+        """joint_offsets_rad (6,): true minus reported angle. repeatability_mm: standard deviation of a stop, per axis.
+        geometry: also the true one.
         """
         self.geometry = self.true_geometry = geometry or ArmGeometry()
         self.joint_offsets_rad = (
@@ -160,23 +159,23 @@ class SimulatedArm:
 
     @property
     def tool(self) -> Array:
-        """Where the controller believes the tool, seen from its own flange: (4, 4) mm."""
+        """The controller's TOOL, from its own flange: (4, 4) mm."""
         return self.geometry.tool_for_controller
 
     @tool.setter
-    def tool(self, told: Array) -> None:
-        self.geometry = replace(self.geometry, flange_from_tool=self.geometry.controller_flange @ told)
+    def tool(self, tool: Array) -> None:
+        self.geometry = replace(self.geometry, flange_from_tool=self.geometry.controller_flange @ tool)
 
     def joints_at(self, now_s: float) -> Array:
-        """The believed joint angles (6,) rad."""
+        """The reported joint angles (6,) rad."""
         return self.motion.joints_at(now_s)
 
     def reported_pose_at(self, now_s: float) -> Array:
-        """world_from_tool (4, 4) as the controller believes it."""
+        """world_from_tool (4, 4) as the controller reports it."""
         return forward(self.joints_at(now_s), self.geometry)
 
     def pose_at(self, now_s: float) -> Array:
-        """world_from_tool (4, 4) as it truly is: joint offsets and the stop's scatter included."""
+        """The true world_from_tool (4, 4), with joint offsets and the scatter of the stop."""
         motion = self.motion
         pose = forward(motion.joints_at(now_s) + self.joint_offsets_rad, self.true_geometry)
         pose[:3, 3] += motion.scatter_at(now_s)
@@ -203,7 +202,7 @@ class SimulatedArm:
         self.move_joints(self.joints_for(world_from_tool, configuration, now_s), speed, now_s)
 
     def joints_for(self, world_from_tool: Array, configuration: Configuration, now_s: float) -> Array:
-        """The joints (6,) rad that reach a pose, each by the turn nearest to where it is. Raises UnreachableError."""
+        """Joints (6,) rad that reach a pose, nearest to the present ones. Raises UnreachableError."""
         return inverse(world_from_tool, configuration, self.geometry, self.joints_at(now_s))
 
     def move_straight(self, world_from_tool: Array, speed: float, now_s: float) -> None:
@@ -273,6 +272,6 @@ def plan_straight(
 
 
 def standing(joints_rad: Array, since_s: float = float("-inf"), seconds: float = 0.0) -> Motion:
-    """A motion that goes nowhere: over at once, or taking its time."""
+    """A motion without displacement, of some duration."""
     profile = Trapezoid(1 / max(seconds, 1e-9), 1e12)
     return Motion(lambda way: joints_rad.copy(), profile, since_s, np.zeros((2, 3)))

@@ -1,4 +1,4 @@
-"""Calibration boards as things to look at: a chessboard and a ChArUco board, printed on a plate.
+"""Calibration boards to render: a chessboard or a ChArUco board, printed on a plate.
 
 Board frame: origin at the outer corner of the first square, x along the row, y down the rows, z into the plate; mm.
 """
@@ -25,9 +25,8 @@ MARKER_MODULES = 6
 
 @dataclass(frozen=True)
 class BoardPrint:
-    """What is printed: columns x rows squares of square_mm. charuco: with 4x4_50 markers in the white squares.
-
-    A marker and its own border is three quarters of a square.
+    """The print: columns x rows squares of square_mm. charuco: with markers of DICT_4X4_50 in the white squares, three
+    quarters of a square wide with their border.
     """
 
     columns: int = 10
@@ -36,12 +35,12 @@ class BoardPrint:
     charuco: bool = False
 
     def inner_corners_mm(self) -> Array:
-        """((columns - 1) * (rows - 1), 3) where four squares meet, row by row, board frame."""
+        """Inner corners ((columns - 1) * (rows - 1), 3) mm, row by row, board frame."""
         x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         return self.square_mm * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(float)
 
 
-def board_thing(board: BoardPrint, world_from_board: Array) -> RenderedSolid:
+def rendered_board(board: BoardPrint, world_from_board: Array) -> RenderedSolid:
     """The board as a plate with a white margin of one square. Raises cv2.error for a size ChArUco does not have."""
     margin = board.square_mm
     width, height = board.columns * board.square_mm, board.rows * board.square_mm

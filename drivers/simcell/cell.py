@@ -1,6 +1,6 @@
-"""The simulated cell, all in one: an arm behind a VAL II controller on a pty, a stereo camera on its wrist, parts.
+"""The simulated cell: an arm behind a VAL II controller on a pty, a stereo camera on its wrist, parts.
 
-Whoever drives it sees `port` and `camera`, as of a real cell; tests and demos also set the scene and ask the witness.
+The daemon uses `port` and `camera`, as of a real cell; tests and demos also set the scene and read the truth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.arrays import Array
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.boards import BoardPrint, board_thing
+from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
@@ -30,18 +30,18 @@ from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
 
-LOOKED_BACK_S = np.linspace(3.0, 0.0, 40)
-"""Cell seconds before closing in which the hand's way is looked through for strikes."""
+PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
+"""Cell seconds before the gripper closes in which its path is checked for collisions."""
 FINGER_ALBEDO = 0.3
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""World axes of a board that lies face up, its rows across the arm's reach and its top farthest out."""
+"""World axes of a board face up on the table, its rows across the arm's reach and its top farthest out."""
 
 
 class SimulatedCell:
-    """Starts everything; `stop` ends it. Also a context manager.
+    """A running simulated cell; `stop` ends it. Also a context manager.
 
     truth_path: etc/simcell.yaml; seed: of noise, scatter and repeatability; time_scale: cell seconds a real second.
-    Raises TruthError on an unusable file.
+    Raises TruthError for an unusable file.
     """
 
     def __init__(
@@ -57,16 +57,16 @@ class SimulatedCell:
         parts: PartsKind = "plain",
         verdict: Path | None = None,
     ) -> None:
-        """loop: whose time the whole cell lives in, without a pty or a thread (None: real time); verdict: the file to
-        which the motion monitor writes what it finds, for another process (verdict.py).
+        """loop: runs the cell on its simulated time, without pty or thread (None: real time); verdict: file to which
+        the motion monitor writes its findings for another process (verdict.py).
 
-        Patterns and prints are there where parts lie; what is held before the cameras to be taught is a bare one, over
-        a plain cloth.
+        Patterns and prints are on the table and the parts there; a part held up for teaching is bare, over a plain
+        cloth.
         """
         self._settings = load_truth(truth_path)
         self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
-        noise, strewing, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-        self._strewing = strewing
+        noise, scattering, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+        self._scattering = scattering
         self._seed, self._printed = seed, parts == "printed"
         self._prints: dict[str, tuple[Pattern, ...]] = {}
         settings = self._settings.arm
@@ -81,7 +81,7 @@ class SimulatedCell:
         self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
         self._board: tuple[RenderedSolid, ...] = ()
         self.controller = Controller(
-            self.arm, manners or settings.controller_manners(), self._hand, faults, cold or settings.cold
+            self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
         )
         self._machine = self.controller.machine
         safety = self._settings.safety
@@ -119,59 +119,59 @@ class SimulatedCell:
         self.stop()
 
     def world_from_tool(self, real_s: float | None = None) -> Array:
-        """Where the gripper truly is (4, 4), now or at a moment of the cameras' clock, whatever TOOL says it is."""
+        """The true pose of the gripper (4, 4), now or at a moment of the cameras' clock, whatever TOOL is."""
         since = 0.0 if real_s is None else real_s - self._clock()
         return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
 
     def world_from_cyclopean(self, real_s: float | None = None) -> Array:
-        """Where the cameras truly are (4, 4)."""
+        """The true pose of the cameras (4, 4)."""
         return self.world_from_tool(real_s) @ self._tool_from_cyclopean
 
     def violations(self) -> tuple[Violation, ...]:
-        """What the arm did, up to now, that it must never do."""
+        """Violations found by the motion monitor up to now."""
         with self.server.controller() as controller:
             return self.motion_monitor.violations(controller.now_s)
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
-        """Clear the table and strew parts over it at random, each on a stable face."""
+        """Clear the table and scatter parts over it at random, each on a stable face."""
         self.clear()
-        self.world.scatter(labels, self._strewing if rng is None else rng)
+        self.world.scatter(labels, self._scattering if rng is None else rng)
 
     def lay(self, label: str) -> PlacedPart:
-        """Clear the table and lay one part amid it, at random on a stable face. Raises KeyError."""
+        """Clear the table and put one part in its middle, on a random stable face. Raises KeyError."""
         self.clear()
         x_mm, y_mm = self._settings.table.centre_mm
-        rest = int(self._strewing.integers(len(self.world.shape(label).rests)))
-        return self.world.stand(label, rest, x_mm, y_mm, float(self._strewing.uniform(0, 2 * np.pi)))
+        rest = int(self._scattering.integers(len(self.world.shape(label).rests)))
+        return self.world.stand(label, rest, x_mm, y_mm, float(self._scattering.uniform(0, 2 * np.pi)))
 
     def clear(self) -> None:
-        """Take all parts and the board away."""
+        """Remove all parts and the board."""
         self._board = ()
         self.world.clear()
 
     def bring_back(self, parts: Sequence[PlacedPart]) -> None:
-        """Clear the cell; put these parts back to where they were."""
+        """Clear the cell and put these parts back in their places."""
         self.clear()
         self.world.bring_back(parts)
 
     def place_for_teaching(self, label: str, view: int) -> PlacedPart:
-        """Clear the cell; hold one part before the cameras in a characteristic view.
+        """Clear the cell and hold one part before the cameras in a characteristic view.
 
         Views are numbered from 0 (stand.VIEWS). Raises NoViewError, KeyError.
         """
         self.clear()
         at = self.world_from_cyclopean()
-        eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (self._settings.left, self._settings.right)]
+        centres = [side.lens().cyclopean_from_camera[:3, 3] for side in (self._settings.left, self._settings.right)]
         if self.world.drawn(label):
-            pose = drawn_pose(self.world.shape(label), view, at, eyes, self._settings.lighting)
+            pose = drawn_pose(self.world.shape(label), view, at, centres, self._settings.lighting)
         else:
-            pose = characteristic_pose(label, view, at, eyes, self._settings.lighting)
+            pose = characteristic_pose(label, view, at, centres, self._settings.lighting)
         return self.world.put(label, pose, PartPlace.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
-        """Clear the cell and put up a board (9x6 inner corners): as given, or face up amid the table.
+        """Clear the cell and show a board (default 9x6 inner corners), by default face up in the middle of the table.
 
-        Returns world_from_board (4, 4); the board's frame is in boards.py.
+        Returns world_from_board (4, 4); boards.py defines the board's frame.
         """
         self.clear()
         board = board or BoardPrint()
@@ -180,12 +180,12 @@ class SimulatedCell:
             middle = np.array([*table.centre_mm, table.height_mm + 4.0])
             half = np.array([board.columns, board.rows, 0.0]) * board.square_mm / 2
             world_from_board = rigid(BOARD_ON_TABLE, middle - BOARD_ON_TABLE @ half)
-        self._board = (board_thing(board, world_from_board),)
+        self._board = (rendered_board(board, world_from_board),)
         self.world.changes += 1
         return world_from_board
 
     def _prints_on(self, part: PlacedPart) -> tuple[Pattern, ...]:
-        """A part's own, the same wherever it goes; parts of several pieces are bare."""
+        """Prints of a part, the same in every place; parts of several pieces are bare."""
         if not self._printed or part.where is PartPlace.STAND or len(part.shape.pieces) > 1:
             return ()
         if part.name not in self._prints:
@@ -194,14 +194,14 @@ class SimulatedCell:
         return self._prints[part.name]
 
     def _real_s(self, moment_s: float) -> float:
-        """The moment on the cameras' clock that a moment of the controller is."""
+        """A moment of the controller's time on the cameras' clock."""
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
-    def _hand(self, closed: bool) -> None:
+    def _on_gripper(self, closed: bool) -> None:
         now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
         if closed:
-            self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in LOOKED_BACK_S])
+            self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in PATH_CHECKED_S])
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
             self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, where is PartPlace.BIN))
@@ -209,7 +209,7 @@ class SimulatedCell:
     def _scene_at(self, real_s: float) -> SimulatedScene:
         tool = self.world_from_tool(real_s)
         parts = [part for part in self.world.parts if part.where in (PartPlace.TABLE, PartPlace.STAND, PartPlace.HAND)]
-        things = [
+        solids = [
             RenderedSolid(
                 piece, part.world_from_part(tool), self._settings.lighting.facet_albedo, self._prints_on(part)
             )
@@ -217,9 +217,9 @@ class SimulatedCell:
             for piece in part.shape.pieces
         ]
         carried = tool.tobytes() if self.world.held else b""
-        hand = tuple(
+        gripper = tuple(
             RenderedSolid(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
-        taught = any(part.where is PartPlace.STAND for part in parts)
+        teaching = any(part.where is PartPlace.STAND for part in parts)
         state = self.world.changes, carried
-        return SimulatedScene(tool @ self._tool_from_cyclopean, (*things, *self._board), state, hand, taught)
+        return SimulatedScene(tool @ self._tool_from_cyclopean, (*solids, *self._board), state, gripper, teaching)

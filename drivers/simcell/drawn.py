@@ -1,7 +1,4 @@
-"""A part that somebody has drawn -> a shape of the simulated cell: its solid cut into convex pieces. Pure.
-
-Corners and facets in; how they were read from a file is the daemon's.
-"""
+"""Shape of a part from a drawing: cut the solid into convex pieces. Pure; corners and facets in."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from drivers.arrays import Array
 from drivers.simcell.parts import ConvexSolid, PartShape, hull, shape, volume_and_centre
 
 NEAR_MM = 1e-3
-"""Corners of a drawing lie this near to where they are meant: STL counts in single precision."""
+"""Tolerance of a drawing's corners: STL has single precision."""
 SAME_VOLUME, SAME_WAY = 1e-4, 1e-9
 MOST_CORNERS = 90
 MOST_PIECES = 24
@@ -22,14 +19,14 @@ Ring = Sequence[int]
 
 
 class DrawnError(Exception):
-    """A drawing that the simulated cell cannot make a part of: why."""
+    """A drawing that the simulated cell cannot show; the message says why."""
 
 
 def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> PartShape:
     """The shape with these (K, 3) corners and flat facets, anticlockwise from outside. Raises DrawnError.
 
-    Every facet that other corners lie beyond cuts the hull; what is inside the solid is kept, and joined again where
-    two pieces are convex together.
+    The plane of every facet with corners beyond it cuts the hull. Pieces inside the solid are kept, and joined again
+    where two are convex together.
     """
     if len(corners_mm) > MOST_CORNERS:
         raise DrawnError(f"{len(corners_mm)} corners; the simulated cell shows parts of at most {MOST_CORNERS}")
@@ -40,34 +37,34 @@ def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> PartSh
             raise DrawnError("too many hollows for the simulated cell")
     inside = [piece for piece in pieces if _inside(piece.vertices.mean(axis=0), corners_mm, facets)]
     if not inside:
-        raise DrawnError("no inside; are its facets closed?")
+        raise DrawnError("no inside: its facets are not closed")
     kept = _joined(inside)
     if len(kept) > MOST_PIECES:
         raise DrawnError(f"{len(kept)} convex pieces; the simulated cell shows parts of at most {MOST_PIECES}")
     made = shape(label, *(piece.vertices for piece in kept), flat_mm=NEAR_MM)
     if not made.rests:
-        raise DrawnError("it stands on none of its sides")
+        raise DrawnError("it has no stable face")
     return made
 
 
 def _cuts(corners: Array, facets: Sequence[Ring]) -> list[tuple[Array, float]]:
-    """The planes of facets that others' corners lie beyond, each once."""
+    """Planes of facets with corners beyond them, each once."""
     found: list[tuple[Array, float]] = []
     for ring in facets:
         points = corners[list(ring)]
         area = np.sum(np.cross(points, np.roll(points, -1, axis=0)), axis=0)
         normal = area / np.linalg.norm(area)
         offset = float(points[0] @ normal)
-        known = any(
+        duplicate = any(
             abs(abs(n @ normal) - 1) < SAME_WAY and abs(o - offset * np.sign(n @ normal)) < NEAR_MM for n, o in found
         )
-        if (corners @ normal).max() > offset + NEAR_MM and not known:
+        if (corners @ normal).max() > offset + NEAR_MM and not duplicate:
             found.append((normal, offset))
     return found
 
 
 def _halves(piece: ConvexSolid, normal: Array, offset: float) -> list[ConvexSolid]:
-    """What of a convex piece lies on either side of a plane."""
+    """A convex piece cut by a plane."""
     above = piece.vertices @ normal - offset
     if above.max() < NEAR_MM or above.min() > -NEAR_MM:
         return [piece]
@@ -82,7 +79,7 @@ def _halves(piece: ConvexSolid, normal: Array, offset: float) -> list[ConvexSoli
 
 
 def _inside(point: Array, corners: Array, facets: Sequence[Ring]) -> bool:
-    """Whether a point (3,) is inside: the solid angle that all facets fill together is whole or nothing."""
+    """Whether a point (3,) is inside the facets: their solid angles add up to 4 pi, else to 0."""
     total = 0.0
     for ring in facets:
         rays = corners[list(ring)] - point
@@ -94,7 +91,7 @@ def _inside(point: Array, corners: Array, facets: Sequence[Ring]) -> bool:
 
 
 def _joined(pieces: list[ConvexSolid]) -> list[ConvexSolid]:
-    """The same room in fewer convex pieces, two by two as long as it goes."""
+    """The same solid in fewer convex pieces, by joining pairs as long as possible."""
     sized = [(piece, volume_and_centre(piece)[0]) for piece in pieces]
     while True:
         for i, j in combinations(range(len(sized)), 2):
@@ -109,8 +106,8 @@ def _joined(pieces: list[ConvexSolid]) -> list[ConvexSolid]:
 
 
 def _hull(points: Array) -> ConvexSolid:
-    """The convex hull of (N, 3) points, of which only its corners are kept, each once."""
+    """Convex hull of (N, 3) points, with its corners only, each once."""
     _, first = np.unique(np.round(points / NEAR_MM).astype(np.int64), axis=0, return_index=True)
-    whole = hull(points[np.sort(first)], NEAR_MM)
-    used = sorted({k for face in whole.faces for k in face})
-    return hull(whole.vertices[used], NEAR_MM) if len(used) < len(whole.vertices) else whole
+    full = hull(points[np.sort(first)], NEAR_MM)
+    used = sorted({k for face in full.faces for k in face})
+    return hull(full.vertices[used], NEAR_MM) if len(used) < len(full.vertices) else full

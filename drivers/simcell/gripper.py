@@ -1,6 +1,6 @@
-"""What happens when the jaws close: pure geometry of a part between two fingers. Whose part, and after: world.py.
+"""Simulated gripper: geometry of a part between two closing fingers. Pure.
 
-Tool frame: jaws close along y, alike from both sides; fingers lie along z, tips at +tip_mm; lengths mm.
+Tool frame: jaws close along y, symmetrically; fingers along z, tips at +tip_mm; lengths mm.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.truth import GripperTruth, Rod
 
 TOUCH_MM = 0.3
-"""Soft pads: what is this near to the farthest point touches the pad too."""
+"""Softness of the pads: points this near to the outermost one touch the pad, too."""
 PALM_MM = 60.0
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """What closing the jaws did to one part.
+    """Result of closing the jaws on one part.
 
-    held: whether it is between them now; why: in words. tool_from_part: before and after (4, 4) mm. shift_mm (signed,
-    along tool y) and turn_deg: how the jaws moved the part, that is how far the tool was from the ideal grasp line.
-    width_mm between the jaws. struck: a finger or the palm ran into the part.
+    held: whether it is between them now; why: the reason. tool_from_part: before and after (4, 4) mm. shift_mm (signed,
+    along tool y) and turn_deg: how the jaws moved the part, that is the tool's distance from the ideal grasp line.
+    width_mm between the jaws. struck: a finger or the palm collided with the part.
     """
 
     held: bool
@@ -43,18 +43,18 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class _Bite:
-    """The part of a shape between the fingers: corners (N, 3), and for each the outward normals that meet there."""
+    """The volume of a shape between the fingers: corners (N, 3), and the part's outward normals at each."""
 
     corners: Array
     normals: tuple[Array, ...]
 
 
 def finger_rods(gripper: GripperTruth) -> list[Rod]:
-    """Both fingers, open, as round bars that they fill: along each, and across its tip."""
-    half, beside = gripper.finger_width_mm / 2, (gripper.opening_mm + gripper.finger_thickness_mm) / 2
+    """Both open fingers as inscribed rods: along each, and across its tip."""
+    half, offset = gripper.finger_width_mm / 2, (gripper.opening_mm + gripper.finger_thickness_mm) / 2
     tip, back = gripper.tip_mm, gripper.tip_mm - gripper.finger_length_mm
     rods = []
-    for y in (beside, -beside):
+    for y in (offset, -offset):
         rods.append(Rod("a finger", "tool", [2.0 - half, y, tip - 2.0], [half - 2.0, y, tip - 2.0], 2.0))
         rods.append(Rod("a finger", "tool", [0.0, y, tip - half - 0.5], [0.0, y, back], half))
     return rods
@@ -73,7 +73,7 @@ def reaches(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> b
 
 
 def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: GripperTruth) -> Grip:
-    """Close the open jaws on a part. up (3,): world up in the tool frame; a part on a table turns about it."""
+    """Close the open jaws on a part. up (3,): world up in the tool frame, about which a part on a table turns."""
 
     def lost(why: str, struck: bool = False, shift_mm: float = 0.0) -> Grip:
         return Grip(False, why, tool_from_part, tool_from_part, shift_mm=shift_mm, struck=struck)
@@ -93,16 +93,16 @@ def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: Grippe
     shift = -(low + high) / 2
     if abs(shift) > gripper.centring_mm:
         return lost("the part lies too far to one side", shift_mm=float(np.sign(shift) * gripper.centring_mm))
-    fault = _why_it_slips(bite, turned, shape, gripper)
-    if fault:
-        return lost(fault, shift_mm=float(shift))
+    reason = _why_it_slips(bite, turned, shape, gripper)
+    if reason:
+        return lost(reason, shift_mm=float(shift))
     after = rigid(np.eye(3), [0.0, shift, 0.0]) @ turned
     return Grip(True, "held", tool_from_part, after, float(shift), float(np.degrees(angle)), float(high - low))
 
 
 @lru_cache(maxsize=16)
 def _strip(gripper: GripperTruth, low_y: float, high_y: float) -> ConvexSolid:
-    """The room between (or behind) the fingers, or that one of them takes up."""
+    """A box of the fingers' width and length between two y: the gap, or one finger."""
     half, back = gripper.finger_width_mm / 2, gripper.tip_mm - gripper.finger_length_mm
     return hull(box((-half, low_y, back), (half, high_y, gripper.tip_mm)))
 
@@ -115,22 +115,22 @@ def _palm(gripper: GripperTruth) -> ConvexSolid:
 
 
 def strikes(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> bool:
-    """Whether an open finger or the palm is where the part is."""
-    rooms = (*fingers(gripper, gripper.opening_mm), _palm(gripper))
-    return any(len(_within(shape, tool_from_part, room).corners) for room in rooms)
+    """Whether an open finger or the palm collides with the part."""
+    solids = (*fingers(gripper, gripper.opening_mm), _palm(gripper))
+    return any(len(_within(shape, tool_from_part, region).corners) for region in solids)
 
 
-def _within(shape: PartShape, tool_from_part: Array, room: ConvexSolid) -> _Bite:
-    """The corners of what of the shape lies in a convex room, in tool coordinates, with the part's normals there."""
-    bites = [_clip(piece, tool_from_part, room) for piece in shape.pieces]
+def _within(shape: PartShape, tool_from_part: Array, region: ConvexSolid) -> _Bite:
+    """Intersection of the shape with a convex region, in tool coordinates."""
+    bites = [_clip(piece, tool_from_part, region) for piece in shape.pieces]
     return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
 
 
-def _clip(solid: ConvexSolid, tool_from_part: Array, room: ConvexSolid) -> _Bite:
-    """Every corner of solid and room together: where three of their planes meet and none is passed."""
+def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> _Bite:
+    """Intersection of two convex solids: points of three planes that are beyond no plane."""
     part_normals = solid.normals @ tool_from_part[:3, :3].T
-    normals = np.vstack([part_normals, room.normals])
-    offsets = np.concatenate([solid.offsets + part_normals @ tool_from_part[:3, 3], room.offsets])
+    normals = np.vstack([part_normals, region.normals])
+    offsets = np.concatenate([solid.offsets + part_normals @ tool_from_part[:3, 3], region.offsets])
     triples = np.array(list(combinations(range(len(normals)), 3)))
     systems = normals[triples]
     meeting = np.abs(np.linalg.det(systems)) > 1e-9
@@ -141,7 +141,8 @@ def _clip(solid: ConvexSolid, tool_from_part: Array, room: ConvexSolid) -> _Bite
 
 
 def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: _Bite, up: Array) -> float | None:
-    """The smallest turn about up, rad, that lays a side of the part along the jaws; None where no side is there."""
+    """The smallest rotation about up, rad, that aligns a side of the part with the jaws; None where there is no
+    side."""
     touched = np.vstack([np.zeros((0, 3)), *bite.normals])
     level = touched - np.outer(touched @ up, up)
     level = level[np.linalg.norm(level, axis=1) > 0.5]
@@ -155,7 +156,7 @@ def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: _Bite, up: Arra
 
 
 def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: PartShape, gripper: GripperTruth) -> str:
-    """Empty where the turned part is held firmly; else what lets it go."""
+    """Why the turned part is not held; empty where it is."""
     y = bite.corners[:, 1]
     width = float(y.max() - y.min())
     if gripper.tip_mm - bite.corners[:, 2].min() < gripper.bite_mm:
@@ -178,7 +179,7 @@ def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: PartShape, gripper:
 
 
 def _angle_to_cone(direction: Array, normals: Sequence[Array]) -> float:
-    """Angle in rad between a unit direction and the nearest in the cone that the unit normals span."""
+    """Angle, rad, between a unit direction and the cone spanned by unit normals."""
     spanning = np.unique(np.round(np.vstack([np.zeros((0, 3)), *normals]), 9), axis=0)
     best = np.pi
     for count in (1, 2, 3):

@@ -1,6 +1,6 @@
-"""History of the machine: what it did and when. The machine writes it; the motion monitor and the witness read it.
+"""History of the simulated machine: its motions, stops, gripper actions and drops. The motion monitor reads it.
 
-Values only, in the controller's seconds. Nobody who talks to the controller can change them.
+Values only, in the controller's seconds; nothing typed at the controller can change them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from drivers.simcell.arm import Motion
 
 @dataclass(frozen=True, eq=False)
 class MotionRecord:
-    """One motion of the arm, as it was begun or, after a halt, as it was cut short.
+    """One motion of the arm, as started or, after a halt, as cut short.
 
-    by: the typed line it came of, and given_s: when the controller had the whole of it (of a question: the answer).
-    speed_percent (of CAL: 0), flange_from_tool (4, 4) mm, hand_closed: what was in force at its start.
+    by: the typed line that caused it; given_s: when the controller had received all of it (or the answer to a
+    question). speed_percent (0 for CAL), flange_from_tool (4, 4) mm, hand_closed: in force at its start.
     """
 
     motion: Motion
@@ -32,7 +32,7 @@ class MotionRecord:
 
     @property
     def began_s(self) -> float:
-        """When the arm set out."""
+        """When the motion started."""
         return self.motion.started_s
 
 
@@ -41,7 +41,7 @@ CONTROL_C = "control-C"
 
 @dataclass(frozen=True)
 class StopRecord:
-    """The controller was told to stop. by: the line, or CONTROL_C."""
+    """A stop command to the controller. by: the line, or CONTROL_C."""
 
     began_s: float
     by: str
@@ -49,7 +49,7 @@ class StopRecord:
 
 @dataclass(frozen=True)
 class GripperRecord:
-    """The jaws were driven. by, given_s: see Leg."""
+    """An action of the gripper. by, given_s: see MotionRecord."""
 
     began_s: float
     by: str
@@ -59,7 +59,7 @@ class GripperRecord:
 
 @dataclass(frozen=True)
 class DropRecord:
-    """A part was let go. fell_mm: how far its lowest corner hung above the table; over_bin: whether it fell in."""
+    """A released part. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into the bin."""
 
     began_s: float
     by: str
@@ -71,11 +71,11 @@ class DropRecord:
 HistoryRecord = MotionRecord | StopRecord | GripperRecord | DropRecord
 
 KEPT = 4000
-"""Events; a straight motion takes some 7 kB, and a cell may run for weeks."""
+"""Number of events kept; a straight motion takes some 7 kB, and a cell may run for weeks."""
 
 
 class History:
-    """The newest events, oldest first; every event has a number, from 0 on, that stays its own. From any thread."""
+    """The newest events, oldest first, each with a permanent number from 0. Thread-safe."""
 
     def __init__(self) -> None:
         self._events: deque[HistoryRecord] = deque(maxlen=KEPT)
@@ -86,19 +86,19 @@ class History:
         return iter(self.since(0)[1])
 
     def add(self, event: HistoryRecord) -> None:
-        """It happened now."""
+        """Append an event."""
         with self._lock:
             self._events.append(event)
             self._count += 1
 
     def since(self, number: int) -> tuple[int, tuple[HistoryRecord, ...]]:
-        """What is kept of the events from a number on, and the number of the first of these."""
+        """The kept events from a number on, and the number of the first of these."""
         with self._lock:
             first = max(number, self._count - len(self._events))
             return first, tuple(islice(self._events, len(self._events) - (self._count - first), None))
 
     def cut(self, now_s: float, braking: float) -> None:
-        """The motion under way, if any, is braked from now on."""
+        """Brake the last motion from now_s on."""
         with self._lock:
             for back in range(1, len(self._events) + 1):
                 event = self._events[-back]

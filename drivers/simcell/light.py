@@ -1,7 +1,4 @@
-"""Light in the cell: what level a facet or the table shows. Grey levels of a linear sensor, float32.
-
-No rays and no pixels (render.py); no noise (camera.py); who shades whom is in shadows.py.
-"""
+"""Illumination of the simulated cell: grey levels of facets and table for a linear sensor, float32."""
 
 from __future__ import annotations
 
@@ -27,25 +24,25 @@ def facet_levels(
     points: Array32,
     normal: Array,
     albedo: Array32 | float,
-    eye_mm: Array,
+    viewer_mm: Array,
     lighting: Lighting,
     lit: Sequence[Array32 | None] | None = None,
 ) -> Array32:
-    """(N, 3) world mm on a facet with outward (3,) normal -> (N,) grey levels seen from eye_mm.
+    """Shade (N, 3) world mm on a facet with outward (3,) normal -> (N,) grey levels seen from viewer_mm.
 
-    Lambert, inverse square, and a broad highlight (Blinn). lit: for each lamp the share (N,) of it that each point
-    sees, None for all of it.
+    Lambert, inverse square, and a broad highlight (Blinn). lit: share (N,) of each lamp visible from each point, None
+    for all of it.
     """
     diffuse = np.full(len(points), lighting.ambient * (0.75 + 0.25 * normal[2]), np.float32)
     shine = np.zeros(len(points), np.float32)
     out = normal.astype(np.float32)
-    to_eye = _unit(eye_mm.astype(np.float32) - points)[0]
+    to_viewer = _unit(viewer_mm.astype(np.float32) - points)[0]
     for lamp, share in zip(lighting.lamps, lit or [None] * len(lighting.lamps), strict=True):
         to_lamp, distance = _unit(np.asarray(lamp.position_mm, np.float32) - points)
         level = np.float32(lamp.level) if share is None else lamp.level * share
         falling = np.maximum(to_lamp @ out, 0) * (LAMP_REFERENCE_MM / distance) ** 2
         diffuse += level * falling
-        halfway, _ = _unit(to_lamp + to_eye)
+        halfway, _ = _unit(to_lamp + to_viewer)
         shine += level * np.maximum(halfway @ out, 0) ** HIGHLIGHT_POWER * (falling > 0)
     levels: Array32 = albedo * diffuse + lighting.gloss * shine
     return levels
@@ -57,10 +54,10 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
 
 
 class CellLight:
-    """The light on the table, as a map of grey levels, and on what stands there. The bare map is worked out once."""
+    """Illumination of the table, as a map of grey levels, and of the bodies on it. The bare map is computed once."""
 
     def __init__(self, table: TableTruth, lighting: Lighting, pattern: np.random.Generator | None = None) -> None:
-        """pattern: what the table's is drawn from; None: it is of one albedo."""
+        """pattern: random generator of the table's pattern; None: uniform albedo."""
         self.lighting, self._table = lighting, table
         low = np.array(table.centre_mm) - table.half_size_mm
         size = round(2 * table.half_size_mm / TEXEL_MM) + 1
@@ -71,9 +68,9 @@ class CellLight:
         self.cast(())
 
     def cast(self, bodies: Sequence[Array], covered: bool = False) -> None:
-        """Renew the shadows when something has moved: bodies are the (V, 3) world corners of each convex solid.
+        """Compute the shadows of bodies, (V, 3) world corners of each convex solid.
 
-        covered: a plain cloth lies over the table's pattern.
+        covered: a plain cloth hides the table's pattern.
         """
         self._bodies = bodies
         self._facets.clear()
@@ -83,18 +80,18 @@ class CellLight:
             level += bare if share is None else bare * share
         if self._factors is not None and not covered:
             level *= self._factors
-        self._map = self._outward_in(self.lighting.table_albedo * level, bodies)
+        self._map = self._extended_under(self.lighting.table_albedo * level, bodies)
 
     def table_levels(self, rays: Array32, world_from_camera: Array) -> Array32:
-        """(H, W, 2) camera rays x / z, y / z -> (H, W) grey levels of the table they end on."""
-        turn, eye = world_from_camera[:3, :3], world_from_camera[:3, 3]
-        fall = self._table.height_mm - eye[2]
+        """Camera rays (H, W, 2) x / z, y / z -> (H, W) grey levels where they meet the table."""
+        turn, viewer = world_from_camera[:3, :3], world_from_camera[:3, 3]
+        fall = self._table.height_mm - viewer[2]
         # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
         x, y = rays[..., 0], rays[..., 1]
         down = _linear(turn[2], x, y)
         reach = np.float32(fall) / np.where(down * fall > 0, down, np.float32(np.nan))
-        column = (_linear(turn[0], x, y) * reach + np.float32(eye[0] - self._top.low_mm[0])) / np.float32(TEXEL_MM)
-        row = (_linear(turn[1], x, y) * reach + np.float32(eye[1] - self._top.low_mm[1])) / np.float32(TEXEL_MM)
+        column = (_linear(turn[0], x, y) * reach + np.float32(viewer[0] - self._top.low_mm[0])) / np.float32(TEXEL_MM)
+        row = (_linear(turn[1], x, y) * reach + np.float32(viewer[1] - self._top.low_mm[1])) / np.float32(TEXEL_MM)
         far = np.float32(4 * self._top.rows)
         where = [np.asarray(np.clip(np.where(np.isnan(c), far, c), -far, far), np.float32) for c in (column, row)]
         seen = cv2.remap(
@@ -103,14 +100,14 @@ class CellLight:
         return np.asarray(seen, np.float32)
 
     def facet_levels(
-        self, body: int, loop: tuple[int, ...], points: Array32, normal: Array, albedo: Array32, eye_mm: Array
+        self, body: int, loop: tuple[int, ...], points: Array32, normal: Array, albedo: Array32, viewer_mm: Array
     ) -> Array32:
-        """(N, 3) world mm on the face with corners `loop` of a body -> (N,) grey levels seen from eye_mm.
+        """Shade (N, 3) world mm on the face with corners `loop` of a body -> (N,) grey levels seen from viewer_mm.
 
-        body: its number in what was cast last; a greater one is something that was not cast and stands in no shadow.
+        body: its index in the last `cast`; a larger one is a body outside of it, in no shadow.
         """
         lit = self._lit(body, loop, points) if body < len(self._bodies) else None
-        return facet_levels(points, normal, albedo, eye_mm, self.lighting, lit)
+        return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
 
     def _lit(self, body: int, loop: tuple[int, ...], points: Array32) -> list[Array32 | None]:
         if (body, loop) not in self._facets:
@@ -132,7 +129,7 @@ class CellLight:
         return np.asarray(lamp.level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
 
     def _crowding(self, bodies: Sequence[Array]) -> Array32:
-        """(rows, columns) share of the ambient light kept off the table by bodies close over it."""
+        """Share (rows, columns) of the ambient light that bodies close to the table block."""
         covered = np.zeros((self._top.rows, self._top.columns), np.uint8)
         for corners in bodies:
             gap_mm = corners[:, 2].min() - self._table.height_mm
@@ -140,8 +137,8 @@ class CellLight:
             self._top.fill(covered, corners[:, :2], int(255 * CROWDING * near))
         return np.asarray(cv2.GaussianBlur(covered, (0, 0), CROWDING_MM / TEXEL_MM) / np.float32(255.0), np.float32)
 
-    def _outward_in(self, levels: Array32, bodies: Sequence[Array]) -> Array32:
-        """Give the hidden table under each body the levels just outside it, so that no texel straddles its foot."""
+    def _extended_under(self, levels: Array32, bodies: Sequence[Array]) -> Array32:
+        """Extend the levels around each body to the hidden table under it, so that no texel mixes both at its edge."""
         hidden = np.zeros(levels.shape, np.uint8)
         for corners in bodies:
             foot = corners[corners[:, 2] < self._table.height_mm + 1.0]
@@ -156,7 +153,7 @@ class CellLight:
 
 
 def _read(texels: Array32, places: Array32) -> Array32:
-    """The map's values at (N, 2) column, row, linear between texels."""
+    """Values of a map at (N, 2) column, row, bilinear."""
     inside = np.clip(places, 0, np.array(texels.shape[::-1]) - np.float32(1.001)).astype(np.float32)
     column, row = inside.astype(np.intp).T
     right, down = (inside - np.floor(inside)).T

@@ -1,4 +1,4 @@
-"""One simulated eye as geometry: points to pixels, pixels to rays. No light (light.py), no time (camera.py)."""
+"""Geometry of one simulated camera: points to pixels, pixels to rays, lens distortion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array32 = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class LensCamera:
-    """matrix (3, 3) px; distortion (5,) k1 k2 p1 p2 k3 as OpenCV has them; cyclopean_from_camera (4, 4) mm."""
+    """matrix (3, 3) px; distortion (5,) k1 k2 p1 p2 k3 of OpenCV; cyclopean_from_camera (4, 4) mm."""
 
     matrix: Array
     distortion: Array
@@ -64,9 +64,9 @@ def undistort(seen: Array, coefficients: ArrayLike) -> Array:
     return straight
 
 
-def turned(eye: LensCamera, rotation_vector_deg: ArrayLike) -> LensCamera:
-    """The eye knocked: turned about its own optical centre by the (3,) rotation vector, in degrees, camera axes."""
+def turned(lens: LensCamera, rotation_vector_deg: ArrayLike) -> LensCamera:
+    """The camera rotated about its optical centre by a (3,) rotation vector, degrees, camera axes."""
     rotation, _ = cv2.Rodrigues(np.radians(np.asarray(rotation_vector_deg, float)))
-    knocked = eye.cyclopean_from_camera.copy()
-    knocked[:3, :3] = knocked[:3, :3] @ rotation
-    return LensCamera(eye.matrix, eye.distortion, knocked)
+    pose = lens.cyclopean_from_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ rotation
+    return LensCamera(lens.matrix, lens.distortion, pose)

@@ -1,6 +1,6 @@
-"""The shapes that lie about in the cell: convex polyhedra (or a few glued together), and how they can rest.
+"""Shapes of parts: convex polyhedra, or several joined ones, and their stable poses.
 
-Shapes only, in their own frame (mm, origin at the centroid of the corners); where they are is world.py's.
+In the part's own frame (mm, origin at the centroid of the corners).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drivers.simcell.rigid import rigid, turn, turn_between
 FLAT_MM = 1e-6
 MARGIN_MM = 3.0
 AT_ONCE = 20_000
-"""Triples of corners looked at together: memory against time."""
+"""Triples of corners tested at once: memory against time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +37,10 @@ class ConvexSolid:
 
 @dataclass(frozen=True, eq=False)
 class PartShape:
-    """A part's shape: label, the convex pieces it is made of, their common hull, its centre of mass (3,) mm.
+    """A part's shape: label, its convex pieces, their common hull, its centre of mass (3,) mm.
 
-    rests: the hull's faces it can stand on, each as the (4, 4) rests_from_part that puts that face on z = 0 with the
-    centre of mass above the origin.
+    rests: stable poses, each the (4, 4) rests_from_part that puts a face of the hull on z = 0 with the centre of mass
+    above the origin.
     """
 
     label: str
@@ -51,7 +51,7 @@ class PartShape:
 
 
 def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
-    """The convex hull of some (N, 3) points, up to a hundred; triangles in a plane, to within flat_mm, are a face."""
+    """Convex hull of (N, 3) points, up to a hundred; triangles coplanar within flat_mm are one face."""
     found: dict[tuple[int, ...], Array] = {}
     triples = np.array(list(combinations(range(len(points)), 3)))
     for some in np.array_split(triples, len(triples) // AT_ONCE + 1):
@@ -71,7 +71,7 @@ def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:
 def _take_faces(
     found: dict[tuple[int, ...], Array], points: Array, triple: tuple[int, int, int], flat_mm: float
 ) -> None:
-    """Add the face through three points, where all others lie on one side of it."""
+    """Add the face through three points where all others are on one side of it."""
     i, j, k = triple
     normal = np.cross(points[j] - points[i], points[k] - points[i])
     length = np.linalg.norm(normal)
@@ -112,7 +112,7 @@ def volume_and_centre(solid: ConvexSolid) -> tuple[float, Array]:
 
 
 def stable_rests(solid: ConvexSolid, centre_of_mass: Array) -> tuple[Array, ...]:
-    """The (4, 4) rests_from_part of each face over whose inside, MARGIN_MM from its sides, the centre of mass lies."""
+    """The (4, 4) rests_from_part of each face with the centre of mass above it, at least MARGIN_MM from its sides."""
     rests = []
     for face, normal in zip(solid.faces, solid.normals, strict=True):
         corners = solid.vertices[list(face)]
@@ -126,13 +126,15 @@ def stable_rests(solid: ConvexSolid, centre_of_mass: Array) -> tuple[Array, ...]
 
 
 def shape(label: str, *clouds: Array, flat_mm: float = FLAT_MM) -> PartShape:
-    """The shape whose convex pieces are the hulls of the given (N, 3) point clouds; they may touch, not overlap."""
+    """The shape with the hulls of (N, 3) point clouds as convex pieces, which may touch but not overlap."""
     centroid = np.unique(np.vstack(clouds), axis=0).mean(axis=0)
     pieces = tuple(hull(cloud - centroid, flat_mm) for cloud in clouds)
     masses = [volume_and_centre(piece) for piece in pieces]
     centre = np.sum([v * c for v, c in masses], axis=0) / sum(v for v, _ in masses)
-    whole = pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0), flat_mm)
-    return PartShape(label, pieces, whole, centre, stable_rests(whole, centre))
+    common = (
+        pieces[0] if len(pieces) == 1 else hull(np.unique(np.vstack([p.vertices for p in pieces]), axis=0), flat_mm)
+    )
+    return PartShape(label, pieces, common, centre, stable_rests(common, centre))
 
 
 def prism(sides: int, side_mm: float, length_mm: float) -> Array:
@@ -178,7 +180,7 @@ STRANGERS = ("hexagonal_prism", "l_block", "tetrahedron")
 
 @cache
 def part_shape(label: str) -> PartShape:
-    """The shape of that name. Raises KeyError with the names there are."""
+    """The built-in shape of a label. Raises KeyError with the valid labels."""
     if label not in _MAKERS:
         raise KeyError(f"no part named {label!r}; there are {', '.join(_MAKERS)}")
     return _MAKERS[label]()

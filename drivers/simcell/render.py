@@ -1,7 +1,6 @@
-"""Draws what one eye sees: rays through every pixel, facets where rays meet them, light, blur. Radiance, no noise.
+"""Render the radiance of one camera's image by ray casting, without blur and noise.
 
-Pixels that an edge crosses are sampled many times, so that an edge lies where projection puts it to about 0.01 px.
-Where things are comes from the caller; when, and what the sensor makes of it, is camera.py's.
+Pixels crossed by an edge are sampled many times, so that an edge is within about 0.01 px of its projection.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ BULGE_PX = 6
 
 @dataclass(frozen=True, eq=False)
 class RenderedSolid:
-    """A convex solid standing in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces."""
+    """A convex solid in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces."""
 
     solid: ConvexSolid
     world_from_solid: Array
@@ -38,13 +37,13 @@ class RenderedSolid:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """A face turned to the eye, in camera coordinates. body: its thing's number; index: its number in the solid.
+    """A face turned to the camera, in camera coordinates. body: index of its solid; index: its number in the solid.
 
-    edges (3, m): normals of the planes through the eye and each side, looking inward; normal (3,) and distance (mm) of
-    the face's plane; window: the rows and columns of pixels it can touch.
+    edges (3, m): inward normals of the planes through the optical centre and each side; normal (3,) and distance (mm)
+    of the face's plane; window: rows and columns of the pixels it can touch.
     """
 
-    thing: RenderedSolid
+    rendered: RenderedSolid
     body: int
     index: int
     edges: Array32
@@ -55,31 +54,31 @@ class _Face:
     print_from_camera: Array32
 
     def points(self, rays: Array32) -> Array32:
-        """(..., 2) rays -> (..., 3) mm in camera coordinates where they meet the face's plane."""
+        """Intersection (..., 3) mm of (..., 2) rays with the face's plane, camera coordinates."""
         straight = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
         met: Array32 = straight * self.depth(rays)[..., None]
         return met
 
     def albedo(self, rays: Array32) -> Array32:
-        """What share of the light (N,) the face gives back where (N, 2) rays meet it."""
+        """Albedo (N,) of the face where (N, 2) rays meet it."""
         if self.pattern is None:
-            return np.full(len(rays), self.thing.albedo, np.float32)
+            return np.full(len(rays), self.rendered.albedo, np.float32)
         cells = self.pattern.cells
         flat = self.points(rays) @ self.print_from_camera[:2, :3].T + self.print_from_camera[:2, 3]
         column, row = np.floor(flat / np.float32(self.pattern.cell_mm)).astype(np.intp).T
         on = (row >= 0) & (row < cells.shape[0]) & (column >= 0) & (column < cells.shape[1])
-        found = np.where(on, cells[np.where(on, row, 0), np.where(on, column, 0)], np.float32(self.thing.albedo))
+        found = np.where(on, cells[np.where(on, row, 0), np.where(on, column, 0)], np.float32(self.rendered.albedo))
         return np.asarray(found, np.float32)
 
     def depth(self, rays: Array32) -> Array32:
-        """(..., 2) rays -> z in mm at which they meet the face's plane."""
+        """Depth z, mm, at which (..., 2) rays meet the face's plane."""
         n = self.normal
         with np.errstate(divide="ignore"):
             met: Array32 = self.distance / (rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2])
         return met
 
     def covers(self, rays: Array32) -> NDArray[np.bool_]:
-        """(..., 2) rays -> whether each passes inside the face's sides."""
+        """Whether each of (..., 2) rays passes inside the face's sides."""
         x, y = rays[..., 0], rays[..., 1]
         inside = np.ones(rays.shape[:-1], bool)
         for a, b, c in self.edges.T:
@@ -87,12 +86,12 @@ class _Face:
         return inside
 
 
-class Retina:
-    """The rays of one eye's image grid, worked out once: corners between pixels, and samples inside a pixel."""
+class PixelRays:
+    """The rays of one camera's pixels, computed once: corners between pixels, and samples inside a pixel."""
 
-    def __init__(self, eye: LensCamera, width: int, height: int) -> None:
-        self.eye = eye
-        self.corners = eye.directions(width, height)
+    def __init__(self, lens: LensCamera, width: int, height: int) -> None:
+        self.lens = lens
+        self.corners = lens.directions(width, height)
         c = self.corners
         self.centres: Array32 = (c[:-1, :-1] + c[:-1, 1:] + c[1:, :-1] + c[1:, 1:]) * np.float32(0.25)
         a, b = _spread()
@@ -100,7 +99,7 @@ class Retina:
         self.weights = np.stack(weights).astype(np.float32)
 
     def window(self, pixels: Array) -> tuple[slice, slice] | None:
-        """The rows and columns of pixels that a polygon with (N, 2) px corners can touch; None outside the image."""
+        """Rows and columns of the pixels that a polygon with (N, 2) px corners can touch; None outside the image."""
         height, width = self.centres.shape[:2]
         low = np.floor(pixels.min(axis=0)).astype(int) - BULGE_PX
         high = np.ceil(pixels.max(axis=0)).astype(int) + BULGE_PX + 1
@@ -109,7 +108,7 @@ class Retina:
         return slice(max(low[1], 0), min(high[1], height)), slice(max(low[0], 0), min(high[0], width))
 
     def samples(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array32:
-        """(N, SAMPLES, 2) rays spread evenly over each of N pixels, bilinear between its corners."""
+        """Rays (N, SAMPLES, 2) evenly over each of N pixels, bilinear between its corners."""
         c = self.corners
         quad = np.stack(
             [c[rows, columns], c[rows, columns + 1], c[rows + 1, columns], c[rows + 1, columns + 1]], axis=-1
@@ -119,27 +118,31 @@ class Retina:
 
 
 def _spread() -> tuple[Array, Array]:
-    """SAMPLES points spread evenly over the unit square: a Fibonacci lattice, even along both axes and centred."""
+    """SAMPLES points evenly over the unit square: a centred Fibonacci lattice."""
     index = np.arange(SAMPLES)
     return (index + 0.5) / SAMPLES, (index * STRIDE % SAMPLES + 0.5) / SAMPLES
 
 
-def radiance(retina: Retina, world_from_cyclopean: Array, things: Sequence[RenderedSolid], light: CellLight) -> Array32:
-    """The sharp image (H, W) in grey levels, before blur, vignette, gain and noise.
+def radiance(
+    pixel_rays: PixelRays, world_from_cyclopean: Array, solids: Sequence[RenderedSolid], light: CellLight
+) -> Array32:
+    """Render the sharp image (H, W) in grey levels, before blur, vignette, gain and noise.
 
-    The first of the things are those whose shadows light has cast; others come after them.
+    solids: first those of the last `light.cast`, in that order, then any others.
     """
-    world_from_camera = world_from_cyclopean @ retina.eye.cyclopean_from_camera
-    image = light.table_levels(retina.centres, world_from_camera)
-    faces = [face for k, thing in enumerate(things) for face in _facing(thing, k, retina, world_from_camera)]
+    world_from_camera = world_from_cyclopean @ pixel_rays.lens.cyclopean_from_camera
+    image = light.table_levels(pixel_rays.centres, world_from_camera)
+    faces = [face for k, rendered in enumerate(solids) for face in _facing(rendered, k, pixel_rays, world_from_camera)]
     if not faces:
         return image
-    at_corners = _nearest(faces, retina.corners, lambda face: tuple(slice(s.start, s.stop + 1) for s in face.window))
-    whole, crossed = _sort_pixels(at_corners, faces, retina.corners)
+    at_corners = _nearest(
+        faces, pixel_rays.corners, lambda face: tuple(slice(s.start, s.stop + 1) for s in face.window)
+    )
+    filled, crossed = _sort_pixels(at_corners, faces, pixel_rays.corners)
     paint = _Painter(faces, world_from_camera, light)
-    paint.fill(image, whole, retina.centres)
+    paint.fill(image, filled, pixel_rays.centres)
     rows, columns = np.nonzero(crossed)
-    rays = retina.samples(rows, columns)
+    rays = pixel_rays.samples(rows, columns)
     in_pixels = _nearest(faces, rays, lambda face: _inside(face.window, rows, columns))
     image[rows, columns] = paint.mix(image[rows, columns], in_pixels, rays)
     return image
@@ -152,28 +155,28 @@ def _inside(window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArra
     )
 
 
-def _facing(thing: RenderedSolid, body: int, retina: Retina, world_from_camera: Array) -> list[_Face]:
-    """The faces of a thing that are turned to the eye and may be in its image."""
-    camera_from_solid = inverse(world_from_camera) @ thing.world_from_solid
-    corners = apply(camera_from_solid, thing.solid.vertices)
+def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_from_camera: Array) -> list[_Face]:
+    """The faces of a solid that are turned to the camera and may be in its image."""
+    camera_from_solid = inverse(world_from_camera) @ rendered.world_from_solid
+    corners = apply(camera_from_solid, rendered.solid.vertices)
     if corners[:, 2].min() < NEAREST_MM:
         return []
-    pixels = retina.eye.project(apply(retina.eye.cyclopean_from_camera, corners))
+    pixels = pixel_rays.lens.project(apply(pixel_rays.lens.cyclopean_from_camera, corners))
     found = []
-    for index, loop in enumerate(thing.solid.faces):
+    for index, loop in enumerate(rendered.solid.faces):
         ring = corners[list(loop)]
-        normal = camera_from_solid[:3, :3] @ thing.solid.normals[index]
-        window = retina.window(pixels[list(loop)])
+        normal = camera_from_solid[:3, :3] @ rendered.solid.normals[index]
+        window = pixel_rays.window(pixels[list(loop)])
         if normal @ ring[0] >= 0 or window is None:
             continue
-        # Sides run anticlockwise as seen from outside, where the eye is; inward is left of each.
+        # Sides run anticlockwise as seen from outside, where the camera is; inward is left of each.
         edges = np.cross(np.roll(ring, -1, axis=0), ring).T
         edges = edges / np.linalg.norm(edges, axis=0)
-        pattern = next((p for p in thing.patterns if p.face == index), None)
+        pattern = next((p for p in rendered.patterns if p.face == index), None)
         on_print = np.eye(4) if pattern is None else inverse(camera_from_solid @ pattern.solid_from_print)
         found.append(
             _Face(
-                thing,
+                rendered,
                 body,
                 index,
                 edges.astype(np.float32),
@@ -188,9 +191,9 @@ def _facing(thing: RenderedSolid, body: int, retina: Retina, world_from_camera: 
 
 
 def _nearest(faces: Sequence[_Face], rays: Array32, touched: Callable[[_Face], Any]) -> NDArray[np.int16]:
-    """(..., 2) rays -> (...) number of the face that each meets first, NOTHING where only the table is.
+    """Index (...) of the face that each of (..., 2) rays meets first, NOTHING where it meets only the table.
 
-    touched: gives the index of the rays that may meet a face.
+    touched: index of the rays that may meet a face.
     """
     which = np.full(rays.shape[:-1], NOTHING, np.int16)
     nearest = np.full(which.shape, np.inf, np.float32)
@@ -206,7 +209,8 @@ def _nearest(faces: Sequence[_Face], rays: Array32, touched: Callable[[_Face], A
 def _sort_pixels(
     which: NDArray[np.int16], faces: Sequence[_Face], corners: Array32
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-    """From the faces at the pixels' corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge inside)."""
+    """Classify pixels by the faces at their corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge
+    inside)."""
     kind = which.astype(np.int32) * 2
     for number, face in enumerate(faces):
         if face.pattern is not None:
@@ -218,24 +222,25 @@ def _sort_pixels(
 
 
 class _Painter:
-    """Gives pixels the grey levels of the faces they show."""
+    """Writes the grey levels of faces to pixels."""
 
     def __init__(self, faces: Sequence[_Face], world_from_camera: Array, light: CellLight) -> None:
         self._faces, self._light = faces, light
         self._turn: Array32 = world_from_camera[:3, :3].astype(np.float32)
-        self._eye = world_from_camera[:3, 3]
+        self._viewer = world_from_camera[:3, 3]
 
-    def fill(self, image: Array32, whole: NDArray[np.int16], centres: Array32) -> None:
-        """Paint the pixels (H, W) that one face fills."""
+    def fill(self, image: Array32, filled: NDArray[np.int16], centres: Array32) -> None:
+        """Paint the pixels (H, W) filled by one face."""
         for number, face in enumerate(self._faces):
-            on = np.nonzero(whole[face.window] == number)
+            on = np.nonzero(filled[face.window] == number)
             rays = centres[face.window][on]
             image[face.window][on] = self._levels(face, rays, face.albedo(rays))
 
     def mix(self, behind: Array32, which: NDArray[np.int16], rays: Array32) -> Array32:
-        """(N,) levels of the table, (N, SAMPLES) faces met, (N, SAMPLES, 2) rays -> (N,) levels of pixels edges cross.
+        """Levels (N,) of pixels crossed by edges, from the table's (N,), the faces met (N, SAMPLES), rays (N, SAMPLES,
+        2).
 
-        A face's light is taken at the middle of its samples in the pixel: it varies little inside one.
+        A face is lit at the middle of its samples in the pixel: light varies little inside one.
         """
         mixed: Array32 = behind * np.mean(which == NOTHING, axis=1, dtype=np.float32)
         for number, face in enumerate(self._faces):
@@ -251,7 +256,7 @@ class _Painter:
         return mixed
 
     def _levels(self, face: _Face, rays: Array32, albedo: Array32) -> Array32:
-        points = face.points(rays) @ self._turn.T + self._eye.astype(np.float32)
+        points = face.points(rays) @ self._turn.T + self._viewer.astype(np.float32)
         normal = (self._turn @ face.normal).astype(float)
-        loop = face.thing.solid.faces[face.index]
-        return self._light.facet_levels(face.body, loop, points, normal, albedo, self._eye)
+        loop = face.rendered.solid.faces[face.index]
+        return self._light.facet_levels(face.body, loop, points, normal, albedo, self._viewer)

@@ -1,6 +1,6 @@
-"""Rigid transforms as the simulated cell needs them: 4x4 matrices `b_from_a`, mm and radians. No state, no files.
+"""Rigid transforms of the simulated cell: 4x4 matrices `b_from_a`, mm and radians.
 
-The daemon has its own (drivers never import the daemon).
+The daemon has its own, since drivers never import the daemon.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from drivers.arrays import Array
 
 
 def rigid(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
-    """(3, 3) rotation and (3,) mm -> (4, 4)."""
+    """Rigid transform (4, 4) of a (3, 3) rotation and (3,) mm."""
     b_from_a = np.eye(4)
     b_from_a[:3, :3] = rotation
     b_from_a[:3, 3] = translation_mm
@@ -20,19 +20,19 @@ def rigid(rotation: ArrayLike, translation_mm: ArrayLike) -> Array:
 
 
 def inverse(b_from_a: Array) -> Array:
-    """a_from_b of a rigid (4, 4) b_from_a."""
+    """Inverse a_from_b of a rigid (4, 4) b_from_a."""
     turned_back = b_from_a[:3, :3].T
     return rigid(turned_back, -turned_back @ b_from_a[:3, 3])
 
 
 def apply(b_from_a: Array, points: Array) -> Array:
-    """(..., 3) points in a -> the same points in b."""
+    """Transform (..., 3) points from a to b."""
     moved: Array = points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
     return moved
 
 
 def turn(axis: ArrayLike, angle_rad: float) -> Array:
-    """(3, 3) rotation by angle_rad about the (3,) axis, of any length but zero (Rodrigues)."""
+    """Rotation (3, 3) by angle_rad about a (3,) axis of any length but zero (Rodrigues)."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation: Array = np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
@@ -40,7 +40,7 @@ def turn(axis: ArrayLike, angle_rad: float) -> Array:
 
 
 def turn_between(start: Array, end: Array) -> Array:
-    """The smallest (3, 3) rotation that takes the direction start (3,) to the direction end (3,)."""
+    """Smallest rotation (3, 3) from the direction start (3,) to the direction end (3,)."""
     a, b = start / np.linalg.norm(start), end / np.linalg.norm(end)
     axis = np.cross(a, b)
     sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
@@ -50,7 +50,7 @@ def turn_between(start: Array, end: Array) -> Array:
 
 
 def axis_and_angle(rotation: Array) -> tuple[Array, float]:
-    """(3, 3) -> unit axis (3,), angle in rad, 0 to pi."""
+    """Unit axis (3,) and angle, rad, 0 to pi, of a (3, 3) rotation."""
     r = rotation
     skew = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine = float(np.linalg.norm(skew)) / 2

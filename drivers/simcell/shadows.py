@@ -1,7 +1,4 @@
-"""Soft shadows: which share of a lamp's disc each point of a plane sees past the bodies in between.
-
-Planes and outlines only; how bright that makes things is light.py's.
-"""
+"""Soft shadows: share of a lamp's disc that is visible from each point of a plane, past the bodies in between."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ _SHIFT = 5
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A rectangle of a plane, cut into texels. plane_from_world (4, 4): z out of it; low_mm (2,): texel (0, 0)."""
+    """A rectangle of a plane, in texels. plane_from_world (4, 4): z out of it; low_mm (2,): texel (0, 0)."""
 
     plane_from_world: Array
     low_mm: Array
@@ -33,19 +30,19 @@ class Patch:
     columns: int
 
     def texels(self, points_mm: Array) -> Array:
-        """(N, 2) mm in the plane -> (N, 2) column, row."""
+        """Column and row (N, 2) of points (N, 2) mm in the plane."""
         places: Array = (points_mm - self.low_mm) / TEXEL_MM
         return places
 
     def fill(self, canvas: NDArray[np.uint8], outline_mm: Array, value: int) -> None:
-        """Write a value on the texels (rows, columns) of canvas that the hull of (N, 2) mm covers."""
+        """Write a value to the texels (rows, columns) of canvas covered by the hull of (N, 2) mm."""
         far = 2 * max(self.rows, self.columns)
         places = np.clip(self.texels(outline_mm), -far, far)
         cv2.fillConvexPoly(canvas, cv2.convexHull(np.round(places * 2**_SHIFT).astype(np.int32)), value, shift=_SHIFT)
 
 
 def patch_under(ring_mm: Array) -> Patch:
-    """The patch that holds a flat polygon (N, 3) world mm, anticlockwise about the outward normal."""
+    """The patch around a flat polygon (N, 3) world mm, anticlockwise about the outward normal."""
     along = ring_mm[1] - ring_mm[0]
     normal = np.cross(along, ring_mm[2] - ring_mm[1])
     x, z = along / np.linalg.norm(along), normal / np.linalg.norm(normal)
@@ -57,39 +54,39 @@ def patch_under(ring_mm: Array) -> Patch:
 
 
 def lit_share(patch: Patch, lamp: Lamp, bodies: Sequence[Array]) -> Array32 | None:
-    """(rows, columns) share of the lamp's disc in sight of each texel; None where no body is in the way.
+    """Visible share (rows, columns) of the lamp's disc at each texel; None where no body is in the way.
 
-    bodies: the (V, 3) world corners of convex solids; what of them lies below the plane casts nothing on it.
+    bodies: the (V, 3) world corners of convex solids; their volume below the plane casts no shadow on it.
     """
     spots = apply(patch.plane_from_world, _disc(lamp))
     above = [_above(apply(patch.plane_from_world, corners)) for corners in bodies]
     casting = [corners for corners in above if len(corners) and corners[:, 2].max() < spots[:, 2].min()]
-    thrown = [shadow for shadow in (_thrown(corners, spots) for corners in casting) if _may_reach(patch, shadow)]
-    if not thrown:
+    projected = [shadow for shadow in (_projected(corners, spots) for corners in casting) if _may_reach(patch, shadow)]
+    if not projected:
         return None
     dark, shaded = np.zeros((2, patch.rows, patch.columns), np.uint8)
     for number in range(len(spots)):
         shaded[:] = 0
-        for shadow in thrown:
+        for shadow in projected:
             patch.fill(shaded, shadow[number], 1)
         cv2.add(dark, shaded, dst=dark)
     return np.asarray(1.0 - dark / np.float32(SHADOW_RAYS), np.float32)
 
 
-def _thrown(corners: Array, spots: Array) -> Array:
-    """(V, 3) corners thrown from (S, 3) spots onto the plane z = 0: (S, V, 2)."""
+def _projected(corners: Array, spots: Array) -> Array:
+    """Project (V, 3) corners from (S, 3) spots onto the plane z = 0: (S, V, 2)."""
     level, up = spots[:, None, :2], spots[:, None, 2:]
-    thrown: Array = level + (corners[:, :2] - level) * (up / (up - corners[:, 2:]))
-    return thrown
+    projected: Array = level + (corners[:, :2] - level) * (up / (up - corners[:, 2:]))
+    return projected
 
 
-def _may_reach(patch: Patch, thrown: Array) -> bool:
-    places = patch.texels(thrown)
+def _may_reach(patch: Patch, projected: Array) -> bool:
+    places = patch.texels(projected)
     return bool(np.all(places.max(axis=(0, 1)) > 0) and np.all(places.min(axis=(0, 1)) < [patch.columns, patch.rows]))
 
 
 def _above(corners: Array) -> Array:
-    """Corners (N, 3) of what of the hull of (V, 3) corners lies above z = 0; empty where nothing does."""
+    """Clip the hull of (V, 3) corners at z = 0: the (N, 3) corners of its upper side, which may be empty."""
     up = corners[:, 2] > CLEARANCE_MM
     over, under = corners[up], corners[~up]
     if not len(over) or not len(under):
@@ -101,7 +98,7 @@ def _above(corners: Array) -> Array:
 
 
 def _disc(lamp: Lamp) -> Array:
-    """(SHADOW_RAYS, 3) points evenly over the lamp's level disc (a sunflower), world mm."""
+    """SHADOW_RAYS points evenly over the lamp's level disc (a sunflower pattern), world mm."""
     k = np.arange(SHADOW_RAYS) + 0.5
     radius, angle = lamp.radius_mm * np.sqrt(k / SHADOW_RAYS), np.pi * (1 + 5**0.5) * k
     flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(SHADOW_RAYS)])

@@ -1,7 +1,7 @@
-"""An event loop on simulated time: while nobody has anything to do, the clock jumps to the next timer.
+"""An asyncio event loop on simulated time: while nothing is ready, the clock jumps to the next timer.
 
-A program that takes its clock from the loop lives through an hour in as long as its own work takes. Nothing waits for
-another thread: what is given to an executor is done at once, in its turn.
+A program that uses the loop's clock runs through an hour in the time of its own work. Nothing waits for another thread:
+jobs of an executor run at once, in turn.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Any
 
 
 class SimulatedLoop(asyncio.SelectorEventLoop):
-    """See the module. For `asyncio.Runner(loop_factory=SimulatedLoop)`."""
+    """For `asyncio.Runner(loop_factory=SimulatedLoop)`."""
 
     def __init__(self) -> None:
         self._now_s = 0.0
         super().__init__(_Jumping(self.sleep))
-        # What is due within that is due now. Of asyncio's nanosecond nothing is left after 2^24 s, 194 days: a timer
-        # that is due to the bit would then be waited for, for no time, for ever.
+        # Timers due within this run now. After 2^24 s, 194 days, a float does not resolve asyncio's nanosecond, and the
+        # loop would wait for zero time for ever.
         self._clock_resolution = 1e-6
 
     def time(self) -> float:
@@ -28,13 +28,13 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass for somebody who does not await: whatever falls due meanwhile comes afterwards."""
+        """Advance the clock for code that does not await; timers due meanwhile run afterwards."""
         self._now_s += seconds
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Executor | None, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
-        """Done at once, on this thread."""
+        """Run at once, on this thread."""
         done = self.create_future()
         try:
             done.set_result(func(*args))
@@ -44,17 +44,17 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
 
 class _Jumping(selectors.DefaultSelector):
-    """Waits for nothing: it lets the time pass that it was to wait."""
+    """A selector that advances the clock instead of waiting."""
 
     def __init__(self, sleep: Callable[[float], None]) -> None:
         super().__init__()
         self._sleep = sleep
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """What is there to be read. Raises RuntimeError where there is nothing left that could ever come."""
+        """Ready files. Raises RuntimeError for a deadlock: no timer, and no file to wait for."""
         alone = len(self.get_map()) <= 1
         if timeout is None and alone:
-            raise RuntimeError("everybody waits, and no timer runs")
+            raise RuntimeError("deadlock: everybody waits, and no timer runs")
         found = super().select(0 if timeout is not None else None)
         if not found and timeout is not None:
             self._sleep(timeout)

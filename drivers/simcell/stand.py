@@ -1,7 +1,4 @@
-"""The teaching stand: how a part is held before the cameras so that they see one of its characteristic views.
-
-Geometry and light only; putting it there is cell.py's.
-"""
+"""Poses of a part held before the cameras for teaching, one for each of its characteristic views."""
 
 from __future__ import annotations
 
@@ -28,7 +25,8 @@ VIEWS: dict[str, tuple[tuple[int, ...], ...]] = {
 """Characteristic views by part: the number of sides of each facet in sight."""
 
 DRAWN_VIEWS = ((1, 1, 1), (-1, 1, -1), (1, -1, -1), (-1, -1, 1), (1, 1, -1), (-1, -1, -1), (1, -1, 1), (-1, 1, 1))
-"""From where a part that was drawn is shown, in its frame: over each corner of its own box, opposite ones in turn."""
+"""Directions, in its frame, from which a part from a drawing is shown: over each corner of its box, opposite ones in
+turn."""
 
 DISTANCE_MM = 340.0
 LEAST_FACING = 0.15
@@ -36,69 +34,68 @@ HIDDEN_FACING = -0.04
 TURNS = 24
 TILTS_RAD = (0.0, 0.15, 0.3)
 CLEAR_LEVELS, WELL_TURNED = 30.0, 0.35
-"""A step in grey level, and a cosine between a facet's normal and the way to an eye, that leave nothing to wish for."""
+"""A step in grey level, and a cosine between a facet's normal and the direction to a camera, that count as ideal."""
 BRIGHTEST = 240.0
 WELL_ACROSS = 0.17
-"""A sine between an edge and the line between the eyes: ten degrees."""
+"""Sine between an edge and the baseline that counts as ideal: ten degrees."""
 
 
 class NoViewError(Exception):
-    """A part cannot be held so: which part, which view, and why."""
+    """A part cannot be shown in a view; the message says which, and why."""
 
 
 def characteristic_pose(
     label: str,
     view: int,
     world_from_cyclopean: Array,
-    eyes_cyclopean_mm: Sequence[Array],
+    centres_cyclopean_mm: Sequence[Array],
     lighting: Lighting,
 ) -> Array:
-    """world_from_part (4, 4) that shows both eyes the view-th characteristic view, as clearly lit as turning it allows.
+    """Pose world_from_part (4, 4) that shows both cameras the view-th characteristic view, lit as clearly as possible.
 
-    eyes_cyclopean_mm: optical centres (3,). Raises NoViewError where the part has no such view.
+    centres_cyclopean_mm: optical centres (3,). Raises NoViewError where the part has no such view.
     """
     views = VIEWS.get(label, ())
     if not 0 <= view < len(views):
         raise NoViewError(f"{label}: characteristic views are numbered 0 to {len(views) - 1}, not {view}")
     shape = part_shape(label)
-    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
-    eyes = [apply(world_from_cyclopean, eye) for eye in eyes_cyclopean_mm]
-    upright = turn_between(_direction(shape, views[view]), -world_from_cyclopean[:3, 2])
-    best, best_score = None, 0.0
-    for lean in _leans(world_from_cyclopean[:3, 0], world_from_cyclopean[:3, 1]):
-        for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
-            pose = rigid(lean @ turn(world_from_cyclopean[:3, 2], angle) @ upright, middle)
-            score = _clearness(shape, pose, eyes, views[view], lighting)
-            if score > best_score:
-                best, best_score = pose, score
-    if best is None:
+    viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
+    poses = _poses(_direction(shape, views[view]), world_from_cyclopean)
+    scores = [_clearness(shape, pose, viewers, views[view], lighting) for pose in poses]
+    if max(scores) == 0.0:
         raise NoViewError(f"{label}: view {view} cannot be shown at {DISTANCE_MM:.0f} mm")
-    return best
+    return poses[int(np.argmax(scores))]
 
 
 def drawn_pose(
-    shape: PartShape, view: int, world_from_cyclopean: Array, eyes_cyclopean_mm: Sequence[Array], lighting: Lighting
+    shape: PartShape, view: int, world_from_cyclopean: Array, centres_cyclopean_mm: Sequence[Array], lighting: Lighting
 ) -> Array:
-    """The same for a part that was drawn, from one of eight sides, counted round; as near as may be where no turn shows
-    all its facets clearly."""
-    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
-    eyes = [apply(world_from_cyclopean, eye) for eye in eyes_cyclopean_mm]
+    """The same for a part from a drawing, from one of eight sides (modulo 8); the best pose even where none shows all
+    facets clearly."""
+    viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
     towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
-    upright = turn_between(towards, -world_from_cyclopean[:3, 2])
-    leans = _leans(world_from_cyclopean[:3, 0], world_from_cyclopean[:3, 1])
+    poses = _poses(towards, world_from_cyclopean)
+    return max(poses, key=lambda pose: _clearness(shape, pose, viewers, None, lighting))
+
+
+def _poses(towards: Array, world_from_cyclopean: Array) -> list[Array]:
+    """Candidate poses world_from_part before the cameras, with the direction towards (3,) of the part to them."""
+    right, down, forward, _ = world_from_cyclopean[:3].T
+    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
+    upright = turn_between(towards, -forward)
     turns = 2 * np.pi * np.arange(TURNS) / TURNS
-    poses = [rigid(lean @ turn(world_from_cyclopean[:3, 2], a) @ upright, middle) for lean in leans for a in turns]
-    return max(poses, key=lambda pose: _clearness(shape, pose, eyes, None, lighting))
+    return [rigid(lean @ turn(forward, a) @ upright, middle) for lean in _leans(right, down) for a in turns]
 
 
 def _leans(right: Array, down: Array) -> list[Array]:
-    """Small turns (3, 3) out of the line of sight, towards eight sides."""
+    """Small rotations (3, 3) out of the line of sight, towards eight sides."""
     sides = [np.cos(a) * right + np.sin(a) * down for a in np.pi / 4 * np.arange(8)]
     return [turn(side, tilt) for tilt in TILTS_RAD for side in (sides if tilt else sides[:1])]
 
 
 def _direction(shape: PartShape, wanted: tuple[int, ...]) -> Array:
-    """A direction (3,) in the part's frame from which the facets of a wanted view are all turned to the eye alike."""
+    """A direction (3,) in the part's frame from which exactly the facets of a view are visible, as evenly as
+    possible."""
     sides = [len(face) for face in shape.hull.faces]
     for facets in combinations(range(len(sides)), len(wanted)):
         if sorted(sides[i] for i in facets) == sorted(wanted):
@@ -109,7 +106,7 @@ def _direction(shape: PartShape, wanted: tuple[int, ...]) -> Array:
 
 
 def _evenly_between(normals: Array) -> Array:
-    """The direction (3,) whose least cosine with the (K, 3) normals is greatest: step by step towards the worst."""
+    """The direction (3,) that maximises the least cosine with (K, 3) normals, by steps towards the worst."""
     towards: Array = normals.mean(axis=0)
     for step in range(2, 300):
         worst = normals[np.argmin(normals @ towards)]
@@ -118,14 +115,18 @@ def _evenly_between(normals: Array) -> Array:
 
 
 def _clearness(
-    shape: PartShape, world_from_part: Array, eyes: Sequence[Array], wanted: tuple[int, ...] | None, lighting: Lighting
+    shape: PartShape,
+    world_from_part: Array,
+    viewers: Sequence[Array],
+    wanted: tuple[int, ...] | None,
+    lighting: Lighting,
 ) -> float:
-    """How well a view is seen, 0 to 1: facets well turned to both eyes, clear steps at every edge, no edge along the
-    line between the eyes; 0: another view than the one wanted (None: any)."""
+    """Quality of a view, 0 to 1: facets turned to both cameras, clear steps at every edge, no edge along the baseline;
+    0 for another view than the wanted one (None: any)."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T
-    facings = [_facing(middles, normals, eye) for eye in eyes]
+    facings = [_facing(middles, normals, viewer) for viewer in viewers]
     seen = facings[0] > 0
     shown = sorted(len(f) for f, s in zip(solid.faces, seen, strict=True) if s)
     if wanted is not None and shown != sorted(wanted):
@@ -133,10 +134,10 @@ def _clearness(
     turned = min(float(facing[seen].min()) for facing in facings)
     if turned < LEAST_FACING or max(float(facing[~seen].max()) for facing in facings) > HIDDEN_FACING:
         return 0.0
-    step = _least_step(solid, middles, normals, np.flatnonzero(seen), eyes[0], lighting)
+    step = _least_step(solid, middles, normals, np.flatnonzero(seen), viewers[0], lighting)
     ends = apply(world_from_part, solid.vertices)
     edges = [ends[b] - ends[a] for f in np.flatnonzero(seen) for a, b in _sides(solid.faces[f])]
-    across = _least_across(np.array(edges), eyes[-1] - eyes[0], middles.mean(axis=0) - eyes[0])
+    across = _least_across(np.array(edges), viewers[-1] - viewers[0], middles.mean(axis=0) - viewers[0])
     return min(step / CLEAR_LEVELS, 1.0) * min(turned / WELL_TURNED, 1.0) * min(across / WELL_ACROSS, 1.0)
 
 
@@ -146,8 +147,8 @@ def _sides(face: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def _least_across(edges: Array, baseline: Array, line_of_sight: Array) -> float:
-    """The least sine of the angle in the picture between (E, 3) edges and the line between the eyes, along which no
-    distance is to be seen; 1 with one eye."""
+    """Least sine of the angle in the image between (E, 3) edges and the baseline, along which there is no disparity; 1
+    with one camera."""
     sight = line_of_sight / np.linalg.norm(line_of_sight)
     along, across = np.cross(sight, baseline), np.cross(edges, sight)
     if not along.any():
@@ -156,20 +157,20 @@ def _least_across(edges: Array, baseline: Array, line_of_sight: Array) -> float:
     return float((np.linalg.norm(np.cross(across, along), axis=1) / lengths).min())
 
 
-def _facing(middles: Array, normals: Array, eye: Array) -> Array:
-    """(F,) cosine between each face's normal and the way to the eye."""
-    to_eye = eye - middles
-    facing: Array = np.sum(normals * to_eye, axis=1) / np.linalg.norm(to_eye, axis=1)
+def _facing(middles: Array, normals: Array, viewer: Array) -> Array:
+    """Cosine (F,) between each face's normal and the direction to the viewer."""
+    to_viewer = viewer - middles
+    facing: Array = np.sum(normals * to_viewer, axis=1) / np.linalg.norm(to_viewer, axis=1)
     return facing
 
 
 def _least_step(
-    solid: ConvexSolid, middles: Array, normals: Array, seen: NDArray[np.intp], eye: Array, lighting: Lighting
+    solid: ConvexSolid, middles: Array, normals: Array, seen: NDArray[np.intp], viewer: Array, lighting: Lighting
 ) -> float:
-    """The least difference in grey level across an edge between facets in sight, or between one and the table."""
+    """Least difference in grey level across an edge between visible facets, or between one and the table."""
 
     def level(point: Array, normal: Array, albedo: float) -> float:
-        bright = facet_levels(point[None].astype(np.float32), normal, albedo, eye, lighting)
+        bright = facet_levels(point[None].astype(np.float32), normal, albedo, viewer, lighting)
         return min(float(bright[0]), BRIGHTEST)
 
     levels = {int(i): level(middles[i], normals[i], lighting.facet_albedo) for i in seen}

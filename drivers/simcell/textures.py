@@ -1,7 +1,4 @@
-"""What is printed on parts and what tables are made of: albedo from a generator of random numbers alone.
-
-One seed gives one texture; no picture of anything is used. How it is lit and seen is light.py's and render.py's.
-"""
+"""Random textures of tables and prints on parts, as albedo. One seed gives one texture."""
 
 from __future__ import annotations
 
@@ -22,11 +19,11 @@ PartsKind = Literal["plain", "printed"]
 Paper = NDArray[np.uint8]
 CELL_MM = 0.25
 PRINTED_SHARE = 0.8
-"""How many of a part's faces bear print; the others are bare."""
+"""Share of a part's faces with a print."""
 DARKEST, LIGHTEST = 0.05, 0.95
 WORDS = ("TOP", "LOT 318", "TYPE K", "8 x 40", "No 52", "KEEP FLAT", "24 V", "PASSED", "REV 3", "50 mm")
 STRETCH = 0.35
-"""How far a table's albedo strays from its mean, one standard deviation over the mean."""
+"""Standard deviation of a table's albedo over its mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +40,7 @@ class Pattern:
 
 
 def table_factors(rng: np.random.Generator, size: int, texel_mm: float) -> Array32:
-    """(size, size) factors of a table's albedo, 1 in the mean: wood, a woven belt, painted bands, or concrete."""
+    """Factors (size, size) of a table's albedo, mean 1: wood, a woven belt, painted bands, or concrete."""
     pattern = (_wood, _belt, _bands, _concrete)[int(rng.integers(4))](rng, size, texel_mm)
     factors = np.clip(1.0 + STRETCH * (pattern - pattern.mean()) / pattern.std(), 0.15, 2.5)
     return np.asarray(factors, np.float32)
@@ -79,7 +76,7 @@ def _noise(rng: np.random.Generator, size: int) -> Array32:
 
 
 def _turned(rng: np.random.Generator, size: int, texel_mm: float) -> tuple[Array32, Array32]:
-    """Coordinates in mm across and along a direction of the pattern's own."""
+    """Coordinates, mm, across and along a random direction."""
     y, x = np.mgrid[:size, :size].astype(np.float32) * np.float32(texel_mm)
     turn = rng.uniform(0, np.pi)
     cos, sin = np.float32(np.cos(turn)), np.float32(np.sin(turn))
@@ -87,14 +84,14 @@ def _turned(rng: np.random.Generator, size: int, texel_mm: float) -> tuple[Array
 
 
 def printed_faces(solid: ConvexSolid, albedo: float, rng: np.random.Generator) -> tuple[Pattern, ...]:
-    """Print for most faces of a solid of one albedo."""
+    """Prints for most faces of a solid of one albedo."""
     return tuple(
         _print_on(solid, face, albedo, rng) for face in range(len(solid.faces)) if rng.random() < PRINTED_SHARE
     )
 
 
 def _print_on(solid: ConvexSolid, face: int, albedo: float, rng: np.random.Generator) -> Pattern:
-    """One face covered with print, whose rows run along its first side."""
+    """A print that covers one face, with rows along its first side."""
     ring: Array = solid.vertices[list(solid.faces[face])]
     x = (ring[1] - ring[0]) / np.linalg.norm(ring[1] - ring[0])
     axes = np.column_stack([x, np.cross(x, solid.normals[face]), -solid.normals[face]])
@@ -120,7 +117,7 @@ def _text(paper: Paper, rng: np.random.Generator) -> None:
 
 
 def _label(paper: Paper, rng: np.random.Generator) -> None:
-    """A sticker of another tone with a bar code and a line of text."""
+    """A sticker with a bar code and a line of text."""
     (top, left), (high, wide) = (
         (np.array(paper.shape) * rng.uniform(low, most, 2)).astype(int) for low, most in ((0.1, 0.4), (0.4, 0.55))
     )
@@ -146,7 +143,7 @@ def _dots(paper: Paper, rng: np.random.Generator) -> None:
 
 
 def _scratches(paper: Paper, rng: np.random.Generator) -> None:
-    """Worn: stains, and scratches that cross the face."""
+    """Wear: stains, and scratches across the face."""
     stains = cv2.GaussianBlur(rng.standard_normal(paper.shape, dtype=np.float32), (0, 0), float(rng.uniform(6, 20)))
     paper[:] = np.clip(paper + 18 * stains / stains.std(), 0, 255).astype(np.uint8)
     for _ in range(rng.integers(4, 14)):

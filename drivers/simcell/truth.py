@@ -1,7 +1,4 @@
-"""What is really so in the simulated cell: etc/simcell.yaml as typed values. The daemon never reads that file.
-
-Values and their bounds only; what they do is in render.py (light), world.py (parts), gripper.py (grasp), cell.py (arm).
-"""
+"""True values of the simulated cell: etc/simcell.yaml as typed values with bounds. The daemon never reads that file."""
 
 from __future__ import annotations
 
@@ -33,15 +30,15 @@ Matrix4 = Annotated[list[Row4], Meta(min_length=4, max_length=4)]
 
 
 class TruthError(Exception):
-    """etc/simcell.yaml cannot be used: which file, which value, what was expected."""
+    """etc/simcell.yaml is unusable: which file, which value, what was expected."""
 
 
 def rigid_matrix(rows: Matrix4, name: str = "transform") -> Array:
-    """Rows of a 4x4 -> array. Raises ValueError where it is no rigid transform to 1e-6."""
+    """Rows of a 4x4 -> array. Raises ValueError where it is not a rigid transform to 1e-6."""
     matrix = np.array(rows)
     rotation = matrix[:3, :3]
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-        raise ValueError(f"{name}: the upper left 3x3 is no rotation")
+        raise ValueError(f"{name}: the upper left 3x3 is not a rotation")
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
         raise ValueError(f"{name}: the last row must be 0 0 0 1")
     return matrix
@@ -57,21 +54,21 @@ class CameraTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         rigid_matrix(self.cyclopean_from_camera, "cyclopean_from_camera")
 
-    def eye(self) -> LensCamera:
-        """The camera as geometry."""
+    def lens(self) -> LensCamera:
+        """The camera's geometry."""
         return LensCamera(
             np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera)
         )
 
 
 class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which arm stands there, behind which controller, and what it has that its controller does not know.
+    """The arm and its controller, with the arm's errors.
 
-    flange_from_tool: where the tool centre point is, from the wrist centre (the controller does know that one);
-    joint_offset_deg: true minus believed angle of each joint; repeatability_mm: standard deviation of where the tool
-    comes to rest, along each axis. lengths_mm: a2, a3, d3, d4; world_from_base, controller_flange, as in ArmGeometry;
-    start_deg: the joints as the controller is switched on, in the angles of our kinematics. manners: of Manners, those
-    that are not as usual. baud: of its line. cold: switched on with the cell, else long before.
+    flange_from_tool: the tool centre point, from the wrist centre (known to the controller); joint_offset_deg: true
+    minus reported angle of each joint; repeatability_mm: standard deviation of a stop, per axis. lengths_mm: a2, a3,
+    d3, d4; world_from_base, controller_flange: as in ArmGeometry; start_deg: the joints at power-up, in the angles of
+    our kinematics. manners: values of Manners other than the default. baud: of its line. cold: powered up with the
+    cell, else long before.
     """
 
     flange_from_tool: Matrix4
@@ -94,20 +91,20 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         self.controller_manners()
 
     def geometry(self) -> ArmGeometry:
-        """The arm as geometry."""
+        """The arm's geometry."""
         a2, a3, d3, d4 = self.lengths_mm
         frames = (self.world_from_base, self.flange_from_tool, self.controller_flange)
         return ArmGeometry(a2, a3, d3, d4, *(rigid_matrix(rows) for rows in frames))
 
     def controller_manners(self) -> Manners:
-        """Its controller's."""
+        """The controller's variant."""
         return msgspec.convert(self.manners, Manners)
 
 
 class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How light becomes grey levels. Noise variance = read_noise^2 + photon_noise * level, in grey levels.
+    """The image sensors. Noise variance = read_noise^2 + photon_noise * level, in grey levels.
 
-    skew_s: how much later the right eye exposes.
+    skew_s: delay of the right camera's exposure.
     """
 
     frame_rate_hz: Positive
@@ -122,7 +119,7 @@ class Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Lamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A round lamp: centre in world mm, radius (softness of shadows), grey levels it adds to white facing it at 1 m."""
+    """A round lamp: centre in world mm, radius (softness of shadows), grey level of white that faces it at 1 m."""
 
     position_mm: Vector3
     radius_mm: Positive
@@ -130,7 +127,7 @@ class Lamp(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """ambient: grey levels on white from all round; lamps; gloss: share of a lamp's level in a facet's highlight."""
+    """ambient: grey level of white in ambient light; lamps; gloss: share of a lamp's level in a facet's highlight."""
 
     ambient: NotNegative
     lamps: list[Lamp]
@@ -140,7 +137,7 @@ class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TableTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The table's top: z in world mm, the area parts are strewn over (centre, radius), its half size."""
+    """The table's top: z in world mm, the area over which parts are scattered (centre, radius), its half size."""
 
     height_mm: float
     centre_mm: Vector2
@@ -149,7 +146,7 @@ class TableTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BinTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where parts are dropped: an upright rectangle over the table, centre and full size, world mm."""
+    """The bin: a rectangle, centre and full size, world mm."""
 
     centre_mm: Vector2
     size_mm: Vector2
@@ -198,11 +195,11 @@ class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What nobody may make the arm do, whatever was typed (motion_monitor.py).
+    """Limits that the motion monitor checks (motion_monitor.py).
 
-    body: what must stay above the table, inside the room and out of the keep_out boxes. fastest_percent, fastest_mm_s:
-    monitor speed, and what the tool centre point then makes; longest_step_mm: of one motion, as commanded;
-    rest_within_s of a stop; drop_mm: how far a part may fall that is let go beside the bin.
+    body: rods that must stay above the table, inside the room and out of the keep_out boxes. fastest_percent,
+    fastest_mm_s: monitor speed, and speed of the tool centre point; longest_step_mm: of one commanded motion;
+    rest_within_s: after a stop; drop_mm: largest fall of a part released outside of the bin.
     """
 
     room: Box = Box([-2000.0, -2000.0, -2000.0], [2000.0, 2000.0, 2000.0])
@@ -250,6 +247,6 @@ def load_truth(path: Path | str) -> Truth:
 
 @lru_cache(maxsize=1)
 def _decoded(content: bytes) -> Truth:
-    """A daemon reads the same file at each reload."""
+    """Decode, with a cache: a daemon reads the same file at each reload."""
     truth: Truth = msgspec.yaml.decode(content, type=Truth)
     return truth

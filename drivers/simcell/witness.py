@@ -1,7 +1,4 @@
-"""What really happened in the cell, for demos and tests: never for the daemon's decisions.
-
-Compares what someone expected with what was so; how it came about is in world.py and gripper.py.
-"""
+"""Ground truth of the simulated cell, for demos and tests; never for the daemon's decisions."""
 
 from __future__ import annotations
 
@@ -20,44 +17,42 @@ MATCHING_ROUNDS = 10
 
 
 class Witness:
-    """All of it is the truth: kinematic errors, hand-eye error and all."""
+    """The true motions, grasps and poses, with all errors of arm and hand-eye."""
 
     def __init__(self, truth: Truth, world: World, machine: Machine, world_from_tool: Callable[[], Array]) -> None:
-        """machine: what the controller has in force now (speed_percent, arm.tool, hand_closed, arm_power)."""
+        """machine: the controller's present state (speed_percent, arm.tool, hand_closed, arm_power)."""
         self.settings, self.machine = truth, machine
         self._world, self._world_from_tool = world, world_from_tool
 
     @property
     def motions(self) -> tuple[MotionRecord, ...]:
-        """Every motion of the arm, oldest first: what was typed, speed, TOOL and hand at its start, the way itself."""
+        """All motions of the arm, oldest first."""
         return tuple(event for event in self.machine.history if isinstance(event, MotionRecord))
 
     @property
     def grasps(self) -> tuple[Closing, ...]:
-        """Every closing of the jaws, oldest first."""
+        """All closings of the jaws, oldest first."""
         return tuple(self._world.closings)
 
     def corners(self, name: str) -> Array:
-        """(V, 3) world mm: where the corners of the part of that name (not label) are."""
+        """Corners (V, 3), world mm, of the part of that name (not label)."""
         part = next(part for part in self._world.parts if part.name == name)
         return apply(part.world_from_part(self._world_from_tool()), part.shape.hull.vertices)
 
     def grasp_pose_error(self, expected_corners_tool_mm: Array) -> tuple[float, float]:
-        """(mm, degrees) between where the last closing found the part and where its corners (N, 3) were expected.
-
-        Both in the tool frame, before the jaws moved it. Raises ValueError where the jaws found nothing.
+        """Error (mm, degrees) of the expected corners (N, 3) at the last closing, in the tool frame, before the jaws
+        moved the part. Raises ValueError where the jaws closed on nothing.
         """
         closing = self._world.closings[-1] if self._world.closings else None
         if closing is None or closing.part is None or closing.grip is None:
-            raise ValueError("the last closing of the hand found no part")
+            raise ValueError("the gripper last closed on no part")
         found = apply(closing.grip.tool_from_part_before, closing.part.shape.hull.vertices)
         return pose_error(expected_corners_tool_mm, found)
 
 
 def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
-    """How far claimed corners (N, 3) are from the true (V, 3) ones they must mean: (mm at their middle, degrees).
-
-    Each claimed corner is matched to the nearest true one, over and over (iterated closest points); N >= 3.
+    """Error (mm at the middle, degrees) of claimed corners (N, 3) against true ones (V, 3), matched by iterated closest
+    points; N >= 3.
     """
     moved = claimed_mm
     for _ in range(MATCHING_ROUNDS):
@@ -70,7 +65,7 @@ def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
 
 
 def fit(start: Array, end: Array) -> Array:
-    """The rigid (4, 4) that takes (N, 3) points start to end with least squared error (Kabsch)."""
+    """Rigid transform (4, 4) from (N, 3) points start to end with least squared error (Kabsch)."""
     a, b = start.mean(axis=0), end.mean(axis=0)
     u, _, vt = np.linalg.svd((start - a).T @ (end - b))
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])

@@ -1,6 +1,6 @@
-"""What lies where in the simulated cell: parts on the table, in the gripper, in the bin; what the hand does to them.
+"""Parts of the simulated cell: on the table, in the gripper, in the bin; what the gripper does to them.
 
-Positions only; light and lenses are elsewhere, and so is time: whoever asks says where the tool is.
+Poses only; the caller passes the pose of the tool.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Truth
 
 FLOOR_BELOW_TABLE_MM = 700.0
-HAND_REACH_MM = 130.0
+GRIPPER_REACH_MM = 130.0
 
 
 class PartPlace(Enum):
-    """What carries a part."""
+    """Where a part is."""
 
     TABLE = "table"
     STAND = "stand"
@@ -34,7 +34,7 @@ class PartPlace(Enum):
 
 @dataclass(frozen=True, eq=False)
 class PlacedPart:
-    """One part: its name in this cell, what it is, where it is. For a part in the hand, pose is tool_from_part."""
+    """One part: name in this cell, label, shape, place. For a part in the gripper, pose is tool_from_part."""
 
     name: str
     label: str
@@ -49,19 +49,20 @@ class PlacedPart:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """One closing of the jaws: the part they met, as it lay before, and what came of it; None where none was there."""
+    """One closing of the jaws: the part between them, with its pose before, and the grip; None where there was no
+    part."""
 
     part: PlacedPart | None
     grip: Grip | None
 
     @property
     def held(self) -> bool:
-        """Whether the part is in the hand now."""
+        """Whether the jaws then held the part."""
         return self.grip is not None and self.grip.held
 
 
 class World:
-    """The parts and what becomes of them. Every call may come from any thread."""
+    """The parts of the cell. Thread-safe."""
 
     def __init__(self, truth: Truth) -> None:
         self._truth = truth
@@ -76,37 +77,37 @@ class World:
 
     @property
     def parts(self) -> tuple[PlacedPart, ...]:
-        """All parts, in the order they came."""
+        """All parts, in the order of their creation."""
         with self._lock:
             return tuple(self._parts.values())
 
     @property
     def held(self) -> PlacedPart | None:
-        """The part in the hand, if any."""
+        """The part in the gripper, or None."""
         return next((part for part in self.parts if part.where is PartPlace.HAND), None)
 
     def clear(self) -> None:
-        """Take every part away."""
+        """Remove all parts."""
         with self._lock:
             self._parts.clear()
             self.changes += 1
 
     def draw(self, shapes: Sequence[PartShape]) -> None:
-        """Have parts of these shapes as well, by their labels, before those there are; what lies there stays."""
+        """Add shapes from drawings, which override built-in ones of the same label; parts on the table stay."""
         with self._lock:
             self._drawn = {shape.label: shape for shape in shapes}
 
     def drawn(self, label: str) -> bool:
-        """Whether a part's shape was drawn."""
+        """Whether a label's shape is from a drawing."""
         return label in self._drawn
 
     def shape(self, label: str) -> PartShape:
-        """The shape of that name. Raises KeyError."""
+        """The shape of a label. Raises KeyError."""
         with self._lock:
             return self._drawn.get(label) or part_shape(label)
 
     def put(self, label: str, world_from_part: Array, where: PartPlace = PartPlace.TABLE) -> PlacedPart:
-        """Put a new part somewhere. Raises KeyError for a label there is no shape for."""
+        """Add a new part. Raises KeyError for a label without a shape."""
         with self._lock:
             self._count += 1
             part = PlacedPart(f"{label}-{self._count}", label, self.shape(label), where, world_from_part)
@@ -114,12 +115,13 @@ class World:
             return part
 
     def stand(self, label: str, rest: int, x_mm: float, y_mm: float, turn_rad: float) -> PlacedPart:
-        """Put a new part on the table on its rest-th stable face, turned about the vertical."""
+        """Add a new part on the table, on its rest-th stable face, turned about the vertical."""
         foot = rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm])
         return self.put(label, foot @ self.shape(label).rests[rest])
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0) -> None:
-        """Strew new parts over the table: any stable face, any turn, no two closer than gap_mm or as wide as fits."""
+        """Scatter new parts over the table: on random stable faces, at least gap_mm apart, or as far as there is
+        space."""
         while True:
             spots = self._free_spots([_reach_mm(self.shape(label)) for label in labels], rng, gap_mm)
             if spots is not None:
@@ -130,7 +132,7 @@ class World:
             self.stand(label, rest, x, y, rng.uniform(-np.pi, np.pi))
 
     def nudge(self, name: str, x_mm: float, y_mm: float, turn_rad: float = 0.0) -> None:
-        """Push a part along the table and turn it about the vertical through its centre of mass."""
+        """Shift a part along the table and turn it about the vertical through its centre of mass."""
         with self._lock:
             part = self._parts[name]
             centre = apply(part.pose, part.shape.centre_of_mass)
@@ -138,28 +140,28 @@ class World:
             self._set(replace(part, pose=about @ part.pose))
 
     def bring_back(self, parts: Sequence[PlacedPart]) -> None:
-        """Put parts that were here before back to where they were."""
+        """Put earlier parts back in their places."""
         with self._lock:
             for part in parts:
                 self._set(part)
 
     def remove(self, name: str) -> None:
-        """Take one part away."""
+        """Remove one part."""
         with self._lock:
             del self._parts[name]
             self.changes += 1
 
-    def close_hand(self, world_from_tool: Array, way: Sequence[Array] = ()) -> None:
-        """Close the jaws where the tool is. What they did to the part between them is the last of `closings`.
+    def close_hand(self, world_from_tool: Array, path: Sequence[Array] = ()) -> None:
+        """Close the jaws at a pose; the result is the last of `closings`.
 
-        way: poses (4, 4) through which the open hand came, looked through for strikes.
+        path: poses (4, 4) through which the open gripper came, checked for collisions.
         """
         with self._lock:
-            self._record_strikes([*way, world_from_tool])
+            self._record_strikes([*path, world_from_tool])
             tool_from_world = inverse(world_from_tool)
             near = [
                 part
-                for part in self._standing()
+                for part in self._reachable()
                 if reaches(part.shape, tool_from_world @ part.pose, self._truth.gripper)
             ]
             if self.held:
@@ -169,13 +171,13 @@ class World:
             self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
     def open_hand(self, world_from_tool: Array) -> tuple[str, float, PartPlace] | None:
-        """Open the jaws: what they held falls. Gives its label, how high above the table it hung, what caught it."""
+        """Open the jaws and drop the held part. Returns its label, its height above the table, its new place."""
         with self._lock:
             self.gap_mm = self._truth.gripper.opening_mm
             return self._drop(self.held, world_from_tool) if self.held else None
 
-    def _standing(self) -> list[PlacedPart]:
-        """What the hand may meet: not what it holds, nor what is gone."""
+    def _reachable(self) -> list[PlacedPart]:
+        """Parts that the gripper may meet: on the table or the stand."""
         return [part for part in self.parts if part.where in (PartPlace.TABLE, PartPlace.STAND)]
 
     def _set(self, part: PlacedPart) -> None:
@@ -214,7 +216,7 @@ class World:
         return part.label, float(apply(pose, part.shape.hull.vertices)[:, 2].min()) - table.height_mm, where
 
     def _push_clear(self, name: str) -> None:
-        """Slide a part that fell on others off them, away from the nearest, until it stands free."""
+        """Move a part that fell on others away from the nearest until it is free."""
         for _ in range(100):
             part = self._parts[name]
             here = part.pose[:2, 3]
@@ -228,23 +230,23 @@ class World:
             away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-6 else np.array([1.0, 0.0])
             self.nudge(name, *(5.0 * away))
 
-    def _record_strikes(self, way: Sequence[Array]) -> None:
+    def _record_strikes(self, path: Sequence[Array]) -> None:
         gripper = self._truth.gripper
         outer = gripper.opening_mm / 2 + gripper.finger_thickness_mm
         tips = np.array([[0.0, side * outer, gripper.tip_mm] for side in (-1, 1)])
-        if min(apply(pose, tips)[:, 2].min() for pose in way) < self._truth.table.height_mm:
+        if min(apply(pose, tips)[:, 2].min() for pose in path) < self._truth.table.height_mm:
             self.strikes.append("the fingers run into the table")
-        for part in self._standing():
-            if any(self._strikes(part, pose) for pose in way):
+        for part in self._reachable():
+            if any(self._strikes(part, pose) for pose in path):
                 self.strikes.append(f"{part.name}: a finger or the palm runs into it")
 
     def _strikes(self, part: PlacedPart, world_from_tool: Array) -> bool:
         tool_from_part = inverse(world_from_tool) @ part.pose
-        near = np.linalg.norm(tool_from_part[:3, 3]) < HAND_REACH_MM + _reach_mm(part.shape)
+        near = np.linalg.norm(tool_from_part[:3, 3]) < GRIPPER_REACH_MM + _reach_mm(part.shape)
         return bool(near) and strikes(part.shape, tool_from_part, self._truth.gripper)
 
     def _free_spots(self, reaches_mm: Sequence[float], rng: np.random.Generator, gap_mm: float) -> list[Array] | None:
-        taken = [(part.pose[:2, 3], _reach_mm(part.shape)) for part in self._standing()]
+        taken = [(part.pose[:2, 3], _reach_mm(part.shape)) for part in self._reachable()]
         spots: list[Array] = []
         table = self._truth.table
         for reach in reaches_mm:
@@ -261,7 +263,8 @@ class World:
 
 
 def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
-    """Where a part comes to rest that is let go: on the stable face that looks down most, its middle where it was."""
+    """The pose (4, 4) of a dropped part: on the stable face that points down most, with its centre of mass where it
+    was."""
     turned_down = [rest[:3, :3].T @ np.array([0.0, 0.0, -1.0]) for rest in shape.rests]
     steepness = [-(world_from_part[:3, :3] @ down)[2] for down in turned_down]
     rest = shape.rests[int(np.argmax(steepness))]
@@ -272,5 +275,5 @@ def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
 
 
 def _reach_mm(shape: PartShape) -> float:
-    """Radius of the upright cylinder about the centre of mass that holds the part whichever way it lies."""
+    """Radius of the vertical cylinder about the centre of mass that contains the part in any pose."""
     return float(np.linalg.norm(shape.hull.vertices - shape.centre_of_mass, axis=1).max())

@@ -71,7 +71,7 @@ class Calibrated:
 def truth() -> tuple[StereoRig, np.ndarray]:
     """The cell's hidden rig and hand-eye (4, 4)."""
     told = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
-    eyes = [eye.eye() for eye in (told.left, told.right)]
+    eyes = [eye.lens() for eye in (told.left, told.right)]
     cameras = [Camera(np.array(e.matrix, float), np.array(e.distortion, float), e.cyclopean_from_camera) for e in eyes]
     return StereoRig(cameras[0], cameras[1], (640, 480)), np.array(told.tool_from_cyclopean, float)
 

@@ -66,7 +66,7 @@ def facets_in_sight(truth: Truth, world: World, world_from_cyclopean: Array) -> 
     rings = []
     for face, normal in zip(part.shape.hull.faces, part.shape.hull.normals, strict=True):
         ring, seen = corners[list(face)], True
-        for eye in (truth.left.eye(), truth.right.eye()):
+        for eye in (truth.left.lens(), truth.right.lens()):
             to_eye = eye.cyclopean_from_camera[:3, 3] - ring.mean(axis=0)
             facing = (cyclopean_from_part[:3, :3] @ normal) @ to_eye / np.linalg.norm(to_eye)
             pixels, size = eye.project(ring), np.array(truth.image_size)
@@ -78,7 +78,7 @@ def facets_in_sight(truth: Truth, world: World, world_from_cyclopean: Array) -> 
 
 
 def true_rig(truth: Truth) -> StereoRig:
-    eyes = [truth.left.eye(), truth.right.eye()]
+    eyes = [truth.left.lens(), truth.right.lens()]
     left, right = (Camera(eye.matrix, eye.distortion, eye.cyclopean_from_camera) for eye in eyes)
     return StereoRig(left, right, (truth.image_size[0], truth.image_size[1]))
 

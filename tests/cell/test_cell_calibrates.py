@@ -37,7 +37,7 @@ def test_a_board_passes_the_true_calibration_and_fails_it_once_an_eye_was_knocke
             await here.cycle.go("survey")
             here.cell.show_board()
             good = verify(await view_tour(session(here, believed), 5, silence, 100.0), BOARD, believed)
-            here.cell.camera.knock("right", (0.2, 0.0, 0.0))
+            here.cell.camera.displace("right", (0.2, 0.0, 0.0))
             await here.cycle.go("survey")
             bad = verify(await view_tour(session(here, believed), 5, silence, 100.0), BOARD, believed)
             return good, bad
@@ -69,7 +69,7 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordina
                 if number % 8 == 0:
                     await here.cycle.go(places[number // 8 % len(places)])
                 assert watch.seen((await here.cycle.look()).clue, "08:00") is None
-            here.cell.camera.knock("right", (0.2, 0.0, 0.0))
+            here.cell.camera.displace("right", (0.2, 0.0, 0.0))
             for number in range(20):
                 if number % 7 == 0:
                     await here.cycle.go(places[number // 7 % len(places)])

@@ -42,7 +42,7 @@ def test_an_eye_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clear
             here.cell.scatter(["cube", "pentagonal_prism"], np.random.default_rng(2))
             await here.context.begin_auto(None)
             await asyncio.sleep(6.0)
-            here.cell.camera.ail("right", "frozen")
+            here.cell.camera.set_fault("right", "frozen")
             first = await here.context.auto_ends()
             moves = len(here.log.said("move"))
             await asyncio.sleep(5.0)

@@ -176,7 +176,7 @@ def _from_sides(flat: Array, point: Array) -> Array:
 def _in_view(which: int, shapes: list[PartShape], poses: list[Array], rng: np.random.Generator) -> float:
     """What share of points of one part's surface that face both eyes is seen by both; the others, or a picture's rim,
     hide the rest."""
-    sight = [cell().left.eye(), cell().right.eye()]
+    sight = [cell().left.lens(), cell().right.lens()]
     eyes = [eye.cyclopean_from_camera[:3, 3] for eye in sight]
     points, normals = _on_surface(shapes[which], rng)
     points, normals = apply(poses[which], points), normals @ poses[which][:3, :3].T

@@ -9,7 +9,7 @@ from daemon.arrays import Array
 from daemon.store import folders
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, LensCamera
-from drivers.simcell.render import RenderedSolid, Retina, radiance
+from drivers.simcell.render import PixelRays, RenderedSolid, radiance
 from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.truth import Lamp, Lighting, TableTruth, load_truth
 
@@ -44,4 +44,4 @@ def projected(eye: LensCamera, world_from_cyclopean: Array, points: Array) -> Ar
 def picture(things: list[RenderedSolid], pose: Array, eye: LensCamera, lighting: Lighting = STARK) -> Array32:
     light = CellLight(TABLE, lighting)
     light.cast([apply(thing.world_from_solid, thing.solid.vertices) for thing in things])
-    return radiance(Retina(eye, 640, 480), pose, things, light)
+    return radiance(PixelRays(eye, 640, 480), pose, things, light)

@@ -297,7 +297,7 @@ class Surprises(RuleBasedStateMachine):
     def harm_a_camera(self, eye: str, how: Any, going: Going) -> None:
         """A camera goes away, freezes, as it is or under fresh noise, gives half pictures, or is well again."""
         self.send_off(going)
-        self.there.cell.camera.ail(eye, how)
+        self.there.cell.camera.set_fault(eye, how)
 
     @rule(seconds=st.sampled_from([0.5, 5.0]), going=GOING)
     @kept

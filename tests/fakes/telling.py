@@ -34,7 +34,7 @@ SKIN_MM = 0.3
 
 def telling_mm(shape: PartShape, other: PartShape, cyclopean_from_part: Array) -> float:
     """mm of edge, of both eyes, by which the part differs from the other as it is most like it."""
-    eyes = [cell().left.eye(), cell().right.eye()]
+    eyes = [cell().left.lens(), cell().right.lens()]
     coarse, fine = (
         [_seen(shape, _edge_points(shape, step_mm), cyclopean_from_part, eye) for eye in eyes]
         for step_mm in (STEP_MM, FINE_MM)

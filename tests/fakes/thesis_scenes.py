@@ -20,7 +20,7 @@ from daemon.vision.geometry import Camera, StereoRig
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import LensCamera
 from drivers.simcell.parts import PartShape, box, part_shape, shape
-from drivers.simcell.render import RenderedSolid, Retina, radiance
+from drivers.simcell.render import PixelRays, RenderedSolid, radiance
 from drivers.simcell.truth import Lamp, Lighting
 from tests.fakes.pictures import TABLE, looking
 from tests.fakes.rigs import STRAIGHT
@@ -209,7 +209,7 @@ def _facing(part: PartShape, cyclopean_from_part: Array, baseline_mm: float) -> 
 
 def _sharp(camera: Camera, size: tuple[int, int], pose: Array, things: list[RenderedSolid], light: CellLight) -> Array:
     lens = LensCamera(camera.matrix, camera.distortion, camera.cyclopean_from_camera)
-    return np.asarray(radiance(Retina(lens, *size), pose, things, light), float)
+    return np.asarray(radiance(PixelRays(lens, *size), pose, things, light), float)
 
 
 def _exposed(image: Array, rng: np.random.Generator) -> Picture:

@@ -802,7 +802,7 @@ class Story:
         faults.noise_rate = faults.split_prompt_s = 0.0
         faults.mute_answers = faults.late_answers = faults.repeated_places = 0
         for eye in ("left", "right"):
-            self.cell.camera.ail(eye, None)
+            self.cell.camera.set_fault(eye, None)
         self.cell.server.unplugged = False  # type: ignore[union-attr]
         with self.cell.server.controller() as controller:
             controller.machine.alive = True

@@ -1,6 +1,5 @@
-"""The simulated VAL II controller: the device (machine), its line (core) with the commands typed at it (monitor,
-instructions), and what carries its bytes: a pseudo-terminal (server), or memory alone (memory_line).
-"""
+"""Simulated VAL II controller: machine, line (core), commands (monitor, instructions), and its transports: a
+pseudo-terminal (server) or memory (memory_line)."""
 
 from drivers.simcell.controller.core import Controller
 from drivers.simcell.controller.faults import Faults, LineFault, Mishap

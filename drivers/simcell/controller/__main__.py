@@ -21,16 +21,16 @@ PERSON_AT_THE_PANEL_S = 2.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM. Exit status 2 when PATH cannot be made."""
+    """Serve until SIGINT or SIGTERM. Exit status 2 where PATH cannot be created."""
     options = _parser().parse_args(arguments)
     try:
         controller, baud = _of_cell(options) if options.truth else (_alone(options), options.baud)
     except TruthError as error:
         print(error, file=sys.stderr)
         return 2
-    over, told = os.pipe()  # and no Event: a handler may come while the lock is held that it would take
+    over, signalled = os.pipe()  # not an Event: a handler may run while the lock that it would take is held
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: os.write(told, b"!"))
+        signal.signal(number, lambda *_: os.write(signalled, b"!"))
     with PtyServer(controller, baud, options.time_scale, at_any_speed=options.truth is None) as server:
         try:
             _link(options.pty, server.port)
@@ -45,8 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _of_cell(options: argparse.Namespace) -> tuple[Controller, int]:
-    """The one of a simulated cell's file, calibrated at its panel, told of no TOOL; its line's speed. Raises
-    TruthError."""
+    """The controller of a simulated cell's file, calibrated, without a TOOL, and its baud rate. Raises TruthError."""
     settings = load_truth(options.truth).arm
     arm = SimulatedArm(settings.geometry(), np.radians(settings.start_deg))
     arm.tool = np.eye(4)

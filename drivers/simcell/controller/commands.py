@@ -1,7 +1,6 @@
-"""What a command is, and what monitor commands and instructions share.
+"""Commands of the simulated controller: their type, and what monitor commands and instructions share.
 
-A command is what a verb does with a machine: at once, or as a generator that yields a line to print, a moment it waits
-for, or a question. No bytes; the line is core.py's.
+A verb acts on a machine at once, or returns a generator that yields lines to print, waits, and questions.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ Verb = Callable[[Machine, str], Command | None]
 
 
 def bare(act: Callable[[Machine], Command | None]) -> Verb:
-    """The verb of what takes no arguments."""
+    """A verb without arguments."""
 
     def verb(machine: Machine, arguments: str) -> Command | None:
         if arguments:
@@ -50,25 +49,25 @@ def bare(act: Callable[[Machine], Command | None]) -> Verb:
 
 
 def carry_out(machine: Machine, text: str, table: Mapping[str, Verb]) -> Command:
-    """What a verb, or an unambiguous beginning of one, and its arguments ask for. Raises MonitorError."""
+    """Run the command of a verb, or of an unambiguous prefix of one, with its arguments. Raises MonitorError."""
     word, _, arguments = text.partition(" ")
-    begins = machine.manners.abbreviations
-    meant = [word] if word in table else [name for name in table if begins and name.startswith(word)]
-    if len(meant) != 1:
-        raise MonitorError("*Ambiguous name*" if meant else "*Illegal command*")
-    command = table[meant[0]](machine, arguments.strip())
+    by_prefix = machine.manners.abbreviations
+    matches = [word] if word in table else [name for name in table if by_prefix and name.startswith(word)]
+    if len(matches) != 1:
+        raise MonitorError("*Ambiguous name*" if matches else "*Illegal command*")
+    command = table[matches[0]](machine, arguments.strip())
     if command is not None:
         yield from command
 
 
 def come_to_rest(machine: Machine) -> Command:
-    """Nothing, until the arm is at rest."""
+    """Wait until the arm is at rest."""
     while not machine.at_rest():
         yield Wait(machine.arm.rests_s)
 
 
 def define(machine: Machine, name: str, value: str) -> None:
-    """Give a location or, with a name that begins with #, a precision point its value. Raises MonitorError."""
+    """Define a location or, with a name that begins with #, a precision point. Raises MonitorError."""
     if not point_name(name).startswith("#"):
         machine.memory.transforms[name] = machine.place(value)
         return
@@ -79,7 +78,7 @@ def define(machine: Machine, name: str, value: str) -> None:
 
 
 def percent_of_full(text: str) -> float:
-    """A speed. Raises MonitorError."""
+    """Parse a speed, percent. Raises MonitorError."""
     percent = number(text)
     if not 0 < percent <= FULL_PERCENT:
         raise MonitorError(ILLEGAL_VALUE)

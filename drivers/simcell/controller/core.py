@@ -1,15 +1,14 @@
-"""The controller's line: bytes typed go in, bytes printed come out. Echo, prompts, questions, what is typed ahead.
+"""The simulated controller's line, sans-IO: typed bytes in, printed bytes out. Echo, prompts, questions, type-ahead.
 
-Sans-IO; time is an argument. What moves and remembers is machine.py's. Each command is a generator (commands.py) that
-yields what it waits for; this file runs one at a time, prints the prompt after it, and lets ABORT, control-C and
-mishaps cut it short.
+Time is an argument. Each command is a generator (commands.py) that yields what it waits for. The controller runs one at
+a time and prints the prompt after it; ABORT, control-C and mishaps end it early.
 
-    what runs     what comes                    what happens
+    running       event                         effect
     nothing       a line                        its command starts
-    a wait        its time                      the command goes on
+    a wait        its time                      the command continues
     a wait        ABORT or control-C            the arm brakes, the command and all lines typed ahead are dropped
     a wait        another line                  typed ahead: runs later
-    a question    a line                        the command goes on with the answer
+    a question    a line                        the command continues with the answer
     anything      a mishap                      the arm stops, the command is dropped, the message is printed
 """
 
@@ -52,21 +51,21 @@ class Controller:
         self.machine = Machine(arm, manners, on_hand, faults, cold)
         self.arm, self.faults = arm, self.machine.faults
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
-        """What was typed, the newest line last, carried out or refused; for witnesses."""
-        how = self.machine.manners
-        self._newline = how.newline.encode("ascii")
-        self._terminal = ControllerTerminal(how.line_editing, how.line_ends, self._newline)
+        """The typed lines, the newest last, run or refused; for tests."""
+        manners = self.machine.manners
+        self._newline = manners.newline.encode("ascii")
+        self._terminal = ControllerTerminal(manners.line_editing, manners.line_ends, self._newline)
         self._typed_s = float("-inf")
         self._second_prompts = 0
         self._ahead: deque[tuple[str, float]] = deque(maxlen=TYPE_AHEAD_LINES)
-        """Lines, and when each was ended."""
+        """Typed-ahead lines, and when each was complete."""
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
         self._output: deque[tuple[float, bytes]] = deque()
         self._at_line_start = True
         self._muted = False
-        self._late: bytearray | None = None
-        """The answer that is kept back until the next line is answered."""
+        self._delayed: bytearray | None = None
+        """An answer delayed until the next line is answered."""
         if cold:
             self._start(monitor.power_up(self.machine.manners.power_up))
         else:
@@ -80,7 +79,7 @@ class Controller:
     # The line
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes typed."""
+        """Receive typed bytes."""
         self.tick(now_s)
         if not self.machine.alive:
             return
@@ -108,51 +107,51 @@ class Controller:
         return bytes(printed)
 
     def tick(self, now_s: float) -> None:
-        """Let time pass; whatever was due on the way happens at its moment, in order."""
+        """Advance time; events due meanwhile happen in order, each at its time."""
         while True:
             due_s = self._waits_for.until_s if isinstance(self._waits_for, Wait) else None
-            goes_on = due_s is not None and due_s <= now_s
-            mishap = self.machine.advance_to(due_s if due_s is not None and goes_on else now_s)
+            continues = due_s is not None and due_s <= now_s
+            mishap = self.machine.advance_to(due_s if due_s is not None and continues else now_s)
             if mishap is not None:
-                self._tell(mishap)
-            elif goes_on:
+                self._end_by_mishap(mishap)
+            elif continues:
                 self._step("")
             else:
                 return
 
     def next_moment_s(self) -> float | None:
-        """When `tick` or `output` next has something to do; None: not before something is typed."""
+        """Time of the next event of `tick` or `output`; None: none before something is typed."""
         moments = [self.machine.next_event_s(), self._output[0][0] if self._output else None]
         moments += [self._waits_for.until_s] if isinstance(self._waits_for, Wait) else []
         return min((moment for moment in moments if moment is not None), default=None)
 
     @property
     def half_typed(self) -> str:
-        """What stands in the line that nobody has ended yet."""
+        """The incomplete line."""
         return self._terminal.typed
 
     @property
     def question(self) -> str | None:
-        """What it asks, and waits for an answer to."""
+        """The open question, or None."""
         return self._waits_for.question if isinstance(self._waits_for, Ask) else None
 
     # What may happen to it
 
     def abort(self, by: str = CONTROL_C) -> None:
-        """Brake, forget what runs and what was typed ahead; the prompt comes when the arm is at rest."""
+        """Brake, drop the running command and type-ahead; the prompt follows when the arm is at rest."""
         self.machine.stop(by)
         self._drop()
         self._start(come_to_rest(self.machine))
 
     def mishap(self, what: Mishap) -> None:
-        """Something happens to the machine, now."""
+        """Cause a mishap now."""
         self.machine.befall(what)
-        self._tell(what)
+        self._end_by_mishap(what)
 
     # Inside
 
-    def _tell(self, what: Mishap) -> None:
-        """What runs is over, and why is said, where there is still somebody to say it."""
+    def _end_by_mishap(self, what: Mishap) -> None:
+        """End the running command and print the mishap's message, if the controller still works."""
         self._drop()
         if what is Mishap.POWER_CYCLED:
             self._terminal.clear()
@@ -165,10 +164,10 @@ class Controller:
         self.lines.append(text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
-        self._let_late_answer_out()
+        self._emit_delayed()
         if self.faults.late_answers > 0:
             self.faults.late_answers -= 1
-            self._late = bytearray()
+            self._delayed = bytearray()
         if isinstance(self._waits_for, Ask):
             self._answer(text, self.now_s)
         elif self._running is None:
@@ -180,13 +179,13 @@ class Controller:
         else:
             self._ahead.append((text, self.now_s))
 
-    def _let_late_answer_out(self) -> None:
-        late, self._late = self._late, None
-        if late:
-            self._emit(bytes(late))
+    def _emit_delayed(self) -> None:
+        delayed, self._delayed = self._delayed, None
+        if delayed:
+            self._emit(bytes(delayed))
 
     def _take_second_end(self) -> None:
-        """An empty line of its own, answered by a prompt right behind the first."""
+        """The second of a pair of line ends: an empty line, answered by another prompt."""
         if self._running is None:
             self._emit(self.machine.manners.prompt.encode("ascii"))
         elif isinstance(self._waits_for, Wait):
@@ -201,24 +200,24 @@ class Controller:
         self._step(None)
 
     def _step(self, answer: str | None) -> None:
-        """Let the running command go on to its next wait or question, or to its end and the prompt."""
+        """Run the command up to its next wait or question, or to its end and the prompt."""
         command = self._running
         assert command is not None
         try:
-            comes = next(command) if answer is None else command.send(answer)
-            while isinstance(comes, str):
-                self._say(comes)
-                comes = next(command)
+            step = next(command) if answer is None else command.send(answer)
+            while isinstance(step, str):
+                self._say(step)
+                step = next(command)
         except StopIteration:
             self._finish()
         except MonitorError as error:
-            told = str(error)
-            self._say(told.upper() if self.machine.manners.capital_errors else told)
+            message = str(error)
+            self._say(message.upper() if self.machine.manners.capital_errors else message)
             self._finish()
         else:
-            self._waits_for = comes
-            if isinstance(comes, Ask):
-                self._ask(comes)
+            self._waits_for = step
+            if isinstance(step, Ask):
+                self._ask(step)
 
     def _finish(self) -> None:
         self._running = self._waits_for = None
@@ -239,7 +238,7 @@ class Controller:
         self._step(text)
 
     def _again(self) -> None:
-        """After a line was taken back: the prompt or the question once more."""
+        """Repeat the prompt or the question after a cancelled line."""
         if isinstance(self._waits_for, Ask):
             self._ask(self._waits_for)
         elif self._running is None:
@@ -258,10 +257,10 @@ class Controller:
 
     def _print_prompt(self) -> None:
         self._begin_line()
-        how = self.machine.manners
-        self._emit(how.prompt.encode("ascii"), self.now_s + self.faults.split_prompt_s + how.prompt_late_s)
+        manners = self.machine.manners
+        self._emit(manners.prompt.encode("ascii"), self.now_s + self.faults.split_prompt_s + manners.prompt_late_s)
         seconds, self._second_prompts = self._second_prompts, 0
-        self._emit(how.prompt.encode("ascii") * seconds)
+        self._emit(manners.prompt.encode("ascii") * seconds)
         self._muted = False
 
     def _begin_line(self) -> None:
@@ -274,8 +273,8 @@ class Controller:
         self._at_line_start = data.endswith(self._newline)
         if self._muted:
             return
-        if self._late is not None:
-            self._late += data
+        if self._delayed is not None:
+            self._delayed += data
             return
-        held_s = self._output[-1][0] if self._output else 0.0
-        self._output.append((max(held_s, not_before_s), self.faults.harm(data, "to_host")))
+        last_s = self._output[-1][0] if self._output else 0.0
+        self._output.append((max(last_s, not_before_s), self.faults.harm(data, "to_host")))

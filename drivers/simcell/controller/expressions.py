@@ -1,4 +1,4 @@
-"""What may stand in a VAL II command behind its verb: numbers, names, TRANS(...), compound locations. Parsing only."""
+"""Parse arguments of VAL II commands: numbers, names, TRANS(...), compound locations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FUNCTION = re.compile(r"(TRANS|PPOINT)\s*\((.*)\)")
 
 
 class MonitorError(Exception):
-    """The message a controller prints, asterisks included."""
+    """A message that the controller prints, with its asterisks."""
 
 
 SYNTAX_ERROR, ILLEGAL_VALUE, UNDEFINED_VALUE = "*Syntax error*", "*Illegal value*", "*Undefined value*"
@@ -28,19 +28,19 @@ SYNTAX_ERROR, ILLEGAL_VALUE, UNDEFINED_VALUE = "*Syntax error*", "*Illegal value
 @dataclass
 class Memory:
     """Locations by name: transformations (4, 4) mm and, with names that begin with #, precision points (6,) rad.
-    unit_mm: in what lengths are typed."""
+    unit_mm: unit of typed lengths."""
 
     unit_mm: float = 1.0
     transforms: dict[str, Array] = field(default_factory=dict)
     precision_points: dict[str, Array] = field(default_factory=dict)
 
     def named(self, name: str) -> dict[str, Array]:
-        """Where a name belongs."""
+        """The table of a name."""
         return self.precision_points if name.startswith("#") else self.transforms
 
 
 def numbers(text: str, at_most: int, defaults: Mapping[int, float] | None = None) -> list[float]:
-    """Up to at_most numbers between commas; an empty place takes its default (0 if it has none)."""
+    """Parse up to at_most numbers between commas; an empty one has its default, or 0."""
     parts = [part.strip() for part in text.split(",")] if text.strip() else []
     if len(parts) > at_most:
         raise MonitorError(SYNTAX_ERROR)
@@ -52,7 +52,7 @@ def numbers(text: str, at_most: int, defaults: Mapping[int, float] | None = None
 
 
 def number(text: str) -> float:
-    """One number. Raises MonitorError."""
+    """Parse one number. Raises MonitorError."""
     if not NUMBER.fullmatch(text.strip()):
         raise MonitorError(SYNTAX_ERROR)
     value = float(text)
@@ -62,7 +62,7 @@ def number(text: str) -> float:
 
 
 def split_arguments(text: str) -> list[str]:
-    """Cut at the commas that are outside parentheses."""
+    """Split at the commas outside of parentheses."""
     parts, depth, start = [], 0, 0
     for k, character in enumerate(text):
         depth += (character == "(") - (character == ")")
@@ -73,9 +73,9 @@ def split_arguments(text: str) -> list[str]:
 
 
 def location(text: str, memory: Memory, here: Array) -> Array:
-    """A transformation expression -> (4, 4) mm: terms joined by colons, each TRANS(...), HERE or a name.
+    """Evaluate a transformation expression, (4, 4) mm: terms joined by colons, each TRANS(...), HERE or a name.
 
-    Raises MonitorError on bad syntax and undefined names.
+    Raises MonitorError for bad syntax and undefined names.
     """
     pose = np.eye(4)
     for term in text.split(":"):
@@ -84,7 +84,7 @@ def location(text: str, memory: Memory, here: Array) -> Array:
 
 
 def precision_point(text: str, memory: Memory) -> Array | None:
-    """A precision point (6,) rad, or None where the text is not one. Raises MonitorError when undefined."""
+    """A precision point (6,) rad, or None where the text is not one. Raises MonitorError where it is undefined."""
     call = FUNCTION.fullmatch(text)
     if call and call.group(1) == "PPOINT":
         return np.radians(numbers(call.group(2), 6))
@@ -97,7 +97,7 @@ def precision_point(text: str, memory: Memory) -> Array | None:
 
 
 def point_name(text: str) -> str:
-    """A name that a location may have. Raises MonitorError."""
+    """Check the name of a location. Raises MonitorError."""
     if not NAME.fullmatch(text.removeprefix("#")):
         raise MonitorError(SYNTAX_ERROR)
     return text

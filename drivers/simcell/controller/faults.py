@@ -1,4 +1,4 @@
-"""Hostility on demand: what goes wrong on the line and in the machine, scripted beforehand. Deterministic; no clock."""
+"""Fault injection: scripted faults of the line and the machine. Deterministic; no clock."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Mishap(Enum):
-    """What may befall the machine in the middle of a move (or at any other moment)."""
+    """Mishaps of the machine, during a move or at any other moment."""
 
     POWER_LOST = "arm power lost"
     EMERGENCY_STOP = "emergency stop"
@@ -21,10 +21,7 @@ class Mishap(Enum):
 
 @dataclass
 class LineFault:
-    """Harm to the bytes of one direction.
-
-    way: to the host or to the controller. after: how many bytes pass unharmed first. count: how many are harmed then.
-    """
+    """Damage to the bytes of one direction. after: bytes that pass undamaged first; count: bytes damaged then."""
 
     way: Literal["to_host", "to_controller"]
     harm: Literal["drop", "double", "flip", "insert"]
@@ -34,35 +31,35 @@ class LineFault:
 
 @dataclass
 class Faults:
-    """Everything that shall go wrong. Tests add to it at any time; what has happened is taken out."""
+    """The pending faults. Tests add to them at any time; each is removed when it has happened."""
 
     line: list[LineFault] = field(default_factory=list)
     noise_rate: float = 0.0
     """Probability that a byte, either way, is replaced by a random one."""
     refusals: list[str] = field(default_factory=list)
-    """Messages (with their asterisks) with which the next motions are refused."""
+    """Messages (with asterisks) that refuse the next motions."""
     in_move: list[tuple[float, Mishap]] = field(default_factory=list)
-    """(share of the move's time, what happens), one for each of the next moves."""
+    """(share of the move's time, mishap), one for each of the next moves."""
     split_prompt_s: float = 0.0
     """Pause between the line end before a prompt and its dot."""
     mute_answers: int = 0
-    """How many of the next answers (prompt included) are swallowed."""
+    """Number of the next answers (with prompt) that are lost."""
     late_answers: int = 0
-    """How many of the next answers (prompt included) come only with the answer to the line after."""
+    """Number of the next answers (with prompt) that are delayed until the answer to the next line."""
     repeated_places: int = 0
-    """How many of the next WHEREs print what the WHERE before them printed."""
+    """Number of the next WHEREs that repeat the output of the one before."""
     pendant_s: float = 0.0
-    """How long the person at the pendant takes when CAL needs them."""
+    """Time that the person at the pendant takes when CAL needs them."""
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(0)
 
     def seed_noise(self, seed: int, rate: float) -> None:
-        """Noise from now on, the same for the same seed."""
+        """Start noise, reproducible by the seed."""
         self._rng, self.noise_rate = np.random.default_rng(seed), rate
 
     def harm(self, data: bytes, way: Literal["to_host", "to_controller"]) -> bytes:
-        """What arrives of data sent one way."""
+        """The bytes that arrive of data sent one way."""
         if not self.line and not self.noise_rate:
             return data
         return b"".join(self._harm_byte(byte, way) for byte in data)

@@ -1,4 +1,4 @@
-"""What each program instruction of VAL II does when it is typed after DO: motion, hand, configuration."""
+"""Program instructions of VAL II, typed after DO: motion, gripper, configuration."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from drivers.simcell.controller.machine import Machine
 
 MOST_PROGRAM_PERCENT = 300.0
 Target = Callable[[Machine], Array]
-"""Where a motion goes, asked when it starts: what HERE means depends on the motion before."""
+"""Target of a motion, evaluated when it starts: HERE depends on the motion before."""
 
 
 def _joint_move(machine: Machine, joints: Target, percent: float | None = None) -> Command:
     yield from _moved(machine, lambda: machine.move_joints(joints(machine), percent))
 
 
-def _moved(machine: Machine, set_out: Callable[[], None]) -> Command:
-    """One motion after the other; none without power and calibration."""
+def _moved(machine: Machine, start: Callable[[], None]) -> Command:
+    """Start a motion after the one before. Raises MonitorError without power or calibration."""
     yield from come_to_rest(machine)
     machine.check_ready()
-    set_out()
+    start()
     if machine.manners.prompt_after_move == "end":
         yield from come_to_rest(machine)
 
@@ -86,7 +86,7 @@ def _approached(arguments: str) -> Target:
 
 
 def _backed(pose: Array, back_mm: float) -> Array:
-    """The pose back_mm back along its own z."""
+    """The pose moved by back_mm back along its own z."""
     backed = pose.copy()
     backed[:3, 3] -= back_mm * pose[:3, 2]
     return backed
@@ -111,8 +111,8 @@ def _drive(machine: Machine, arguments: str) -> Command:
     change = np.where(np.arange(1, 7) == joint, change_deg, 0.0)
 
     def target(machine: Machine) -> Array:
-        how = machine.manners
-        return how.joints_rad(how.printed_deg(machine.joints()) + change)
+        manners = machine.manners
+        return manners.joints_rad(manners.printed_deg(machine.joints()) + change)
 
     return _joint_move(machine, target, percent)
 

@@ -1,7 +1,6 @@
-"""The device behind the controller's line: arm, hand, power, memory, and what becomes of them as time passes.
+"""The simulated machine behind the controller's line: arm, gripper, power, memory. Time is an argument.
 
-It does not know that it is spoken to over a line: whoever has read a command calls a method here. Time is an argument:
-a test of a minute is a command and `advance(60)`.
+Commands call its methods; it has no line of its own. A test of a minute is a command and `advance(60)`.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ PENDANT_PERCENT = 40.0
 
 
 class Machine:
-    """What moves and what is remembered. Errors are MonitorError, in the controller's own words."""
+    """Arm, gripper, power and memory. Errors are MonitorError, with the controller's messages."""
 
     def __init__(
         self,
@@ -35,18 +34,18 @@ class Machine:
         faults: Faults | None = None,
         cold: bool = False,
     ) -> None:
-        """on_hand: called with True when the hand closes. cold: as after the mains were switched on."""
+        """on_hand: called with True when the gripper closes. cold: as after power-up."""
         self.arm, self.manners, self.faults = arm, manners or Manners(), faults or Faults()
         self.now_s = 0.0
         self.alive = True
         self.arm_power = self.calibrated = not cold
         self.hand_closed = False
         self._zero_found_s = 0.0
-        """Until when CAL turns the joints."""
+        """End of CAL's motion."""
         self.by, self.given_s = "", float("-inf")
-        """What was typed last to be carried out, and when; what happens from now on comes of it."""
+        """The last command line and its time, recorded as the cause of what follows."""
         self.printed_place: list[str] = []
-        """The lines of the last WHERE."""
+        """The output of the last WHERE."""
         self.history = History()
         self._on_hand = on_hand or (lambda closed: None)
         self._mishap: tuple[float, Mishap] | None = None
@@ -56,11 +55,11 @@ class Machine:
     # Time
 
     def advance(self, seconds: float) -> Mishap | None:
-        """Let time pass; see advance_to."""
+        """Advance time; see advance_to."""
         return self.advance_to(self.now_s + seconds)
 
     def advance_to(self, moment_s: float) -> Mishap | None:
-        """Let time pass up to a moment, or up to the first mishap on the way, which is given back."""
+        """Advance time to a moment, or to the first mishap before, which is returned."""
         if self._mishap is not None and self._mishap[0] <= moment_s:
             self._pass_to(self._mishap[0])
             what = self._mishap[1]
@@ -70,7 +69,7 @@ class Machine:
         return None
 
     def next_event_s(self) -> float | None:
-        """When something happens next that nobody asks for; None: nothing will."""
+        """Time of the next spontaneous event, or None."""
         moments = [self._mishap[0] if self._mishap else None, self._power_comes_s]
         return min((moment for moment in moments if moment is not None), default=None)
 
@@ -82,11 +81,11 @@ class Machine:
     # Places
 
     def pose(self) -> Array:
-        """world_from_tool (4, 4) mm, as the controller believes it."""
+        """world_from_tool (4, 4) mm, as reported."""
         return self.arm.reported_pose_at(self.now_s)
 
     def joints(self) -> Array:
-        """(6,) rad, as the controller believes them."""
+        """Joint angles (6,) rad, as reported."""
         return self.arm.joints_at(self.now_s)
 
     def place(self, text: str) -> Array:
@@ -94,8 +93,8 @@ class Machine:
         return location(text, self.memory, self.pose())
 
     def joints_for(self, world_from_tool: Array) -> Array:
-        """(6,) rad that reach a pose in the configuration asked for. Raises MonitorError."""
-        with _unreachable_told():
+        """Joint angles (6,) rad that reach a pose in the requested configuration. Raises MonitorError."""
+        with _arm_errors():
             return self.arm.joints_for(world_from_tool, self.wanted, self.now_s)
 
     # Motion
@@ -115,33 +114,34 @@ class Machine:
             raise MonitorError(self.faults.refusals.pop(0))
 
     def program_speed(self, percent: float, always: bool) -> None:
-        """What the monitor speed is multiplied by: for the next motion, or for every one from now on."""
+        """Set the program speed, percent of the monitor speed, for the next motion or for all."""
         self._next_percent = None if always else percent
         if always:
             self.program_percent = percent
 
     def _pace(self) -> float:
-        """Percent of full of the motion that sets out now."""
+        """Speed of the next motion, percent of full."""
         percent, self._next_percent = self._next_percent or self.program_percent, None
         return min(FULL_PERCENT, self.speed_percent * percent / FULL_PERCENT)
 
     def move_joints(self, joints_rad: Array, percent: float | None = None) -> None:
-        """Set out for (6,) joint angles; percent: of full speed (None: as SPEED says). Raises MonitorError."""
+        """Start a joint-interpolated motion to (6,) rad; percent of full speed (None: by SPEED). Raises
+        MonitorError."""
         percent = self._pace() if percent is None else percent
-        with _unreachable_told():
+        with _arm_errors():
             self.arm.move_joints(joints_rad, percent / FULL_PERCENT, self.now_s)
-        self._set_out(percent)
+        self._started(percent)
 
     def move_straight(self, world_from_tool: Array) -> None:
-        """Set out on a straight line for a pose (4, 4). Raises MonitorError."""
+        """Start a straight-line motion to a pose (4, 4). Raises MonitorError."""
         percent = self._pace()
-        with _unreachable_told():
+        with _arm_errors():
             self.arm.move_straight(world_from_tool, percent / FULL_PERCENT, self.now_s)
-        self._set_out(percent)
+        self._started(percent)
 
     def drive_by_pendant(self, joints_rad: Array) -> None:
-        """A person at the teach pendant takes over; nothing of it is printed. The pendant brakes an arm under way, and
-        brings one at rest to (6,) rad where its joints allow that."""
+        """A person moves the arm by the teach pendant; nothing is printed. The pendant brakes a moving arm, and moves
+        one at rest to (6,) rad where they are within its limits."""
         if not self.at_rest() or self.now_s < self._zero_found_s:
             self.halt()
         elif self.arm_power:
@@ -153,9 +153,9 @@ class Machine:
                 )
 
     def calibrate(self) -> float:
-        """Begin to find the joints' zeros, each turning a little at a pace of its own; gives when that is over."""
+        """Start the calibration of the joints' zeros. Returns the time of its end."""
         motion = standing(self.joints(), self.now_s, self.manners.calibration_s)
-        self._note(motion, 0.0)
+        self._record(motion, 0.0)
         self._zero_found_s = motion.ends_s
         return motion.ends_s
 
@@ -166,30 +166,30 @@ class Machine:
         self._zero_found_s = min(self._zero_found_s, self.now_s)
 
     def stop(self, by: str) -> None:
-        """Somebody wants the arm at rest now, and said so by this."""
+        """Record a stop command and brake."""
         self.history.add(StopRecord(self.now_s, by))
         self.halt()
 
     def hand(self, closed: bool) -> None:
-        """Close or open the hand."""
+        """Close or open the gripper."""
         self.hand_closed = closed
         self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed))
         self._on_hand(closed)
 
-    def _set_out(self, percent: float) -> None:
-        """A mishap that waits for a move gets its moment."""
-        self._note(self.arm.motion, percent)
+    def _started(self, percent: float) -> None:
+        """Record the motion, and set the time of a mishap scripted for it."""
+        self._record(self.arm.motion, percent)
         if self.faults.in_move:
             share, what = self.faults.in_move.pop(0)
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
-    def _note(self, motion: Motion, percent: float) -> None:
+    def _record(self, motion: Motion, percent: float) -> None:
         self.history.add(MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed))
 
     # What may befall it
 
     def befall(self, what: Mishap) -> None:
-        """Something happens to the machine, now."""
+        """Cause a mishap now."""
         self.halt(EMERGENCY_BRAKING)
         self.spare()
         if what is Mishap.DEAD:
@@ -202,28 +202,28 @@ class Machine:
             self._forget()
 
     def spare(self) -> None:
-        """What was to happen in this move does not."""
+        """Cancel the mishap scripted for this move."""
         self._mishap = None
 
     def switch_arm_power_on(self) -> None:
-        """The button on the panel."""
+        """Press the arm power button of the panel."""
         self.arm_power = True
 
     def miss_arm_power(self) -> None:
-        """It was asked for what needs arm power: somebody may come and switch it on."""
+        """A command lacked arm power: a person may switch it on after a while."""
         if self.manners.arm_power_after_s is not None:
             self._power_comes_s = self.now_s + self.manners.arm_power_after_s
 
     def _forget(self) -> None:
-        """As after the mains were off."""
+        """Reset the memory, as at power-up."""
         self.memory = Memory(unit_mm=self.manners.unit_mm)
         self.speed_percent, self.wanted = FULL_PERCENT, Configuration()
         self.program_speed(FULL_PERCENT, always=True)
 
 
 @contextmanager
-def _unreachable_told() -> Iterator[None]:
-    """What the arm cannot do, in the controller's words."""
+def _arm_errors() -> Iterator[None]:
+    """Context: raise the arm's errors as the controller's messages."""
     try:
         yield
     except SingularWristError as error:

@@ -1,6 +1,6 @@
-"""What differs between one controller of this kind and the next. Values only, and how they may be drawn.
+"""Variants of VAL controllers: what differs between one and the next, and random ones. Values only.
 
-Where each comes from (S: seen in a manual or a client that drove real arms; R: general knowledge of such systems):
+Sources (S: seen in a manual or a client that drove real arms; R: general knowledge of such systems):
 
     echo, newline, prompt ".", dot then silence    S: public clients; an encyclopaedia's page on VAL (dot at top level)
     line_ends: LF CR answered by two prompts       S: a public driver's start-up routine, which reads a dot behind a dot
@@ -44,52 +44,52 @@ POWER_UP = (
 
 @dataclass(frozen=True)
 class Manners:
-    """How a controller and the people about it behave; times in the controller's seconds."""
+    """Behaviour of a controller and the people near it; times in the controller's seconds."""
 
     echo: bool = True
     line_editing: bool = True
-    """Whether control-U, rubout and control-C do what they are for, or are characters like any other."""
+    """Whether control-U, rubout and control-C are control keys, or characters like any other."""
     prompt_after_move: Literal["start", "end"] = "start"
     hand_s: float = 0.3
     calibration_s: float = 6.0
     arm_power_after_s: float | None = None
-    """How long after CAL was refused for want of it somebody switches arm power on (None: nobody does)."""
+    """Time after which somebody switches arm power on when CAL lacks it (None: nobody does)."""
     line_ends: LineEnds = "cr"
-    """What ends a line typed; the other is ignored. both: each of a pair does, and the second is answered by a prompt
-    directly behind the first."""
+    """End of a typed line; the other is ignored. both: each of a pair ends a line, and the second is answered by
+    another prompt."""
     newline: str = "\r\n"
     prompt: str = "."
     prompt_late_s: float = 0.0
-    """Pause between what was said and the prompt."""
+    """Pause before the prompt."""
     upper_only: bool = False
     """Whether lower case is refused."""
     abbreviations: bool = True
     where: WhereForm = "two headers"
     hand_column: bool = False
-    """Whether a seventh number, the hand's opening, stands behind the location (one header only)."""
+    """Whether a seventh number, the gripper's opening, follows the location (one header only)."""
     decimals: tuple[int, int] = (2, 3)
-    """Of lengths and of angles."""
+    """Decimals of lengths and of angles."""
     leading_zero: bool = True
     """Whether 0.5 is printed so, or as .5."""
     trailing_zeros: bool = True
     """Whether 12.50 and 5.00 are printed so, or as 12.5 and 5."""
     unit_mm: float = 1.0
-    """In what WHERE prints lengths, and TRANS, TOOL, APPRO and DEPART take them."""
+    """Unit of lengths in WHERE, TRANS, TOOL, APPRO and DEPART."""
     capital_errors: bool = False
     power_up: tuple[str, ...] = VAL_II_ASKS
     stops_at_once: bool = True
-    """Whether ABORT brakes; else it drops what waits and lets the motion finish, and PANIC brakes."""
+    """Whether ABORT brakes; else it drops waiting commands and the motion finishes, and PANIC brakes."""
     knows_break: bool = True
     lost_within_s: float = 0.0
-    """A character typed sooner than this after the one before is lost."""
+    """A character that follows another within this time is lost."""
     joint_signs: Six = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     joint_zeros_deg: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """How WHERE prints joints and DRIVE turns them: our angle is sign times the printed one, plus zero."""
+    """Joint convention of WHERE and DRIVE: our angle is sign times the printed one, plus zero."""
     against_horizon: bool = False
-    """Whether joint 3 is counted against the horizon instead of the upper arm."""
+    """Whether joint 3 is measured from the horizon instead of the upper arm."""
 
     def printed_deg(self, joints_rad: Array) -> Array:
-        """(6,) degrees as printed."""
+        """Our angles (6,) rad -> degrees as printed."""
         signs = np.array(self.joint_signs)
         printed: Array = (np.degrees(joints_rad) - np.array(self.joint_zeros_deg)) * signs
         if self.against_horizon:
@@ -97,7 +97,7 @@ class Manners:
         return printed
 
     def joints_rad(self, printed_deg: Array) -> Array:
-        """(6,) rad of what is printed."""
+        """Printed angles (6,) degrees -> our angles, rad."""
         signs = np.array(self.joint_signs)
         turned = signs * printed_deg
         if self.against_horizon:
@@ -106,7 +106,7 @@ class Manners:
 
 
 def drawn(rng: np.random.Generator) -> Manners:
-    """Manners at random."""
+    """A random variant."""
 
     def one(*choices: T) -> T:
         return choices[int(rng.integers(len(choices)))]
@@ -114,9 +114,9 @@ def drawn(rng: np.random.Generator) -> Manners:
     def six(*choices: float) -> Six:
         return one(*choices), one(*choices), one(*choices), one(*choices), one(*choices), one(*choices)
 
-    rarer = rng.spawn(1)[0]
-    """Of its own, so that a number is the controller that it was before these were drawn."""
-    inches = bool(rarer.random() < 0.12)
+    later = rng.spawn(1)[0]
+    """A generator of its own, so that a seed gives the same variant as before these values were added."""
+    inches = bool(later.random() < 0.12)
     line_ends: LineEnds = one("cr", "cr", "both", "lf")
     where: WhereForm = one("two headers", "one header")
     return Manners(
@@ -133,7 +133,7 @@ def drawn(rng: np.random.Generator) -> Manners:
         hand_column=where == "one header" and one(True, False),
         decimals=one((2, 3), (3, 3), (2, 2), (1, 3)) if not inches else (one(3, 3, 4, 3), 3),
         leading_zero=one(True, True, False),
-        trailing_zeros=bool(rarer.random() < 0.7),
+        trailing_zeros=bool(later.random() < 0.7),
         unit_mm=25.4 if inches else 1.0,
         capital_errors=one(True, False),
         power_up=one(*POWER_UP),

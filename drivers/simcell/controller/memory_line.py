@@ -1,4 +1,4 @@
-"""The controller in the same process as the program that talks to it, on the event loop's clock: no pty, no thread."""
+"""Connect the simulated controller in the same process, on the event loop's clock, without pty or thread."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from drivers.val2.errors import PortError
 
 
 class MemoryLine:
-    """Serves one controller; as PtyServer, but a port to it is opened by `open` (Link's open_port)."""
+    """Serves one controller like PtyServer; `open` (Link's open_port) opens a port to it."""
 
     port = "memory"
 
     def __init__(self, controller: Controller, loop: asyncio.AbstractEventLoop) -> None:
-        """Controller time is the loop's."""
+        """loop: its clock is the controller's."""
         self._controller, self._loop = controller, loop
         self._open: MemoryPort | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -29,7 +29,7 @@ class MemoryLine:
 
     @contextlib.contextmanager
     def controller(self) -> Iterator[Controller]:
-        """The controller at the present moment, for somebody who looks at it or does something to it."""
+        """Context: the controller at the present moment, to read or change it."""
         self._controller.tick(self.now_s())
         yield self._controller
         self.turn()
@@ -45,26 +45,26 @@ class MemoryLine:
         return self._open
 
     def unplug(self) -> None:
-        """Pull the adapter; `unplugged = False` puts it back."""
+        """Unplug the adapter; `unplugged = False` plugs it in again."""
         self.unplugged = True
         if self._open is not None:
             lost, self._open = self._open, None
             lost.on_lost(PortError(f"{self.port}: the port is gone"))
 
-    def let_go(self, port: MemoryPort) -> None:
-        """The port was closed."""
+    def forget(self, port: MemoryPort) -> None:
+        """Forget a closed port."""
         if self._open is port:
             self._open = None
 
     def typed(self, port: MemoryPort, data: bytes) -> None:
-        """Bytes from a port. Raises PortError where it is not the one that is open."""
+        """Pass bytes of a port to the controller. Raises PortError where the port is not open."""
         if self._open is not port:
             raise PortError(f"{self.port}: the port is closed")
         self._controller.receive(data, self.now_s())
         self.turn()
 
     def turn(self, moment_s: float = 0.0) -> None:
-        """Let time pass for the controller, hand on what it printed, and come again when it has more to do."""
+        """Advance the controller's time, pass on its output, and schedule the next event."""
         now_s = max(moment_s, self.now_s())
         self._controller.tick(now_s)
         printed = self._controller.output(now_s)
@@ -96,14 +96,14 @@ class MemoryPort:
         self._line.typed(self, data)
 
     def overtake(self) -> None:
-        """Nothing waits here, and nobody holds the line."""
+        """Do nothing: no bytes wait here."""
 
     def close(self) -> None:
-        """Let go of the line; safe to call twice."""
+        """Close; safe to call twice."""
         self._closed = True
-        self._line.let_go(self)
+        self._line.forget(self)
 
     def hear(self, data: bytes) -> None:
-        """What the controller printed arrives."""
+        """Receive the controller's output."""
         if not self._closed:
             self._on_bytes(data)

@@ -1,4 +1,4 @@
-"""What each monitor command of VAL II does. DO is in instructions.py."""
+"""Monitor commands of VAL II. instructions.py has those typed after DO."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ JOINT_HEADER = "".join(f"{'JT' + str(k):>10}" for k in range(1, 7))
 
 
 def run(machine: Machine, text: str) -> Command:
-    """The command of a typed line; an empty line is none. Raises MonitorError."""
+    """Run the command of a typed line; an empty line does nothing. Raises MonitorError."""
     if machine.manners.upper_only and text != text.upper():
         raise MonitorError("*Illegal command*")
     line = " ".join(text.upper().split(None, 1))
@@ -74,7 +74,7 @@ def _yes(question: str) -> Generator[Ask, str | None, bool]:
 
 
 def _row(values: Iterable[float], decimals: Iterable[int] = (3,) * 6) -> str:
-    """Numbers in columns, without the minus of a negative zero."""
+    """Numbers in columns, without a negative zero."""
     pairs = zip(values, decimals, strict=True)
     return "".join(f"{f'{round(float(value), places) + 0.0:.{places}f}':>10}" for value, places in pairs)
 
@@ -97,26 +97,26 @@ def _where(machine: Machine) -> Command:
 
 
 def _place(machine: Machine) -> list[str]:
-    how = machine.manners
-    mm, degrees = how.decimals
+    manners = machine.manners
+    mm, degrees = manners.decimals
     x, y, z, *angles = location_from_matrix(machine.pose()).values()
-    lengths = (value / how.unit_mm for value in (x, y, z))
+    lengths = (value / manners.unit_mm for value in (x, y, z))
     place = _row((*lengths, *angles), (mm, mm, mm, degrees, degrees, degrees))
-    joints = _row(how.printed_deg(machine.joints()), (degrees,) * 6)
-    if how.where == "one header":
-        heads = [f"{one}/JT{k}" for k, one in enumerate("XYZOAT", 1)] + ["HAND"] * how.hand_column
-        hand = f"{0.0 if machine.hand_closed else HAND_OPEN_MM:>10.{mm}f}" if how.hand_column else ""
+    joints = _row(manners.printed_deg(machine.joints()), (degrees,) * 6)
+    if manners.where == "one header":
+        heads = [f"{one}/JT{k}" for k, one in enumerate("XYZOAT", 1)] + ["HAND"] * manners.hand_column
+        hand = f"{0.0 if machine.hand_closed else HAND_OPEN_MM:>10.{mm}f}" if manners.hand_column else ""
         lines = ["".join(f"{head:>10}" for head in heads), place + hand, joints]
     else:
         lines = [LOCATION_HEADER, place, JOINT_HEADER, joints]
-    return [_printed(line, how) for line in lines]
+    return [_printed(line, manners) for line in lines]
 
 
-def _printed(line: str, how: Manners) -> str:
-    """As this system prints numbers; the columns stay."""
-    if not how.trailing_zeros:
+def _printed(line: str, manners: Manners) -> str:
+    """Apply the variant's number format; the columns stay."""
+    if not manners.trailing_zeros:
         line = TRAILING_ZEROS.sub(lambda found: (found[1] or "") + " " * len(found[2]), line)
-    return line if how.leading_zero else LEADING_ZERO.sub(r"\1 \2.", line)
+    return line if manners.leading_zero else LEADING_ZERO.sub(r"\1 \2.", line)
 
 
 def _calibrate(machine: Machine) -> Command:
@@ -153,7 +153,7 @@ def _point(machine: Machine, arguments: str) -> Command | None:
 
 
 def _typed_point(machine: Machine, name: str) -> Command:
-    """Show what a place is, and take what is typed for it, until an empty line."""
+    """Show a location and take changes until an empty line."""
     precise, places = name.startswith("#"), machine.memory.named(name)
     typed = (
         list(np.degrees(places[name]) if precise else location_from_matrix(places[name]).values())
@@ -190,7 +190,7 @@ def _tool(machine: Machine, arguments: str) -> Command:
 
 
 def _base(machine: Machine, arguments: str) -> Command:
-    """BASE dx, dy, dz, rotation: how the base stands in the world."""
+    """BASE dx, dy, dz, rotation: pose of the base in the world."""
     yield from come_to_rest(machine)
     x, y, z, turn_deg = numbers(arguments, 4)
     base: Array = rigid(turn([0, 0, 1], np.radians(turn_deg)), [x, y, z])
@@ -205,7 +205,7 @@ def _status(machine: Machine) -> Command:
 
 
 def _execute(machine: Machine, arguments: str) -> None:
-    """No programs are kept here, so there is none to run."""
+    """Refuse: there are no programs."""
     raise MonitorError("*Undefined program*" if arguments else SYNTAX_ERROR)
 
 

@@ -1,4 +1,4 @@
-"""The controller on a pseudo-terminal, at the line's pace, in scaled time, in its own thread. The only I/O here."""
+"""Serve the simulated controller on a pseudo-terminal, at the line's baud rate, in scaled time, in a thread."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ TICK_S = 0.001
 
 
 class PtyServer:
-    """Serves one controller until stopped. `port` is the path a client opens.
+    """Serves one controller until stopped. port: the path that a client opens.
 
-    The slave side stays open here, so that clients may come and go and the line keeps its raw mode between them.
+    The slave side stays open, so that the line keeps its raw mode between clients.
     """
 
     def __init__(
         self, controller: Controller, baud: int = 9600, time_scale: float = 1.0, at_any_speed: bool = True
     ) -> None:
-        """time_scale: how many seconds pass for the controller in one real second; the line's pace goes with it.
+        """time_scale: controller seconds a real second, also for the line's pace.
 
-        at_any_speed: whether a client may set its end to another speed; else every byte is spoilt then, as on a wire.
+        at_any_speed: whether a client may use another baud rate; else every byte is then garbled, as on a real line.
         """
         self._controller = controller
         self._speed = None if at_any_speed else getattr(termios, f"B{baud}")
@@ -53,7 +53,7 @@ class PtyServer:
 
     @contextlib.contextmanager
     def controller(self) -> Iterator[Controller]:
-        """The controller, held still (at the present moment) while the caller looks at it or does something to it."""
+        """Context: the controller at the present moment, locked, to read or change it."""
         with self._lock:
             self._controller.tick(self.now_s())
             yield self._controller
@@ -84,16 +84,16 @@ class PtyServer:
             if self._master in ready:
                 with contextlib.suppress(BlockingIOError):
                     self._incoming.put(self._carried(os.read(self._master, 4096)), time.monotonic())
-            self._turn()
+            self._update()
 
     def _carried(self, data: bytes) -> bytes:
-        """What arrives of bytes, whichever way they go."""
+        """The bytes that arrive, garbled where the baud rates differ."""
         if self._speed in (None, termios.tcgetattr(self._slave)[4]):
             return data
         return bytes(byte ^ 0xA5 for byte in data)
 
-    def _turn(self) -> None:
-        """Let due bytes through, both ways."""
+    def _update(self) -> None:
+        """Pass due bytes on, both ways."""
         real_s = time.monotonic()
         with self._lock:
             now_s = self.now_s()
@@ -118,7 +118,7 @@ class PtyServer:
 
 
 class _Pace:
-    """Bytes on their way along a line of limited speed."""
+    """A queue of bytes with a limited rate."""
 
     def __init__(self, bytes_per_s: float) -> None:
         self._bytes_per_s = bytes_per_s
@@ -129,13 +129,13 @@ class _Pace:
         return bool(self._waiting)
 
     def put(self, data: bytes, now_s: float) -> None:
-        """Bytes sent at a moment."""
+        """Add bytes at a moment."""
         if not self._waiting:
             self._since_s = max(self._since_s, now_s)
         self._waiting += data
 
     def due(self, now_s: float) -> bytes:
-        """Bytes that have arrived by now."""
+        """Take the bytes that have arrived by now."""
         count = min(len(self._waiting), int((now_s - self._since_s) * self._bytes_per_s))
         due = bytes(self._waiting[:count])
         del self._waiting[:count]

@@ -1,4 +1,4 @@
-"""The controller's end of the terminal: what typing does to the line being typed, and what is echoed. Bytes only."""
+"""Line editing and echo of the simulated controller's terminal. Bytes only."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ LONGEST_LINE = 80
 
 @dataclass(frozen=True)
 class Line:
-    """A line was ended. second: by the second of a pair of line ends, so that it is empty."""
+    """A complete line. second: ended by the second of a pair of line ends, and thus empty."""
 
     text: str
     second: bool = False
 
 
 class LineKey(Enum):
-    """CANCEL: the line was taken back. INTERRUPT: control-C, whatever is running shall stop."""
+    """CANCEL: the line was cancelled. INTERRUPT: control-C, to stop what is running."""
 
     CANCEL = auto()
     INTERRUPT = auto()
 
 
 class ControllerTerminal:
-    """Line editing of the time: rubout, control-U, control-C."""
+    """Line editing with rubout, control-U, control-C."""
 
     def __init__(
         self, editing: bool = True, ends: Literal["cr", "lf", "both"] = "cr", newline: bytes = b"\r\n"
     ) -> None:
-        """editing: whether control characters are known; otherwise they join the line. ends: see Manners.line_ends."""
+        """editing: whether control characters edit; otherwise they are part of the line. ends: see
+        Manners.line_ends."""
         self._editing, self._newline = editing, newline
         self._ends = {"cr": (CARRIAGE_RETURN,), "lf": (LINE_FEED,), "both": (CARRIAGE_RETURN, LINE_FEED)}[ends]
         self._before = 0
@@ -48,7 +49,7 @@ class ControllerTerminal:
         return self._typed.decode("ascii", "replace")
 
     def take(self, byte: int) -> tuple[bytes, Line | LineKey | None]:
-        """One byte typed: what to echo, and what it completes."""
+        """Process one typed byte. Returns the echo, and a completed Line or LineKey."""
         before, self._before = self._before, byte
         if byte in self._ends:
             if before in self._ends and before != byte:
@@ -75,7 +76,7 @@ class ControllerTerminal:
         return self._add(byte), None
 
     def clear(self) -> None:
-        """Forget what was typed."""
+        """Clear the line."""
         self._typed.clear()
         self._too_long = False
 

@@ -72,7 +72,7 @@ def _refuse(here: Rig) -> None:
 
 
 def _knock_hard(here: Rig) -> None:
-    here.cell.camera.knock("right", (3.0, 1.0, 0.0))
+    here.cell.camera.displace("right", (3.0, 1.0, 0.0))
 
 
 def _far(here: Rig) -> None:
@@ -81,7 +81,7 @@ def _far(here: Rig) -> None:
 
 
 def _knock_left(here: Rig) -> None:
-    here.cell.camera.knock("left", (0.5, 0.3, 0.0))
+    here.cell.camera.displace("left", (0.5, 0.3, 0.0))
 
 
 def _cover_right(here: Rig) -> None:
@@ -155,8 +155,8 @@ PLANTS: dict[str, Plant] = {
     "disabled in mid-approach": Plant("operator's abort", "stop_n", _disable),
     "right lens covered": Plant("lens covered", "stop_n", _cover_right),
     "left camera knocked": Plant("camera knocked", "looking", _knock_left),
-    "left camera frozen": Plant("camera frozen", "looking", lambda here: here.cell.camera.ail("left", "frozen")),
-    "half frames on the right": Plant("half a frame", "looking", lambda here: here.cell.camera.ail("right", "half")),
+    "left camera frozen": Plant("camera frozen", "looking", lambda here: here.cell.camera.set_fault("left", "frozen")),
+    "half frames on the right": Plant("half a frame", "looking", lambda it: it.cell.camera.set_fault("right", "half")),
 }  # fmt: skip
 
 

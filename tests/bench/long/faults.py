@@ -79,7 +79,7 @@ def _cover(here: Rig) -> None:
 
 
 def _knock(here: Rig) -> None:
-    here.cell.camera.knock("right", (0.5, 0.3, 0.0))
+    here.cell.camera.displace("right", (0.5, 0.3, 0.0))
 
 
 def _push(here: Rig) -> None:

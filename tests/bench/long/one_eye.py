@@ -97,7 +97,7 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
         await here.context.begin_auto(None)
         wait_s = float(rng.uniform(0.5, 14.0))
         await asyncio.sleep(wait_s)
-        here.cell.camera.cover(eye) if how == "black" else here.cell.camera.ail(eye, how)  # type: ignore[arg-type]
+        here.cell.camera.cover(eye) if how == "black" else here.cell.camera.set_fault(eye, how)  # type: ignore[arg-type]
         ends = await asyncio.wait_for(here.context.auto_ends(), LONGEST_S)
         fault = here.cycle.supervisor.fault
         moves = [r["kind"] for r in here.log.records]

@@ -40,7 +40,7 @@ def tried(
 
 
 def break_eye(how: str) -> Callable[[SimulatedCell], None]:
-    return lambda cell: cell.camera.cover("left") if how == "black" else cell.camera.ail("left", how)  # type: ignore[arg-type]
+    return lambda cell: cell.camera.cover("left") if how == "black" else cell.camera.set_fault("left", how)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_both_eyes_are_trusted_where_they_show_one_scene_as_calibrated() -> None
 
 
 def test_an_eye_that_came_back_knocked_is_not_trusted() -> None:
-    wrong, alone = tried(lambda cell: cell.camera.knock("right", np.array([0.8, 0.0, 0.0])), back)
+    wrong, alone = tried(lambda cell: cell.camera.displace("right", np.array([0.8, 0.0, 0.0])), back)
     assert "knocked" in wrong
     assert alone == "left"
 

@@ -25,7 +25,7 @@ from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_cell import CONFIG
 from tests.fakes.simulated_hours import Hours, cell_in_time
 
-FAULT = "CameraError: simulated pair: no frame within 5.00 s (right eye unplugged)"
+FAULT = "CameraError: simulated pair: no frame within 5.00 s (right camera unplugged)"
 
 
 def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
@@ -40,7 +40,7 @@ def lived(story: Callable[[Hours], Awaitable[Any]]) -> Any:
 
 def broken(here: Hours) -> None:
     """The right eye was torn off, and the arm was stopped for it."""
-    here.cell.camera.ail("right", "away")
+    here.cell.camera.set_fault("right", "away")
     here.cycle.supervisor.latch(FAULT)
 
 
@@ -170,7 +170,7 @@ def test_an_eye_is_looked_with_again_only_after_both_showed_one_scene() -> None:
         with pytest.raises(CommandError, match="cannot be used yet"):
             await cameras.run(here.context, ["both"], FakeFrontend())
         assert here.cycle.cell.alone == "left"
-        here.cell.camera.ail("right", None)
+        here.cell.camera.set_fault("right", None)
         assert (await cameras.run(here.context, ["both"], FakeFrontend())).text == "Using both cameras."
         assert here.cycle.cell.alone is None
         assert here.cycle.cell.rig is here.context.calibration.rig
@@ -316,7 +316,7 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
     async def story(here: Hours) -> None:
         here.cycle.observer, started = auto_degrading(here)
         here.context.one_camera_allowed = True
-        here.cell.camera.ail("right", "away")
+        here.cell.camera.set_fault("right", "away")
         supervisor = here.cycle.supervisor
         pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
         while not (supervisor.stopping or pick.done()):

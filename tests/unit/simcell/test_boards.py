@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.simcell.boards import BoardPrint, board_thing
+from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.rigid import apply, rigid, turn
 from tests.fakes.pictures import TRUTH, looking, picture, projected
 
 
 @pytest.mark.parametrize("charuco", [False, True])
 def test_a_board_is_found_by_opencv_where_its_pose_says(charuco: bool) -> None:
-    board, eye = BoardPrint(charuco=charuco), TRUTH.right.eye()
+    board, eye = BoardPrint(charuco=charuco), TRUTH.right.lens()
     axes = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     world_from_board = rigid(axes @ turn([1, 0.5, 0], 0.3), [570.0, 85.0, -250.0])
     pose = looking([480.0, -20.0, 90.0], [520.0, 0.0, -280.0], 0.1)
     lighting = TRUTH.lighting
-    image = picture([board_thing(board, world_from_board)], pose, eye, lighting)
+    image = picture([rendered_board(board, world_from_board)], pose, eye, lighting)
     grey = np.clip(cv2.GaussianBlur(image, (0, 0), TRUTH.sensor.blur_px), 0, 255).astype(np.uint8)
     if charuco:
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)

@@ -119,7 +119,7 @@ def test_a_covered_eye_is_dark_until_it_is_uncovered() -> None:
 def test_a_knocked_eye_sees_everything_shifted_by_the_angle() -> None:
     pair, clock = pair_of()
     before = pair.grab(clock(), 1.0)
-    pair.knock("right", [0.2, 0.0, 0.0])
+    pair.displace("right", [0.2, 0.0, 0.0])
     after = pair.grab(clock(), 1.0)
 
     def height(pixels: np.ndarray) -> float:
@@ -165,7 +165,7 @@ def test_light_remembered_from_the_last_frame_is_never_light_of_something_that_h
         lambda cell: cell.world.close_hand(cell.world_from_tool()),
         lambda cell: cell.camera.cover("left"),
         lambda cell: cell.camera.cover("left", False),
-        lambda cell: cell.camera.knock("left", (0.2, 0.0, 0.0)),
+        lambda cell: cell.camera.displace("left", (0.2, 0.0, 0.0)),
         lambda cell: cell.arm.move_joints(READY_RAD, 1.0, cell.server.now_s() - 100.0),
         lambda cell: cell.show_board(),
         lambda cell: cell.clear(),
@@ -203,10 +203,10 @@ def test_a_longer_exposure_gathers_as_much_more_light_in_that_eye_within_what_a_
 def test_an_eye_fails_as_it_is_told_and_is_well_again(how: str) -> None:
     pair, clock = pair_of()
     pair.grab(0.0, 1.0)
-    pair.ail("right", how)  # type: ignore[arg-type]
+    pair.set_fault("right", how)  # type: ignore[arg-type]
     clock.now_s += 0.5
     if how == "away":
-        with pytest.raises(CameraError, match="right eye unplugged"):
+        with pytest.raises(CameraError, match="right camera unplugged"):
             pair.grab(clock.now_s, 1.0)
         pair.use("left")
         assert pair.grab(clock.now_s, 1.0).left.pixels.any()
@@ -217,7 +217,7 @@ def test_an_eye_fails_as_it_is_told_and_is_well_again(how: str) -> None:
         assert np.array_equal(first.right.pixels, now.right.pixels) == (how == "frozen")
         assert np.array_equal(now.right.pixels[-1], now.right.pixels[-2]) == (how == "half")
         assert not np.array_equal(first.left.pixels, now.left.pixels)
-    pair.ail("right", None)
+    pair.set_fault("right", None)
     clock.now_s += 0.5
     first = pair.grab(clock.now_s, 1.0)
     now = pair.grab(first.right.taken_s, 1.0)

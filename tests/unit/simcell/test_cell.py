@@ -93,7 +93,7 @@ def test_the_camera_shows_the_part_where_the_cameras_true_pose_says(cell: Simula
     pair = cell.camera.grab(time.monotonic(), 2.0)
     seen = apply(inverse(cell.world_from_cyclopean()), cell.truth.corners(part.name))
     for eye, frame in ((cell.truth.settings.left, pair.left), (cell.truth.settings.right, pair.right)):
-        outline = eye.eye().project(seen)
+        outline = eye.lens().project(seen)
         bright = np.argwhere(frame.pixels > 140)[:, ::-1]
         assert len(bright) > 500
         assert np.all(bright.min(axis=0) > outline.min(axis=0) - 2)
@@ -126,7 +126,7 @@ def test_a_transform_that_is_none_is_refused_by_name(tmp_path: Path, name: str) 
     holder = {"cyclopean_from_camera": data["right"], "flange_from_tool": data["arm"]}.get(name, data)
     holder[name][0][0] += 0.1
     (tmp_path / "simcell.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(TruthError, match=rf"simcell.yaml: {name}: .*no rotation"):
+    with pytest.raises(TruthError, match=rf"simcell.yaml: {name}: .*not a rotation"):
         load_truth(tmp_path / "simcell.yaml")
 
 

@@ -42,7 +42,7 @@ def edge_offsets(image: Array32, line_px: Array, half_px: float = 4.0) -> Array:
 def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_them(
     label: str, stand_off_mm: float
 ) -> None:
-    shape, eye = part_shape(label), TRUTH.left.eye()
+    shape, eye = part_shape(label), TRUTH.left.lens()
     rest = rigid(turn([0, 0, 1], 0.3), [520.0, 0.0, -300.0]) @ shape.rests[0]
     pose = looking([520 - 0.6 * stand_off_mm, -0.3 * stand_off_mm, -280 + 0.742 * stand_off_mm], [520, 0, -280], 0.2)
     image = picture([RenderedSolid(shape.hull, rest, STARK.facet_albedo)], pose, eye)
@@ -67,7 +67,7 @@ def test_edges_lie_within_five_thousandths_of_a_pixel_of_where_projection_puts_t
 
 
 def test_a_nearer_part_hides_a_farther_one() -> None:
-    cube, eye = part_shape("cube"), TRUTH.left.eye()
+    cube, eye = part_shape("cube"), TRUTH.left.lens()
     front = RenderedSolid(cube.hull, rigid(np.eye(3), [480.0, 0.0, -275.0]), 0.8)
     back = RenderedSolid(cube.hull, rigid(np.eye(3), [560.0, 0.0, -275.0]), 0.2)
     pose = looking([150.0, 0.0, -220.0], [520.0, 0.0, -280.0])

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.simcell.light import CellLight
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import RenderedSolid, Retina
+from drivers.simcell.render import PixelRays, RenderedSolid
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.truth import Lighting
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
@@ -16,15 +16,15 @@ def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> 
     bright = Lighting(ambient=40.0, lamps=STARK.lamps, gloss=0.0, facet_albedo=0.8, table_albedo=0.6)
     light = CellLight(TABLE, bright)
     pose = looking([520.0, -1.0, 200.0], [520.0, 0.0, -300.0])
-    centres = Retina(TRUTH.left.eye(), 640, 480).centres
-    world_from_camera = pose @ TRUTH.left.eye().cyclopean_from_camera
+    centres = PixelRays(TRUTH.left.lens(), 640, 480).centres
+    world_from_camera = pose @ TRUTH.left.lens().cyclopean_from_camera
     bare = light.table_levels(centres, world_from_camera)
     corners = apply(rigid(np.eye(3), [520.0, 0.0, -275.0]), part_shape("cube").hull.vertices)
     light.cast([corners])
     lost = bare - light.table_levels(centres, world_from_camera)
 
     def at(x_mm: float, y_mm: float) -> float:
-        u, v = np.round(projected(TRUTH.left.eye(), pose, np.array([[x_mm, y_mm, -300.0]]))[0]).astype(int)
+        u, v = np.round(projected(TRUTH.left.lens(), pose, np.array([[x_mm, y_mm, -300.0]]))[0]).astype(int)
         return float(lost[v, u] / bare[v, u])
 
     assert at(545.0, 45.0) > 0.5, "behind the part, seen from the lamp"
@@ -33,7 +33,7 @@ def test_a_part_casts_its_shadow_away_from_the_lamp_and_softer_the_farther() -> 
 
 
 def test_a_tall_part_throws_its_shadow_onto_its_neighbour_and_only_where_the_lamp_is_hidden() -> None:
-    eye, pose = TRUTH.left.eye(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
+    eye, pose = TRUTH.left.lens(), looking([520.0, 150.0, 100.0], [520.0, 40.0, -280.0])
     low = RenderedSolid(part_shape("cube").hull, rigid(np.eye(3), [530.0, 60.0, -275.0]), 0.8)
     tall = RenderedSolid(part_shape("triangular_prism").hull, rigid(np.eye(3), [500.0, 5.0, -265.0]), 0.8)
     alone, shaded = picture([low], pose, eye), picture([low, tall], pose, eye)

@@ -18,7 +18,7 @@ TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml")
 def test_the_stand_shows_both_eyes_just_the_facets_of_the_characteristic_view(label: str, view: int) -> None:
     shape = part_shape(label)
     world_from_cyclopean = rigid(turn([1, 0.1, 0], 2.9), [480.0, 20.0, 100.0])
-    eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
+    eyes = [eye.lens().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
     pose = characteristic_pose(label, view, world_from_cyclopean, eyes, TRUTH.lighting)
     normals = shape.hull.normals @ pose[:3, :3].T
     for eye in eyes:
@@ -42,7 +42,7 @@ def test_no_edge_lies_along_the_line_between_the_eyes_from_where_no_distance_is_
     """A pyramid held with its edges level was seen as two things most of the times."""
     shape, lean = part_shape(label), turn([1, 0, 0], np.radians(135.0))
     world_from_cyclopean = rigid(turn([0, 0, 1], np.radians(turned_deg)) @ lean, [236.7, -150.0, 331.0])
-    eyes = [eye.eye().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
+    eyes = [eye.lens().cyclopean_from_camera[:3, 3] for eye in (TRUTH.left, TRUTH.right)]
     pose = characteristic_pose(label, view, world_from_cyclopean, eyes, TRUTH.lighting)
     ends = apply(pose, shape.hull.vertices) @ world_from_cyclopean[:3, :2]  # right and down, as the eyes have it
     sight = world_from_cyclopean[:3, 2]

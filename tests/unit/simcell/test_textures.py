@@ -14,13 +14,13 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32
 from drivers.simcell.parts import part_shape
-from drivers.simcell.render import RenderedSolid, Retina, radiance
+from drivers.simcell.render import PixelRays, RenderedSolid, radiance
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import Pattern, printed_faces, table_factors
 from drivers.simcell.world import PartPlace
 from tests.fakes.pictures import STARK, TABLE, TRUTH, looking, picture, projected
 
-EYE = TRUTH.left.eye()
+EYE = TRUTH.left.lens()
 POSE = looking([320.0, -60.0, -60.0], [520.0, 0.0, -280.0])
 REST = rigid(np.eye(3), [520.0, 0.0, -275.0])
 
@@ -41,12 +41,12 @@ def test_a_patterned_table_is_as_bright_as_a_plain_one_in_the_mean_and_uneven(se
 def test_the_pattern_lies_in_the_table_and_moves_with_it_in_the_picture() -> None:
     light = CellLight(TABLE, structs.replace(STARK, table_albedo=0.3), np.random.default_rng(0))
     light.cast((), covered=True)
-    plain = radiance(Retina(EYE, 640, 480), POSE, (), light)
+    plain = radiance(PixelRays(EYE, 640, 480), POSE, (), light)
     light.cast(())
     spot = np.array([[500.0, 20.0, -300.0], [560.0, -30.0, -300.0], [480.0, -50.0, -300.0], [530.0, 60.0, -300.0]])
     seen = []
     for pose in (POSE, looking([480.0, 100.0, 0.0], [520.0, 0.0, -300.0], 0.7)):
-        image = radiance(Retina(EYE, 640, 480), pose, (), light)
+        image = radiance(PixelRays(EYE, 640, 480), pose, (), light)
         px = np.round(projected(EYE, pose, spot)).astype(int)
         seen.append([float(image[y - 1 : y + 2, x - 1 : x + 2].mean()) for x, y in px])
     assert np.ptp(seen[0]) > 5
@@ -91,15 +91,15 @@ def test_a_part_keeps_its_print_where_it_lies_and_is_bare_while_it_is_taught() -
     truth = folders.HOUSE / "etc" / "simcell.yaml"
     with SimulatedCell(truth, seed=5, time_scale=40.0, table="patterned", parts="printed") as cell:
         cell.scatter(["cube", "pyramid"])
-        first, again = (cell._scene_at(0.0).things for _ in range(2))
+        first, again = (cell._scene_at(0.0).solids for _ in range(2))
         assert [t.patterns for t in first] == [t.patterns for t in again]
         assert all(t.patterns for t in first)
         cell.place_for_teaching("cube", 0)
         (shown,) = (p for p in cell.world.parts if p.where is PartPlace.STAND)
-        (thing,) = cell._scene_at(0.0).things
+        (thing,) = cell._scene_at(0.0).solids
         assert shown.label == "cube"
         assert thing.patterns == ()
         assert cell._scene_at(0.0).covered
     with SimulatedCell(truth, seed=5, time_scale=40.0) as plain:
         plain.scatter(["cube", "pyramid"])
-        assert all(t.patterns == () for t in plain._scene_at(0.0).things)
+        assert all(t.patterns == () for t in plain._scene_at(0.0).solids)
