@@ -33,10 +33,10 @@ from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from daemon.vision.values import Scene
 from tests.bench.simulated_looks import true_rig
+from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.families import FAMILIES, Alike, alike
 from tests.fakes.many_parts import taught
 from tests.fakes.photographed import Photograph, cell, photograph
-from tests.fakes.telling import TELLS_MM, telling_mm
 
 PAIRS = 20
 MODES = ("both", "alone", "stranger")

@@ -39,9 +39,9 @@ from tests.bench.look_alikes import _judged, _model, shown
 from tests.bench.recognise import matched, test_folders, trained
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
+from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.families import FAMILIES
 from tests.fakes.photographed import Image, cell
-from tests.fakes.telling import TELLS_MM, telling_mm
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "near_twins.csv"
 PAIRS = 40

@@ -1,7 +1,4 @@
-"""A model without its recall, or with one that is wrong: what a look then names shows what recall is worth.
-
-The two functions that take a Model are all that knows how it keeps what it recalls by.
-"""
+"""Models without recall or with wrong labels of recall, to measure what recall contributes to recognition."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ def instead(model: Model) -> dict[str, str]:
 
 
 def by_facets(part: Part) -> bool:
-    """Whether a named part has its name of its facets, as the reason says it; else it has it of its edges."""
+    """Whether a part was named by its facets, by the reason's text; else by its edges."""
     return part.named and "facets fit" in part.recognition.reason
 
 

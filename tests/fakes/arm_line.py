@@ -1,4 +1,4 @@
-"""A controller on a pseudo-terminal in scaled time, links to it that keep a ledger, and what truly happened there."""
+"""A simulated controller on a pseudo-terminal in scaled time, links to it with a ledger, and its true state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ QUICK = Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, stall_s=0.3)
 
 
 class ArmLine:
-    """The controller's end of the line, what a link to it wrote into its ledger, and what the hand was told."""
+    """The controller's end of the line, the ledger of a link to it, and the commands to the gripper."""
 
     def __init__(self, server: PtyServer, faults: Faults, hand: list[bool]) -> None:
         self.server, self.faults, self.hand = server, faults, hand

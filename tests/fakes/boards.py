@@ -1,6 +1,6 @@
-"""Calibration boards in pictures: one of 9 x 6 corners, drawn flat, and any board painted through any camera.
+"""Images of calibration boards: one of 9 x 6 corners, drawn flat, and any board rendered through any camera.
 
-The painter knows nothing of how corners are found: OpenCV draws the board, rays of each pixel's parts meet it.
+Independent of the corner detection: OpenCV draws the board, and rays sample it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from daemon.vision.geometry import Camera
 
 BOARD = Board(9, 6, 10.0)
 PX_A_SQUARE = 240
-"""Of the drawing: the usual marker shares come to whole pixels in it, and so do their modules."""
+"""Resolution of the drawing: usual marker widths and their modules are whole pixels in it."""
 WHITE, BLACK, AROUND = 215.0, 25.0, 150.0
 PARTS = 5
 """A pixel is the mean of PARTS x PARTS rays."""

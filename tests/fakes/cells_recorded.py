@@ -1,4 +1,4 @@
-"""Runs of simulated cells, recorded in earnest: rendered pictures, a line on a pty, the daemon's own pick and log."""
+"""Record runs of simulated cells: rendered pictures, a line on a pty, the daemon's own pick and log."""
 
 from __future__ import annotations
 

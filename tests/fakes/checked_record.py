@@ -1,4 +1,4 @@
-"""What a producer writes is held against the schema of records."""
+"""Check a record against the schema of records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A daemon/compute Compute without a process: in a thread, or, on simulated time, at once."""
+"""A Compute (daemon/compute) without a process: in a thread, or at once on simulated time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class ComputesHere:
-    """See the module. What a Worker is asked besides, it does not do."""
+    """See the module. The other methods of a Worker do nothing."""
 
     pid = None
 

@@ -1,4 +1,4 @@
-"""Drawings for tests: convex polygons as STL (both kinds) and OBJ text, and the solids that are read from them."""
+"""Drawings for tests: convex polyhedra as STL (binary, text) and OBJ, and the solids read from them."""
 
 from __future__ import annotations
 

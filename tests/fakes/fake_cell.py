@@ -1,6 +1,7 @@
-"""A workcell of values for tests of the cycle: an arm that jumps, eyes that see the truth with noise, a log in a list.
+"""A fake Workcell for tests of the pick cycle: an arm that jumps, cameras that see the truth with noise, a log in a
+list.
 
-No driver is used but the shapes of the parts. What a test wants to go wrong it hangs on `World.before`.
+It uses no driver but the shapes of the parts. Tests inject faults by `World.before`.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def shape_of(label: str) -> Polyhedron:
 
 
 NOISE = [np.random.default_rng(k).normal(100.0, 2.0, (480, 640)).astype(np.uint8) for k in range(5)]
-"""Grey levels of an image in which there is nothing; an odd number, so that no eye sees one twice running."""
+"""Empty images; an odd number, so that no camera gives the same one twice running."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A context for console tests: a cycle that remembers what it was told, a trainer on a real folder, no hardware."""
+"""A context for tests of commands: a cycle that records calls, a trainer on a real folder, no hardware."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Families of parts that look alike: mirror images, near sizes, a cut corner, other dihedral angles, one side more.
 
-A pair is made from a family's name and a seed alone: two drawings that differ in what the family says. Even seeds are
-for tuning, odd seeds are held out: nothing may be chosen by what comes of them.
+A family's name and a seed give a pair of drawings that differ in the family's way. Even seeds are for tuning; odd seeds
+are held out, and no choice may depend on their results.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A recogniser that fails amid a look as software does: its process killed, out of memory, never done."""
+"""A recogniser that fails during an observation: killed, out of memory, or endless."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from daemon.vision.values import Scene
 
 
 class FaultyRecogniser(ModelRecogniser):
-    """As a good one, but where `orders` says what the next look is to come to; each order is carried out once."""
+    """A recogniser that fails once as the file `orders` says."""
 
     def __init__(self, good: ModelRecogniser, orders: Path) -> None:
         super().__init__(good.model, good.rig, good.settings)

@@ -1,6 +1,6 @@
-"""Scenes that are hard to tell: heaps, print that runs like a part's own edges, look-alike strangers, patterned tables.
+"""Scenes that are hard to recognise: heaps, prints like a part's edges, unknown look-alikes, patterned tables.
 
-A scene is made from its kind, a seed, and the parts that may be there. Even seeds are for tuning, odd ones held out.
+Kind, seed and possible parts give a scene. Even seeds are for tuning, odd ones held out.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from drivers.simcell.render import RenderedSolid
 from drivers.simcell.rigid import apply, inverse, rigid
 from drivers.simcell.textures import CELL_MM, Pattern
 from drivers.simcell.world import World
+from tests.fakes.distinguishable import TELLS_MM, hides, telling_mm
 from tests.fakes.families import cut
 from tests.fakes.heaps import heap
 from tests.fakes.many_parts import FAMILIES, DrawnPart
@@ -32,7 +33,6 @@ from tests.fakes.photographed import (
     print_for,
     taken,
 )
-from tests.fakes.telling import TELLS_MM, hides, telling_mm
 
 Print = Literal["bare", "printed", "edges"]
 KINDS: dict[str, tuple[tuple[int, int], bool, Print, bool]] = {

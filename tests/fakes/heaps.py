@@ -1,4 +1,4 @@
-"""Heaps of parts that touch, and parts that are twins but for a side that a look does not show."""
+"""Heaps of touching parts, and near-duplicate parts that differ on a hidden side."""
 
 from __future__ import annotations
 

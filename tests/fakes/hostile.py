@@ -1,7 +1,7 @@
 """Hostile inputs for every reader of files and every frontend: valid input, spoiled at random, and allowed answers.
 
-An input is made of a valid one by a few spoilings (bits, cuts, doublings, foreign words, values of other types), all
-from one seed. A reader may give a value or one of its named errors; anything else is a finding.
+A seed damages a valid input in a few places (bits, cuts, repetitions, foreign words, values of other types). A reader
+may return a value or raise one of its named errors; anything else is a finding.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Work done on a loop whose clock goes on by itself while everything waits: hours take the time of what is done."""
+"""Run a coroutine on simulated time, which jumps while everything waits."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ T = TypeVar("T")
 
 
 def lived(work: Coroutine[Any, Any, T]) -> T:
-    """What the work gives."""
+    """The result of the work."""
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         return runner.run(work)

@@ -1,8 +1,7 @@
-"""deploy/install.sh in a made-up house and a made-up root, where the power goes at the n-th change of the disk.
+"""Run deploy/install.sh on a fake project and root, with a power cut at the n-th change of the disk.
 
-Python, pip and the program are a few lines of shell. Every command by which the script changes the disk counts as a
-step; the step at which the power goes is done by half, what of the new release was not brought to the disk by then is
-empty, and nothing else is done.
+Python, pip and the program are a few lines of shell. Every command of the script that changes the disk is a step; the
+step at the power cut is half done, files of the new release that were not synced are empty, and nothing follows.
 """
 
 from __future__ import annotations

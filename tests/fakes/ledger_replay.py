@@ -1,4 +1,4 @@
-"""A wire ledger played to today's protocol: whether it would read the same events of the same bytes."""
+"""Replay a wire ledger with today's protocol, to compare the events that it reads from the same bytes."""
 
 from __future__ import annotations
 

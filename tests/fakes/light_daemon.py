@@ -1,7 +1,7 @@
-"""The whole daemon on simulated time with an arm that jumps and eyes that see noise: years of it in minutes.
+"""The whole daemon on simulated time with an arm that jumps and cameras that see noise: years of it in minutes.
 
-The service is daemon/service.py's own, with its log, quota, watch, socket and pick cycle; arm, eyes and recogniser are
-tests/fakes/fake_cell.py's. The clock on the wall is set from here, as somebody sets a machine's.
+The service is daemon/service.py, with its log, quota, watchdog, socket and pick cycle; arm, cameras and recogniser are
+tests/fakes/fake_cell.py's. Tests set the wall clock.
 """
 
 from __future__ import annotations

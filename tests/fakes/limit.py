@@ -1,6 +1,6 @@
-"""How near the corners of a look come to what light and optics allow: the Cramer-Rao bound beside the noise seen.
+"""Compare the corner noise of an observation with the Cramer-Rao bound of light and optics.
 
-A person reads from it whether light (contrast, noise), focus (blur) or calibration is to blame.
+It shows whether light (contrast, noise), focus (blur) or calibration limits the accuracy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A run written through the run log itself, with pictures, so that the review has something true to read."""
+"""Write a run by the run log itself, with pictures, for tests of the review."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A year of many cells, made of picks that were recorded: drawn again by chance, each cell with its own weaknesses.
+"""A year of many cells, resampled from recorded picks, each cell with its own weaknesses.
 
-The rows come from real runs; which pick follows which, the dates, and what the cells suffer from are made up.
+The rows are from real runs; order, dates and weaknesses are invented.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Drawings of many parts such as shops have: boxes, wedges, L and T blocks, prisms, frusta, each family in many sizes.
 
-Everything is drawn from a seed. A part comes as its drawing (corners, rings), which is what is taught, and as convex
-pieces, which the simulated cell can light and see.
+Everything is random by a seed. A part has a drawing (corners, rings) for teaching, and convex pieces for the simulated
+cell to render.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What takes long to make is made once, by whichever of pytest-xdist's workers comes first."""
+"""Make a slow fixture once, in the first of pytest-xdist's workers that needs it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 
 def made_once(temporary: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
-    """The folder of that name, which `make` has filled; the other workers wait for it. To be read, not changed."""
+    """The folder of that name, filled by `make`; other workers wait for it. Read-only for tests."""
     base = temporary.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name
     with folder.with_suffix(".lock").open("w") as lock:

@@ -1,7 +1,7 @@
-"""A cell that outlives the daemon, as a real one does: when facetd is killed, the controller and the arm go on.
+"""A simulated cell that outlives the daemon: when facetd is killed, controller and arm continue, as in a real cell.
 
-The simulated cell runs in this process and knows what the controller was told and where the arm truly is; facetd runs
-in another, configured as for a real cell, on the cell's serial line. tests/bench/long/kill.py measures with it.
+The simulated cell runs in this process, with the received commands and the true pose of the arm; facetd runs in
+another, configured as for a real cell, on the cell's serial line. tests/bench/long/kill.py measures with it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Manners, Mishap
 from drivers.val2.commands import moves_the_arm
 from drivers.val2.dialect import Dialect
-from tests.fakes.lent_eyes import PLACE, lend
+from tests.fakes.remote_cameras import PLACE, lend
 from tests.fakes.running import ETC, SHOWN
 from tests.fakes.sentry import CONFIG, Act, Found, Sentry, come_back, go_on, killed, look_over, sent
 
@@ -69,7 +69,7 @@ class Beside(Sentry):
         config = (f"cell: real\ncameras: {{left: a, right: b}}\narm: {{port: {self.cell.port}, dialect: {dialect}}}\n"
                   f"pick: {{travel_pct: {ways.travel_pct}}}\n")  # fmt: skip
         super().__init__(folder, CONFIG + config, seed, ways.time_scale)
-        self.program = "tests.fakes.lent_eyes"
+        self.program = "tests.fakes.remote_cameras"
         self.environment = {PLACE: str(folder / "eyes")}
 
     def start(self, arguments: Any = (), timeout_s: float = 60.0) -> None:

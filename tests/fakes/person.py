@@ -1,4 +1,4 @@
-"""Somebody at a terminal on which `facetctl` runs: types, sees, leaves."""
+"""A person at a terminal with `facetctl`: types, reads, disconnects."""
 
 from __future__ import annotations
 

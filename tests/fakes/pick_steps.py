@@ -1,4 +1,4 @@
-"""A pick taken state by state on the fake cell, so that a handler can be tested where it stands."""
+"""Run a pick state by state on the fake cell, to test each handler alone."""
 
 from __future__ import annotations
 

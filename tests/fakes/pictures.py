@@ -1,4 +1,4 @@
-"""One rendered picture of things on a table, from where one wants to look, under a stark lamp."""
+"""Render one picture of solids on a table, from any viewpoint, under a stark lamp."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts learnt from exact shapes, and what their memory proposes of facets, fitted: for tests of what comes after."""
+"""Models learnt from exact shapes, and the fitted hypotheses that they recall for facets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rendered scenes and what is true of them: those kept here, and all of them where FACETD_SHARED says they are.
+"""The rendered scenes and their ground truth: those in tests/data, and all of them in FACETD_SHARED.
 
 A scene is a folder with left.png, right.png and truth.json; the calibration of its rig lies beside it.
 """
@@ -19,7 +19,7 @@ from daemon.vision.geometry.rig import StereoRig
 
 HERE = Path(__file__).resolve().parents[1] / "data" / "scenes"
 ALL = Path(os.environ.get("FACETD_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "scenes"
-"""May not be there: who needs it says so and goes without."""
+"""May be missing: tests that need it skip."""
 MORE = tuple(Path(folder) for folder in os.environ.get("FACETD_SCENES", "").split(os.pathsep) if folder)
 """More folders of scenes to measure on, each with the calibrations of its rigs beside the scenes."""
 

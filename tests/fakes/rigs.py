@@ -1,4 +1,4 @@
-"""Stereo rigs whose truth is known: two converging eyes on one baseline, and the few that tests share.
+"""Stereo rigs with known truth: two converging cameras on one baseline, and the few that tests share.
 
 Rigs of the rendered scenes are read from their files (rendered.py), the simulated cell's from its truth.
 """
@@ -26,15 +26,16 @@ def rig(
     image_size: tuple[int, int] = (640, 480),
     raised_mm: float = 0.0,
 ) -> StereoRig:
-    """Two eyes base_mm apart, each turned inwards by turn_rad: as it stands, 640 x 480, 700 px, meeting at 350 mm,
-    mild barrel distortion. focal_px, centres_px: left, right; raised_mm: the right eye's y, and the left one's -y."""
-    eyes = []
+    """Two cameras base_mm apart, each turned inwards by turn_rad: by default 640 x 480, 700 px, fixation at 350 mm,
+    mild barrel distortion. focal_px, centres_px: left, right; raised_mm: the right camera's y, and the left one's
+    -y."""
+    cameras = []
     for side, focal, (cx, cy) in zip((-1.0, 1.0), focal_px, centres_px, strict=True):
         turn = frames.rotation_from_vector(np.array([0.0, -side * turn_rad, 0.0]))
         place = np.array([side * base_mm / 2, side * raised_mm, 0.0])
         matrix = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
-        eyes.append(Camera(matrix, np.array(distortion), frames.rigid(turn, place)))
-    return StereoRig(eyes[0], eyes[1], image_size)
+        cameras.append(Camera(matrix, np.array(distortion), frames.rigid(turn, place)))
+    return StereoRig(cameras[0], cameras[1], image_size)
 
 
 def parallel_rig() -> StereoRig:
@@ -43,7 +44,7 @@ def parallel_rig() -> StereoRig:
 
 
 def unlike_rig() -> StereoRig:
-    """As `rig`, the eyes a little unlike, as real ones are."""
+    """As `rig`, with slightly different cameras, as real ones are."""
     return rig(turn_rad=np.arctan2(30, 350), focal_px=(699.0, 701.0), centres_px=((322.7, 241.0), (316.8, 237.4)))
 
 
@@ -54,8 +55,8 @@ def thesis_rig() -> StereoRig:
 
 
 def turned(rig: StereoRig, axis: int, degrees: float) -> StereoRig:
-    """The rig after a knock: its right eye turned about its own x, y or z."""
+    """The rig with its right camera turned about its own x, y or z."""
     turn = np.zeros(3)
     turn[axis] = np.radians(degrees)
-    knock = frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
-    return replace(rig, right=replace(rig.right, cyclopean_from_camera=rig.right.cyclopean_from_camera @ knock))
+    rotation = frames.rigid(frames.rotation_from_vector(turn), np.zeros(3))
+    return replace(rig, right=replace(rig.right, cyclopean_from_camera=rig.right.cyclopean_from_camera @ rotation))

@@ -1,6 +1,6 @@
-"""A whole facetd process on a simulated cell, in a folder of its own, for benches and tests that harm or watch it.
+"""A facetd process on a simulated cell, in a folder of its own, for benches and tests that disturb or measure it.
 
-Only starting, speaking and reading what the kernel says of the process; what is measured is each bench's business.
+Starts it, sends commands, and reads the kernel's figures of the process.
 """
 
 from __future__ import annotations

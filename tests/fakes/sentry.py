@@ -1,4 +1,4 @@
-"""A daemon that is killed, and what is asked of it then: what the kill left on the disk, and how it comes back.
+"""Checks after a daemon was killed: what the kill left on the disk, and how the daemon restarts.
 
 What it does when it is killed, and how often, is kill.py's and outlive.py's.
 """

@@ -1,6 +1,6 @@
-"""A whole cell for end-to-end tests and benches: the simulated cell behind its pty, the daemon's own parts on top.
+"""A cell for end-to-end tests and benches: the simulated cell behind its pty, with the daemon's own parts on top.
 
-Nothing here decides or judges; it builds, teaches, and tells what truly happened.
+It builds, teaches, and reports the ground truth.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The simulated cell in simulated time, with the daemon's own parts and commands on top: hours of it in minutes.
 
-Nothing here decides or judges. Time is the arm's and the cameras'; what computing takes is not in it.
+Simulated time is that of arm and cameras; computing takes none of it.
 """
 
 from __future__ import annotations

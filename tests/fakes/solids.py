@@ -1,4 +1,4 @@
-"""Parts with exact geometry, and what a stereo pair would measure of them: facets with honest corner noise.
+"""Parts with exact geometry, and simulated stereo measurements of them: facets with realistic corner noise.
 
 For tests only. Nothing here renders; corners come from geometry and the noise from a stated covariance.
 """

@@ -1,4 +1,4 @@
-"""Controllers with manners, arms and lines drawn at random, each in simulated time, and a first contact with them."""
+"""Random controllers, arms and lines on simulated time, and the identification of each."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Whatever operators, line, controller and clock may do to the whole daemon, in random order, before a motion monitor.
+"""Random actions of operators, line, controller and clock on the whole daemon, checked by the motion monitor.
 
-A hypothesis state machine over tests/fakes/whole_daemon.py. What a story does is kept as calls of the rules below: of
-one that fails, calls are left out as long as it still fails alike (a few dozen stories; hypothesis, which knows only
-the draws behind them, took minutes for less), and the rest is told. Run by tests/unit/service/test_whole_daemon.py and
-tests/bench/long/surprises.py.
+A hypothesis state machine over tests/fakes/whole_daemon.py. A story is recorded as calls of the rules below. A failing
+one is shortened by leaving out calls while it still fails alike (a few dozen runs; hypothesis, which only sees the
+draws, took minutes for less). Run by tests/unit/service/test_whole_daemon.py and tests/bench/long/surprises.py.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Random travels of the arm, and what is true of them: every half millimetre looked at, with no cleverness.
+"""Random travels of the arm with their true clearances, by brute force at every half millimetre.
 
-Written without the sweep's own code (daemon/arm/sweep.py): capsules are rows of balls, boxes are asked ball by ball.
+Independent of the sweep's own code (daemon/arm/sweep.py): capsules are rows of spheres, tested one by one.
 Used by tests/bench/long/travels.py and the sweep's tests.
 """
 

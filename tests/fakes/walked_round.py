@@ -1,4 +1,4 @@
-"""Parts that somebody drew, lain in the simulated cell in simulated time, and `teach LABEL --around` said to them."""
+"""Run `teach LABEL --around` on parts from drawings, in the simulated cell on simulated time."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""The whole daemon in one process on a simulated clock: its cell, its operators, and what may happen to all of them.
+"""The whole daemon in one process on simulated time, with its cell, its operators, and injected faults.
 
-The daemon is daemon/service.py's own, its socket and serial terminal are real ones; only the controller's line is in
-memory, because a pty has a clock of its own. The cell outlives the daemon, as a real one does.
+The service is daemon/service.py, with a real socket and serial terminal; only the controller's line is in memory,
+because a pty has a clock of its own. The cell outlives the daemon, as a real one does.
 
-Who knows what is allowed: what lets the arm move is known from the operators' words alone (Words), as they were typed
-here; what forbids it, from their words, too, and from what the daemon said at its frontends: its word counts only
-against it. The rest of the truth is the machine's own history (drivers/simcell/motion_monitor.py).
+Permission to move follows from the operators' commands alone (Words), as typed here. Its withdrawal follows from their
+commands and from the daemon's output, which counts only against the daemon. All other facts are in the machine's
+history (drivers/simcell/motion_monitor.py).
 """
 
 from __future__ import annotations

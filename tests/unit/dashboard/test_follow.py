@@ -18,7 +18,7 @@ from daemon.frontends.rights import Rights
 from daemon.frontends.socket_server import SocketServer
 from tests.fakes.fake_context import fake_context
 from tests.fakes.made_run import MadeRun
-from tests.fakes.told_daemon import ToldDaemon
+from tests.fakes.status_daemon import StatusDaemon
 from tests.fakes.waiting import until_so
 
 
@@ -34,7 +34,7 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
         now = DashboardState()
         following = asyncio.create_task(follow_daemon(now, RunFollower(now), tmp_path / "sock"))
         await until_so(lambda: now.daemon is None)
-        daemon = ToldDaemon(tmp_path / "sock", first.folder)
+        daemon = StatusDaemon(tmp_path / "sock", first.folder)
         await daemon.open()
         await until_so(lambda: now.daemon is not None and len(now.picks) == 1)
         daemon.tell("TROUBLE cameras: unplugged")
@@ -42,7 +42,7 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
         await daemon.close()
         await until_so(lambda: now.daemon is None)
         assert len(now.picks) == 1  # what was last seen stays
-        again = ToldDaemon(tmp_path / "sock", second.folder)
+        again = StatusDaemon(tmp_path / "sock", second.folder)
         await again.open()
         await until_so(lambda: now.run == second.folder.name)
         second.pick("missed")

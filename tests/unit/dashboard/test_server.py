@@ -19,7 +19,7 @@ from daemon.dashboard import server
 from daemon.dashboard.follow import RunFollower
 from daemon.dashboard.state import DashboardState
 from tests.fakes.made_run import MadeRun, part
-from tests.fakes.told_daemon import ToldDaemon
+from tests.fakes.status_daemon import StatusDaemon
 from tests.fakes.waiting import until
 
 pytestmark = pytest.mark.slow
@@ -78,7 +78,7 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     def text() -> str:
         return str(browser.find_element("tag name", "body").text)
 
-    daemon = ToldDaemon(tmp_path / "sock", made.folder)
+    daemon = StatusDaemon(tmp_path / "sock", made.folder)
     do(daemon.open())
     browser.get(f"http://127.0.0.1:{port}/")
     until(lambda: "pyramid" in text() and "2 of 3 picked" in text())
@@ -90,7 +90,7 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     do(daemon.close())
     until(lambda: "No daemon answers" in text())
     assert "pentagonal_prism" in text()
-    again = ToldDaemon(tmp_path / "sock", made.folder)
+    again = StatusDaemon(tmp_path / "sock", made.folder)
     do(again.open())
     until(lambda: "idle" in text())
     assert browser.get_log("browser") == []

@@ -23,7 +23,7 @@ from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
 from daemon.vision.values import Part
 from tests.fakes import drawn
-from tests.fakes.looked_around import looked_at, place
+from tests.fakes.observed_around import looked_at, place
 from tests.fakes.rigs import rig
 
 BLOCK = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], 30)

@@ -10,7 +10,7 @@ from daemon.arrays import Array
 from drivers.simcell.gripper import Grip, close_on, finger_rods, fingers
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import apply, inverse, rigid, turn
-from tests.fakes.hands import TABLE_MM, TRUTH, tool
+from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool
 
 
 def close_over(label: str, rest: int, part_turn_rad: float, hand: Array) -> Grip:

@@ -8,7 +8,7 @@ import pytest
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
 from drivers.simcell.rigid import apply, rigid, turn
 from drivers.simcell.world import PartPlace, World, settle
-from tests.fakes.hands import TABLE_MM, TRUTH, tool
+from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool
 
 
 def test_parts_are_strewn_on_stable_faces_without_touching() -> None:

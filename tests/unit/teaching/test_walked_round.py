@@ -13,7 +13,7 @@ from daemon.teaching.walked_round import deviations, learnt_round, solid_from, s
 from daemon.vision.facets import Fused, fuse, only
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import TeachError
-from tests.fakes.looked_around import DOUBT, solid, tour
+from tests.fakes.observed_around import DOUBT, solid, tour
 from tests.fakes.solids import CUBE, L_BASE, prism
 
 LIBRARY = load_facets()

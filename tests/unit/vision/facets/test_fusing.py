@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.vision.facets import Fused, SeenFrom, fuse, group_of, merge_vertices, only
 from daemon.vision.geometry import Polyhedron, chi_square_tail
 from daemon.vision.values import Group
-from tests.fakes.looked_around import DOUBT, beside_truth, looked_at, place, solid, tour
+from tests.fakes.observed_around import DOUBT, beside_truth, looked_at, place, solid, tour
 from tests.fakes.rigs import rig
 from tests.fakes.solids import CUBE, L_BASE, PYRAMID, prism
 

@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.facets.looks_adjustment import LookCorners, adjusted, shared_motion
-from tests.fakes.looked_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
+from tests.fakes.observed_around import BASELINE_MM, DOUBT, FOCAL_PX, place, solid
 from tests.fakes.solids import CUBE
 
 PART = solid(CUBE)

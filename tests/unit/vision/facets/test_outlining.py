@@ -7,7 +7,7 @@ import pytest
 
 from daemon.vision.facets.outlining import Plane, outlines, plane_of, supposed
 from daemon.vision.geometry import Polyhedron
-from tests.fakes.looked_around import solid
+from tests.fakes.observed_around import solid
 from tests.fakes.solids import CUBE, L_BASE, prism
 
 BOX = solid(CUBE)

@@ -9,9 +9,9 @@ from daemon.vision.geometry import Polyhedron
 from drivers.simcell.parts import box, shape
 from drivers.simcell.rigid import rigid
 from tests.bench.look_alikes import answers
+from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.drawn import solid
 from tests.fakes.families import FAMILIES, LARGER, alike, cut
-from tests.fakes.telling import TELLS_MM, telling_mm
 
 SEEDS = range(0, 10, 2)
 

@@ -1,5 +1,5 @@
-"""What looks from all round would measure of a part with exact geometry: corners with noise, places with the arm's
-error, and one error of hand-eye and cameras in all of them. Nothing renders.
+"""Simulated measurements of a part from all sides: exact geometry with corner noise, the arm's error at each pose, and
+one error of hand-eye and cameras in all. No rendering.
 """
 
 from __future__ import annotations

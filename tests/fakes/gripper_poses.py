@@ -1,4 +1,4 @@
-"""A hand that points down over the simulated cell's table."""
+"""Poses of a gripper that points down over the simulated cell's table."""
 
 from __future__ import annotations
 
@@ -15,5 +15,5 @@ TABLE_MM = TRUTH.table.height_mm
 
 
 def tool(x_mm: float, y_mm: float, z_mm: float, turn_rad: float = 0.0, lean_rad: float = 0.0) -> Array:
-    """world_from_tool of a hand pointing down, tool y along world x before it is turned about the vertical."""
+    """world_from_tool of a gripper pointing down, tool y along world x before it is turned about the vertical."""
     return rigid(turn([0, 0, 1], turn_rad) @ DOWN @ turn([0, 1, 0], lean_rad), [x_mm, y_mm, z_mm])

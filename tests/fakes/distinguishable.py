@@ -1,7 +1,7 @@
-"""Whether what two eyes see of one part tells it from another: how much edge shows in one of them and not in the other.
+"""Whether a stereo view distinguishes one part from another: the length of edges visible of one but not of the other.
 
-Nothing of the recogniser is used; geometry alone. The other is laid in every way that puts one of its facets on one in
-view, as it lies then and drawn to its nearest corners, and the way that differs least counts.
+Geometry alone, without the recogniser. The other part is tried in every pose that puts one of its facets on a visible
+one, as it is then and after alignment of the nearest corners; the pose with the least difference counts.
 """
 
 from __future__ import annotations

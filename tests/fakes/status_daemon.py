@@ -1,4 +1,4 @@
-"""A daemon as far as the live page knows one: it answers `status`, tells notices, and keeps what was said to it."""
+"""A fake daemon for the dashboard: answers `status`, sends notices, records messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 
-class ToldDaemon:
+class StatusDaemon:
     """Answers at a socket until closed."""
 
     def __init__(self, path: Path, run: Path) -> None:
@@ -30,7 +30,7 @@ class ToldDaemon:
                 self._write(writer, {"done": {"text": "", "data": self.status, "status": 0}})
 
     def tell(self, text: str) -> None:
-        """A notice at every frontend."""
+        """Send a notice to every connection."""
         for writer in self._writers:
             self._write(writer, {"notice": text})
 
@@ -38,7 +38,7 @@ class ToldDaemon:
         writer.write(json.dumps(message).encode() + b"\n")
 
     async def close(self) -> None:
-        """Hang up, as a daemon that ends does."""
+        """Close all connections, as a daemon that ends does."""
         assert self._server is not None
         self._server.close()
         for writer in self._writers:

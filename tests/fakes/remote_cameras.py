@@ -1,7 +1,7 @@
-"""facetd whose two cameras are another process's: a launcher for benches on a machine without video devices.
+"""facetd with the cameras of another process: a launcher for benches on a computer without video devices.
 
-All the rest is the daemon as on a real cell. Whoever owns the cameras serves them with `lend`; the daemon is started as
-`python -m tests.fakes.lent_eyes`, the place of the socket in FACETD_LENT_EYES.
+The rest is the daemon as on a real cell. The owner of the cameras serves them with `lend` and starts the daemon by
+`python -m tests.fakes.remote_cameras`, with the path of the socket in FACETD_LENT_EYES.
 """
 
 from __future__ import annotations
