@@ -1,7 +1,6 @@
-"""The memory: Fuzzy ARTMAP behind a pattern rotation layer. Arrays in, values out; knows nothing of vision, files or
-clocks.
+"""The memory: Fuzzy ARTMAP behind a pattern rotation layer. Pure: arrays in, values out.
 
-`others` has the rest of the ART family, for comparison.
+others/ has the rest of the ART family: ART 1 for the thesis's silhouettes, the others for comparison.
 """
 
 from daemon.art.errors import ArtError, InputError, ParameterError

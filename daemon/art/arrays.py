@@ -1,4 +1,4 @@
-"""The arrays of this room by name, so that each file need not say what they are made of."""
+"""Array types of this package."""
 
 import numpy as np
 from numpy.typing import NDArray

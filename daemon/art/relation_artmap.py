@@ -1,11 +1,12 @@
-"""Fuzzy ARTMAP behind a pattern rotation layer, over views whose elements are related in pairs: the memory.
+"""Fuzzy ARTMAP behind a pattern rotation layer, for views with pairwise relations between elements: the memory.
 
-A view is a set of elements (facets), numbered as they happen to come. Its relation matrices hold, for every two
-elements that touch, the category of the first and analogue features of the pair. The rotation layer finds the
-numberings under which a view lies inside what a node was taught, for all nodes at once; vigilance resets every node
-that matches less. Learning is that of Fuzzy ARTMAP: choice, vigilance, match tracking on the label, w <- beta (I ^ w) +
-(1 - beta) w. In: views, labels. Out: another memory; nodes with the numbering of each. Nothing of vision. Source:
-D'Souza, sections 4.4.3, 5.5, 5.6, appendix B; Carpenter et al. 1992 (Fuzzy ARTMAP).
+A view is a set of elements (facets) in arbitrary order. Its relation matrices contain, for every two elements that
+touch, the category of the first and analogue features of the pair. The rotation layer finds the numberings under which
+a view is inside a node's taught ranges, for all nodes at once; vigilance resets every node that matches less. Learning
+is that of Fuzzy ARTMAP: choice, vigilance, match tracking on the label, w <- beta (I ^ w) + (1 - beta) w.
+
+In: views, labels. Out: another memory; nodes with the numbering of each.
+Source: D'Souza, sections 4.4.3, 5.5, 5.6, appendix B; Carpenter et al. 1992 (Fuzzy ARTMAP).
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ from daemon.art.arrays import Array, Flags, Index, Single
 from daemon.art.errors import InputError, ParameterError, within
 
 MOST_STATES = 4096
-"""Partial numberings that are followed together; more than that, and those that match best are."""
+"""Most partial numberings kept in the search; of more, those that match best."""
 ROUND = 1e-6
-"""Matches are rounded to this before they are compared, so that the order of a sum decides nothing."""
+"""Matches are rounded to this before a comparison, so that the order of a sum has no effect."""
 BATCH = 256
-"""New nodes that are searched apart from the others until they are so many: their index is made anew for each."""
+"""New nodes are searched apart from the others up to this number, since each changes their index."""
 
 
 @dataclass(frozen=True, eq=False)
 class RelationalView:
-    """n elements and what relates them.
+    """n elements and their relations.
 
-    categories (n, K): the values in (0, 1) each element's category may have, repeated to fill up; touching (n, n):
-    which are related, symmetric; features (n, n, C) in [0, 1] of each ordered pair that touches, and doubt (n, n, C):
-    by how much each may be off.
+    categories (n, K): possible categories of each element, in (0, 1), repeated to fill up; touching (n, n): which are
+    related, symmetric; features (n, n, C) in [0, 1] of each ordered pair that touches; doubt (n, n, C): tolerance of
+    each feature.
     """
 
     categories: Array
@@ -64,13 +65,13 @@ class RelationalView:
 
     @property
     def compared(self) -> int:
-        """How many elements of the relation matrices a match is made of."""
+        """Number of elements of the relation matrices that a match compares."""
         n = len(self.categories)
         return n * (n - 1) + int(self.touching.sum()) * int(self.features.shape[2])
 
 
 class Recall(NamedTuple):
-    """Nodes that a view calls up, each under a numbering that reaches the vigilance; the best match first, then the
+    """Nodes that match a view, each with a numbering that reaches the vigilance; the best match first, then the
     greatest activation.
 
     node (R,); slots (R, n): the node's slot behind each element of the view; match (R,): 1 less the mean distance of
@@ -86,7 +87,7 @@ class Recall(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A node that may learn a view under a numbering, and the number of the label it stands for."""
+    """A node that may learn a view under a numbering, and the index of its label."""
 
     match: float
     activation: float
@@ -97,8 +98,8 @@ class _Choice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RelationARTMAP:
-    """The nodes: lower, upper (J, 1 + C, m, m), the ends of what each element was taught, the categories first; of each
-    node counts (J, L), how often it resonated with each of the labels.
+    """The nodes: lower, upper (J, 1 + C, m, m), the range of each element, the categories first; counts (J, L): how
+    often each node resonated with each of the labels.
 
     rho: baseline vigilance of learning, alpha: choice parameter, beta: learning rate. Never changed in place.
     """
@@ -125,7 +126,7 @@ class RelationARTMAP:
 
     @classmethod
     def empty(cls, features: int, slots: int, rho: float, alpha: float, beta: float) -> RelationARTMAP:
-        """A memory without a node, for views of so many analogue features; slots grow with what is learnt."""
+        """A memory without nodes, for views of so many analogue features; slots grow by learning."""
         none = np.zeros((0, 1 + features, slots, slots))
         return cls(none, none, np.zeros((0, 0), np.int64), (), rho, alpha, beta)
 
@@ -136,17 +137,17 @@ class RelationARTMAP:
 
     @cached_property
     def node_labels(self) -> tuple[str, ...]:
-        """The label of each node: the one it resonated with most, the earlier-learnt on a tie."""
+        """Label of each node: the one it resonated with most, on a tie the one learnt first."""
         return tuple(self.labels[k] for k in self.counts.argmax(1)) if len(self.counts) else ()
 
     @cached_property
     def elements(self) -> Index:
-        """(J,) how many slots of each node are filled."""
+        """Number (J,) of filled slots of each node."""
         touching = self.upper[:, 0] > 0
         return np.asarray((touching.any(1) | touching.any(2)).sum(1), np.int64)
 
     def recall(self, view: RelationalView, vigilance: float, most: int | None = None) -> Recall:
-        """Every node, under every numbering, whose match with the view reaches the vigilance; at most so many."""
+        """Find the nodes and numberings whose match with the view reaches the vigilance; at most `most`."""
         n = len(view.categories)
         budget = (1 - vigilance) * view.compared + ROUND
         if view.features.shape[2] != self.lower.shape[1] - 1:
@@ -170,31 +171,31 @@ class RelationARTMAP:
     def learned(
         self, views: Sequence[RelationalView], labels: Sequence[str]
     ) -> tuple[RelationARTMAP, list[tuple[int, Index]]]:
-        """The memory with views learnt one after the other, and for each the node it ended on with its slots (n,)."""
+        """Learn views one after the other: the new memory, and for each view its node and slots (n,)."""
         slots = max([self.slots, *(len(view.categories) for view in views)])
         every = tuple(dict.fromkeys([*self.labels, *labels]))
-        whole, ended = self._with_room(slots, every), list[tuple[int, Index]]()
-        recent = whole._some(slice(0, 0))
+        memory, ended = self._enlarged(slots, every), list[tuple[int, Index]]()
+        recent = memory._some(slice(0, 0))
         for view, label in zip(views, labels, strict=True):
             own = every.index(label)
-            node, place = _resonance([*whole._matching(view, 0), *recent._matching(view, len(whole.lower))], own)
+            node, place = _resonance([*memory._matching(view, 0), *recent._matching(view, len(memory.lower))], own)
             if node < 0:
                 place = np.arange(len(view.categories))
-                node = len(whole.lower) + len(recent.lower)
+                node = len(memory.lower) + len(recent.lower)
                 recent = recent._committed(view, own)
-            elif node < len(whole.lower):
-                whole = whole._drawn_towards(node, place, view, own)
+            elif node < len(memory.lower):
+                memory = memory._adapted(node, place, view, own)
             else:
-                recent = recent._drawn_towards(node - len(whole.lower), place, view, own)
+                recent = recent._adapted(node - len(memory.lower), place, view, own)
             ended.append((node, place))
             if len(recent.lower) >= BATCH:
-                whole, recent = whole._and(recent), recent._some(slice(0, 0))
-        return whole._and(recent), ended
+                memory, recent = memory._and(recent), recent._some(slice(0, 0))
+        return memory._and(recent), ended
 
     @cached_property
     def _relations(self) -> tuple[Index, Single, Single]:
-        """(3, K) node and slots a, b of every ordered pair that touches in a node; and the ends (2 + 2 C, K) of its
-        elements: categories of a and b, features of (a, b), features of (b, a)."""
+        """Node and slots a, b (3, K) of every ordered pair that touches in a node; lower and upper ends (2 + 2 C, K) of
+        its elements: categories of a and b, features of (a, b), features of (b, a)."""
         node, a, b = np.nonzero(self.upper[:, 0] > 0)
         ends = []
         for end in (self.lower, self.upper):
@@ -203,7 +204,7 @@ class RelationARTMAP:
         return np.stack([node, a, b]), ends[0], ends[1]
 
     def _seeds(self, view: RelationalView, f: int, g: int, budget: float) -> tuple[Index, Index, Array]:
-        """Where the pair of elements f, g may lie: nodes (S,), slots (S, 2), and how far off (S,) it is there."""
+        """Possible places of the pair of elements f, g: nodes (S,), slots (S, 2), distances (S,)."""
         place, lower, upper = self._relations
         off = _category_off(view.categories[f], lower[0], upper[0])
         kept = np.flatnonzero(off <= budget)
@@ -224,13 +225,13 @@ class RelationARTMAP:
     def _extended(
         self, view: RelationalView, placed: list[int], new: int, states: tuple[Index, Index, Array], budget: float
     ) -> tuple[Index, Index, Array]:
-        """The states with one more element placed, in every slot in which the budget allows it."""
+        """The states extended by one element, in every slot within the budget."""
         node, slots, off = states
-        room = np.arange(self.slots)
-        free = (slots[:, None] != room[:, None]).all(2)
+        candidates = np.arange(self.slots)
+        free = (slots[:, None] != candidates[:, None]).all(2)
         touch = view.touching[new, placed]
-        there = (node[:, None, None], slice(None), room[None, :, None], slots[:, None, :])
-        back = (node[:, None, None], slice(None), slots[:, None, :], room[None, :, None])
+        there = (node[:, None, None], slice(None), candidates[None, :, None], slots[:, None, :])
+        back = (node[:, None, None], slice(None), slots[:, None, :], candidates[None, :, None])
         free &= (self.upper[:, 0][there[0], there[2], there[3]] > 0)[..., touch].all(2)
         s, c = np.nonzero(free)
         low, high, low_back, high_back = (
@@ -266,7 +267,7 @@ class RelationARTMAP:
         return count - self.upper.sum((1, 2, 3)), count - (self.upper - self.lower).sum((1, 2, 3))
 
     def _matching(self, view: RelationalView, first: int) -> list[_Choice]:
-        """The nodes, numbered from `first` on, that may learn a view: as large as it, and matching by rho."""
+        """The nodes, numbered from `first` on, that may learn a view: of its size, with a match of at least rho."""
         found = self.recall(view, self.rho)
         labels = self.counts[found.node].argmax(1).tolist() if len(found.node) else []
         every = zip(
@@ -279,14 +280,14 @@ class RelationARTMAP:
         ]
 
     def _committed(self, view: RelationalView, label: int) -> RelationARTMAP:
-        """With a new node that has learnt one view."""
+        """The memory with a new node that has learnt one view."""
         low, high = self._coded(view, np.arange(len(view.categories)))
         counts = np.zeros((1, len(self.labels)), np.int64)
         counts[0, label] = 1
         return self._and(replace(self, lower=low[None], upper=high[None], counts=counts))
 
-    def _drawn_towards(self, node: int, slots: Index, view: RelationalView, label: int) -> RelationARTMAP:
-        """With a node that has learnt one view more."""
+    def _adapted(self, node: int, slots: Index, view: RelationalView, label: int) -> RelationARTMAP:
+        """The memory with one more view learnt by a node."""
         low, high = self._coded(view, slots)
         lower, upper, counts = self.lower.copy(), self.upper.copy(), self.counts.copy()
         lower[node] -= self.beta * np.maximum(lower[node] - low, 0.0)
@@ -295,15 +296,15 @@ class RelationARTMAP:
         return replace(self, lower=lower, upper=upper, counts=counts)
 
     def _coded(self, view: RelationalView, slots: Index) -> tuple[Array, Array]:
-        """The ends (1 + C, m, m) of a view in these slots: as measured, with its doubt."""
+        """Lower and upper ends (1 + C, m, m) of a view in these slots: features plus and minus their tolerance."""
         own = np.ix_(slots, slots)
         low = np.zeros((view.features.shape[2] + 1, self.slots, self.slots))
         high = low.copy()
         category = np.where(view.touching, view.categories[:, :1], 0.0)
         low[0][own] = high[0][own] = category
         touching = view.touching[..., None]
-        for end, way in ((low, -1), (high, 1)):
-            values = np.where(touching, np.clip(view.features + way * view.doubt, 0.0, 1.0), 0.0)
+        for end, sign in ((low, -1), (high, 1)):
+            values = np.where(touching, np.clip(view.features + sign * view.doubt, 0.0, 1.0), 0.0)
             end[1:, own[0], own[1]] = values.transpose(2, 0, 1)
         return low, high
 
@@ -320,8 +321,8 @@ class RelationARTMAP:
             counts=np.concatenate([self.counts, other.counts]),
         )
 
-    def _with_room(self, slots: int, labels: tuple[str, ...]) -> RelationARTMAP:
-        """For views of so many elements, and for these labels, which begin with those it has."""
+    def _enlarged(self, slots: int, labels: tuple[str, ...]) -> RelationARTMAP:
+        """The memory enlarged for views of so many elements and for these labels, which begin with its own."""
         more, wider = slots - self.slots, len(labels) - len(self.labels)
         if not more and not wider:
             return self
@@ -331,9 +332,9 @@ class RelationARTMAP:
 
 
 def _resonance(choices: list[_Choice], label: int) -> tuple[int, Index]:
-    """The node a view is learnt by, with its slots; -1 for a new one. Match tracking: a node of another label raises
-    the vigilance to its match and not above it: where two labels share a pattern, each keeps its node (MT-, Carpenter
-    and Markuzon 1998)."""
+    """The node that learns a view, with its slots; -1 for a new one. Match tracking: a node of another label raises the
+    vigilance to its match, not above: where two labels share a pattern, each keeps its node (MT-, Carpenter and
+    Markuzon 1998)."""
     rho = 0.0
     for one in sorted(choices, key=lambda one: (-one.match, -one.activation, one.node)):
         if one.match < rho:
@@ -345,7 +346,7 @@ def _resonance(choices: list[_Choice], label: int) -> tuple[int, Index]:
 
 
 def _category_off(may_be: Array, low: Array, high: Array) -> Array:
-    """How far off the nearest of the values (K, ...) a category may have is."""
+    """Distance of the nearest possible category (K, ...) from the range."""
     off = np.maximum(np.maximum(low - may_be[0], may_be[0] - high), 0.0)
     for value in may_be[1:]:
         off = np.minimum(off, np.maximum(np.maximum(low - value, value - high), 0.0))
@@ -353,11 +354,11 @@ def _category_off(may_be: Array, low: Array, high: Array) -> Array:
 
 
 def _order(view: RelationalView) -> list[int]:
-    """The elements, those first that leave least open: the pair measured best, then what touches most of those."""
+    """Search order of the elements: the pair measured best, then the ones that touch most of those before."""
     n = len(view.categories)
-    vague = np.where(view.touching, view.doubt.sum(2), np.inf)
-    vague = vague + vague.T
-    order = [int(k) for k in np.unravel_index(vague.argmin(), vague.shape)]
+    uncertainty = np.where(view.touching, view.doubt.sum(2), np.inf)
+    uncertainty = uncertainty + uncertainty.T
+    order = [int(k) for k in np.unravel_index(uncertainty.argmin(), uncertainty.shape)]
     while len(order) < n:
         rest = [k for k in range(n) if k not in order]
         order.append(max(rest, key=lambda k: (int(view.touching[k, order].sum()), -k)))

@@ -1,7 +1,6 @@
-"""The rest of the ART family, which the daemon never runs: ART 1, Fuzzy ART and ARTMAP, Gaussian ARTMAP, voting, and
-the
-rotation layer over plain matrices as the thesis has it. Kept as what the memory is compared with (docs/THESIS.md) and
-benchmarked (tests/bench/art.py, tests/bench/thesis/).
+"""The rest of the ART family: ART 1 (for the thesis's silhouettes), Fuzzy ART and ARTMAP, Gaussian ARTMAP, voting, and
+the rotation layer on plain matrices as in the thesis. The memory does not use them: they are what it is compared with
+(docs/THESIS.md, tests/bench/art.py, tests/bench/thesis/).
 """
 
 from daemon.art.errors import ArtError, InputError, NotTrainedError, ParameterError

@@ -1,5 +1,7 @@
-"""ART 1: groups binary patterns (D'Souza, appendix A). On 0 and 1 it is Fuzzy ART uncoded with alpha = L - 1 and fast
-learning, T being L times that of Fuzzy ART; so it is that network, and what is its own are its patterns.
+"""ART 1: groups binary patterns (D'Souza, appendix A).
+
+On 0 and 1 it equals uncoded Fuzzy ART with alpha = L - 1 and fast learning, T being L times that of Fuzzy ART;
+therefore it is implemented by that network.
 """
 
 from __future__ import annotations
@@ -57,11 +59,11 @@ class ART1(Grouping[FuzzyARTMAP]):
         return np.asarray(self.L * z / (self.L - 1.0 + z.sum(axis=1, keepdims=True)))
 
     def state(self) -> dict[str, Array]:
-        """What was learnt: top_down (J, M)."""
+        """The learnt state: top_down (J, M)."""
         return {"top_down": self.top_down}
 
     def restore(self, state: Mapping[str, Array]) -> ART1:
-        """Take up what `state` of an ART1 with the same parameters gave."""
+        """Restore the `state` of an ART1 with the same parameters."""
         top_down = self._samples(state["top_down"])
         self._map.restore({"weights": top_down, "map_counts": np.ones((len(top_down), 1))}, [ANY])
         return self

@@ -1,7 +1,7 @@
 """ARTMAP as the thesis draws it: ART-a on the samples, ART-b on coded objects, a map field between (D'Souza, app. B).
 
-Composition only: ART-a with its map field is FuzzyARTMAP, told ART-b's categories as labels. With plain labels
-FuzzyARTMAP alone does the same with less.
+Composition only: ART-a with its map field is FuzzyARTMAP with ART-b's categories as labels. With plain labels
+FuzzyARTMAP alone is sufficient.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ARTMAP:
         self.art_a, self.art_b = art_a, art_b
 
     def partial_fit(self, X: Any, Y: Any) -> ARTMAP:
-        """Learn samples X (N, M) with object codes Y (N, K), both in [0, 1], on top of what is known."""
+        """Learn samples X (N, M) with object codes Y (N, K), both in [0, 1], in addition to those learnt."""
         codes = np.asarray(Y, dtype=np.float64)
         if codes.ndim != 2 or len(codes) != len(X):
             raise InputError(f"codes: expected one row a sample ({len(X)}), found shape {codes.shape}")
@@ -34,7 +34,8 @@ class ARTMAP:
         return self
 
     def predict(self, X: Any) -> Array:
-        """The code each sample calls up, (N, K): the weights of its ART-b category; a row of nan where it abstains."""
+        """The code (N, K) predicted for each sample: the weights of its ART-b category; a row of nan where it
+        abstains."""
         weights = self.art_b.weights
         codes = weights[:, : weights.shape[1] // 2] if self.art_b.complement else weights
         nothing = np.full((1, codes.shape[1]), np.nan)

@@ -1,6 +1,6 @@
-"""How samples enter a network: checked, put on a binary grid, complement-coded.
+"""Coding of samples: check, round to a binary grid, complement-code.
 
-The grid is why answers are exact here. Every coded value is a multiple of a power of two small enough that any sum of
+The grid makes results exact. Every coded value is a multiple of a power of two small enough that any sum of
 them is exact in float64: |I ^ w| comes out the same in whatever order, block or thread it is added up, ties are true
 ties, and "smallest index wins" means the same on every machine. Activations themselves are in
 daemon/art/others/fuzzy.py."""

@@ -1,4 +1,4 @@
-"""Fuzzy ART: groups samples without being told what they are (D'Souza, appendix B, first half)."""
+"""Fuzzy ART: unsupervised grouping of samples (D'Souza, appendix B, first half)."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class FuzzyART(Grouping[FuzzyARTMAP]):
         return self._map.weights
 
     def state(self) -> dict[str, Array]:
-        """What was learnt, as arrays: weights (J, F)."""
+        """The learnt state: weights (J, F)."""
         return {"weights": self.weights}
 
     def restore(self, state: Mapping[str, Array]) -> FuzzyART:
-        """Take up what `state` of an estimator with the same parameters gave. ParameterError where it cannot be one."""
+        """Restore the `state` of an estimator with the same parameters. ParameterError where it does not match."""
         self._map.restore({**state, "map_counts": np.ones((len(state["weights"]), 1))}, [ANY])
         return self
