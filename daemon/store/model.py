@@ -54,6 +54,7 @@ class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
     facets: list[list[int]]
     types: list[str]
     smooth: list[tuple[int, int]] = []
+    covers: list[list[tuple[float, float, float]]] = []
 
 
 class _ViewHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -226,7 +227,11 @@ def _arrays(model: Model) -> Arrays:
 
 def _solid_header(solid: Polyhedron) -> dict[str, Any]:
     header: dict[str, Any] = {"facets": [list(f) for f in solid.facets], "types": list(solid.types)}
-    return header | ({"smooth": sorted(map(list, solid.smooth))} if solid.smooth else {})
+    if solid.smooth:
+        header["smooth"] = sorted(map(list, solid.smooth))
+    if len(solid.covers):
+        header["covers"] = solid.covers.round(4).tolist()
+    return header
 
 
 def _view_header(view: TaughtView) -> dict[str, Any]:
@@ -357,7 +362,10 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
         raise ValueError(f"{name}: corners, or their uncertainty, beyond {LARGEST_MM:g} mm")
     if len(corners) and np.linalg.eigvalsh(covariance).min() < -1e-6:
         raise ValueError(f"{name}: a covariance that is not positive semi-definite")
-    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth))
+    covers = np.array(header.covers, float).reshape(-1, 4, 3)
+    if not np.abs(covers).max(initial=0.0) <= LARGEST_MM:
+        raise ValueError(f"{name}: a curved surface beyond {LARGEST_MM:g} mm")
+    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth), covers)
 
 
 def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:

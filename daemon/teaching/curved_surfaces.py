@@ -5,7 +5,7 @@ cylinder (a bore, a boss, a fillet), a cone, or another shape. Pure.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,19 +23,23 @@ ROUND_SHARE = 0.02
 """How far, as a share of its radius, corners of a cylinder may lie off its circle."""
 ALONG_SIN = 0.02
 """The most a cylinder's normals lean along its axis."""
+COVER_RAD = np.radians(30.0)
+"""By so much at most a quadrilateral stands for a curved surface where that hides something."""
 WHOLE_RAD = np.radians(330.0)
 
 
 @dataclass(frozen=True, eq=False)
 class CurvedSurface:
     """kind: cylinder, cone or free; regions: its strips; radius_mm of a cylinder, else 0; sweep_rad: how far round it
-    goes; hollow: whether what is outside of the part is at its centre."""
+    goes; hollow: whether what is outside of the part is at its centre; covers (N, 4, 3): quadrilaterals on it that hide
+    what lies behind it, run round as facets are."""
 
     kind: str
     regions: tuple[int, ...]
     radius_mm: float
     sweep_rad: float
     hollow: bool
+    covers: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
 
     @property
     def whole(self) -> bool:
@@ -80,9 +84,33 @@ def _surface(regions: FlatRegions, members: tuple[int, ...], turns: dict[tuple[i
             middles = np.array([regions.corners[list(regions.loops[r][0])].mean(axis=0) for r in members])
             hollow = bool(np.mean(((middles - centre) * normals).sum(axis=1)) < 0)
             sweep = sum(turns[pair] for pair in pairs) / 2 + float(np.mean([turns[pair] for pair in pairs]))
-            return CurvedSurface("cylinder", members, radius, min(sweep, 2 * np.pi), hollow)
+            covers = np.zeros((0, 4, 3)) if hollow else _covers(regions, members, axis, centre, radius)
+            return CurvedSurface("cylinder", members, radius, min(sweep, 2 * np.pi), hollow, covers)
     lean = np.linalg.svd(normals - normals.mean(axis=0))[1][2] / np.sqrt(len(members))
     return CurvedSurface("cone" if lean < ALONG_SIN and len(members) > 3 else "free", members, 0.0, 0.0, False)
+
+
+def _covers(regions: FlatRegions, members: tuple[int, ...], axis: Array, centre: Array, radius: float) -> Array:
+    """(N, 4, 3) chords of a cylinder, as long as all strips behind them are."""
+    across = np.linalg.svd(axis[None])[2][1:]
+    across = across if np.linalg.det(np.vstack([across, axis])) > 0 else across[::-1]
+    strips = [regions.corners[list(regions.loops[r][0])] for r in members]
+    normals = regions.normals[list(members)] @ across.T
+    order = np.argsort(np.arctan2(normals[:, 1], normals[:, 0]))
+    turns = np.arctan2(normals[order, 1], normals[order, 0])
+    levels = np.array([(strip @ axis).min() for strip in strips]), np.array([(strip @ axis).max() for strip in strips])
+    found = []
+    for chunk in np.split(order, np.flatnonzero(np.diff(np.floor(turns / COVER_RAD))) + 1):
+        rays = np.concatenate([strips[k] for k in chunk]) @ across.T - centre @ across.T
+        middle = normals[chunk].sum(axis=0)
+        off = np.arctan2(middle[0] * rays[:, 1] - middle[1] * rays[:, 0], rays @ middle)
+        at = np.arctan2(middle[1], middle[0]) + np.array([off.min(), off.max()])
+        low, high = levels[0][chunk].max(), levels[1][chunk].min()
+        if high > low:
+            ring = centre + radius * np.column_stack([np.cos(at), np.sin(at)]) @ across
+            ring = ring - np.outer(ring @ axis, axis)
+            found.append([ring[0] + low * axis, ring[1] + low * axis, ring[1] + high * axis, ring[0] + high * axis])
+    return np.array(found).reshape(-1, 4, 3)
 
 
 def _circle(points: Array, axis: Array) -> tuple[Array, float, float]:

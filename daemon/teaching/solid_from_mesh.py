@@ -7,7 +7,7 @@ none: where the surface goes on smoothly into one, the facet has no edge to be s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,7 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
         raise MeshError(f"{len(faces)} flat facets; at most {MOST_FACETS} tell a part")
     solid, origin = _solid(regions, owner, small, mesh.step_mm, library)
     curved = tuple(one for one in curved if (small.cluster[list(one.regions)] < 0).any())
+    solid = replace(solid, covers=np.concatenate([np.zeros((0, 4, 3)), *(one.covers - origin for one in curved)]))
     notes = surface.notes + ((WORN.format(len(small.joins)),) if small.joins else ())
     holes = sum(len(regions.loops[face]) - 1 for face in faces)
     used = sorted({k for triangle in surface.triangles for k in triangle})
@@ -93,6 +94,8 @@ def _solid(
     points -= middle
     facets = tuple(tuple(place[k] for k in ring) for ring in made.rings)
     covariance = np.repeat(max(DRAWN_MM, step_mm / 2) ** 2 * np.eye(3)[None], len(points), axis=0)
-    types = tuple(type_facet(points[list(f)], covariance[list(f)], library)[0].name for f in facets)
+    drawn = [regions.corners[list(regions.loops[face][0])] for face in np.flatnonzero(small.flat)]
+    typed = [fine if rounded else points[list(f)] for f, fine, rounded in zip(facets, drawn, made.rounded, strict=True)]
+    types = tuple(type_facet(ring, np.repeat(covariance[:1], len(ring), axis=0), library)[0].name for ring in typed)
     smooth = frozenset((place[a], place[b]) for a, b in made.smooth if a in place and b in place)
     return Polyhedron(points, facets, covariance, types, smooth), middle

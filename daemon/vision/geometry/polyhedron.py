@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,8 @@ SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 class Polyhedron:
     """corners_mm (K, 3), in any one frame; facets: corner indices of each, anticlockwise from outside; covariance_mm2
     (K, 3, 3) of the corners; types: the facet library's name of each facet, empty where none was typed; smooth: sides
-    of facets that do not show, as the surface goes on smoothly into a curved one, by their corners, smaller first.
+    of facets that do not show, as the surface goes on smoothly into a curved one, by their corners, smaller first;
+    covers (N, 4, 3): what else of the surface hides what lies behind it, as quadrilaterals that run as facets do.
     """
 
     corners_mm: Array
@@ -27,6 +28,7 @@ class Polyhedron:
     covariance_mm2: Array
     types: tuple[str, ...] = ()
     smooth: frozenset[tuple[int, int]] = frozenset()
+    covers: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
 
     @cached_property
     def rings(self) -> tuple[Index, ...]:
@@ -132,7 +134,10 @@ class Polyhedron:
 
     @cached_property
     def convex(self) -> bool:
-        """Whether no corner lies before the plane of a facet: nothing of the solid then hides another part of it."""
+        """Whether no corner lies before the plane of a facet: nothing of the solid then hides another part of it. A
+        solid with covers is none."""
+        if len(self.covers):
+            return False
         levels = (self.normals * self.centres_mm).sum(1)
         return bool((self.corners_mm @ self.normals.T - levels < FLAT_MM).all())
 

@@ -27,7 +27,7 @@ def visible_from(
     solid's frame, that may cover it as well.
     """
     seen = directions @ solid.normals.T > least_facing
-    rings = [*(solid.corners_mm[ring] for ring in solid.rings), *beside]
+    rings = [*(solid.corners_mm[ring] for ring in solid.rings), *solid.covers, *beside]
     for facet, ring in enumerate(solid.rings):
         corners = solid.corners_mm[ring]
         for other in rings:
@@ -37,13 +37,13 @@ def visible_from(
 
 
 def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
-    """(N,) which points (N, 3) of a solid an eye (3,), in the solid's frame, does not see, as a facet lies before
-    them."""
+    """(N,) which points (N, 3) of a solid an eye (3,), in the solid's frame, does not see, as a facet, or what
+    else of it hides things, lies before them."""
     covered = np.zeros(len(points), bool)
     rays = points - eye
     far = np.linalg.norm(rays, axis=1)
-    for facet, ring in enumerate(solid.rings):
-        normal, corner = solid.normals[facet], solid.corners_mm[ring[0]]
+    for ring, normal in _outside(solid):
+        corner = ring[0]
         height = float((eye - corner) @ normal)
         slope = -(rays @ normal)
         before = (height > 0) & (slope * far > 0) & (slope > height)  # the facet's plane is met before the point
@@ -52,8 +52,15 @@ def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
         if before.any():
             level = np.delete(np.arange(3), np.abs(normal).argmax())
             met = (eye + reach[before, None] * rays[before])[:, level]
-            covered[before] |= inside(met, solid.corners_mm[ring][None, :, level])[0]
+            covered[before] |= inside(met, ring[None, :, level])[0]
     return covered
+
+
+def _outside(solid: Polyhedron) -> list[tuple[Array, Array]]:
+    """All that can hide something: corners (N, 3) and the outward unit normal."""
+    vectors = [area_vector(cover) for cover in solid.covers]
+    covers = [(cover, vector / np.linalg.norm(vector)) for cover, vector in zip(solid.covers, vectors, strict=True)]
+    return [*((solid.corners_mm[ring], solid.normals[k]) for k, ring in enumerate(solid.rings)), *covers]
 
 
 def _tried(corners: Array) -> Array:

@@ -175,7 +175,10 @@ def indistinguishable_turns(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     known; the first is none. Where all are seen, these are the solid's symmetries."""
     pairs = _edge_pairs(solid)
     every = _corner_frames(*solid.corners_mm[pairs].transpose(1, 0, 2))[0]
-    own = np.flatnonzero(pairs[:, 0] == seen[0])[0]
+    of_seen = np.flatnonzero(np.isin(pairs[:, 0], seen))
+    if not len(of_seen):  # along a rounding a corner may have no two edges that show
+        return np.eye(4)[None]
+    own = of_seen[0]
     turns = np.delete(every, own, 0) @ frames.inverse(every[own])
     moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
     near = _apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2

@@ -59,7 +59,7 @@ def test_an_end_that_is_round_is_an_arc_of_few_chords_that_keeps_the_area(
     solid = found.solid
     assert solid.types.count(f"arc{sweep_deg}") == 2
     round_ones = np.linalg.norm(solid.areas_mm2, axis=1)[[kind == f"arc{sweep_deg}" for kind in solid.types]]
-    assert round_ones == pytest.approx(area_mm2, rel=0.004)
+    assert round_ones == pytest.approx(area_mm2, rel=0.015)
     for one in found.curved:
         assert (one.kind, one.hollow) == ("cylinder", False)
         assert np.degrees(one.sweep_rad) == pytest.approx(sweep_deg, abs=8)
