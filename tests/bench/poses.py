@@ -2,6 +2,7 @@
 
 usage: python -m tests.bench.poses
 
+Rendered parts: the shared scenes, and look-alike families' even seeds and odd ones, which are held out.
 Real pairs: the folder named by FACETD_SHARED (default ../shared), real/cube-* in it, and pairs made of any two frames
 of these that sit as eyes may; the cube is taught from its drawing. Where it is, is known to TRUE_MM and TRUE_DEG, which
 is added to what a look says. A pose of six numbers is within its 95 % where its chi-square is below 12.6: so should 95
@@ -33,15 +34,22 @@ from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model, empty_model
 from daemon.vision.values import Part
+from tests.bench.look_alikes import shown
 from tests.bench.printed_cube import Image
 from tests.bench.recognise import test_folders, trained
+from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.drawn import box, obj
+from tests.fakes.families import FAMILIES
+from tests.fakes.many_parts import taught
+from tests.fakes.photographed import cell
 
 REAL = rendered.ALL.parent / "real"
 LABEL, SIDE_MM = "printed_cube", 84.0
 TRUE_MM, TRUE_DEG, DRAWN_MM, DRAWN_DEG = 0.17, 0.12, 0.02, 0.02
 """How well places of real cubes and of rendered parts are known, along and about each axis."""
+OF_FAMILY = 40
+"""Looks at parts of each look-alike family."""
 APART_MM, AHEAD, TURNED_DEG, PAIRS, SEED = (25.0, 120.0), 0.35, 25.0, 100, 3
 NEAR_MM = 6.0
 WITHIN_95, WITHIN_3_SIGMAS = 12.59, 20.06
@@ -81,9 +89,14 @@ def main() -> None:
         _line("real pairs", _real(zip(taken[::2], taken[1::2], strict=True)))
         _line("real, any two frames", _real(_any_two(taken)))
     if rendered.ALL.is_dir():
-        found = list(_rendered())
-        _line("rendered, by facets", [(m if m is None or not m.by_edges else None, ms) for m, ms in found])
-        _line("rendered, by edges", [(m if m is None or m.by_edges else None, ms) for m, ms in found])
+        _lines("rendered", list(_rendered()))
+    for first, name in enumerate(("families", "held out")):
+        _lines(name, list(_families(range(first, 2 * OF_FAMILY, 2))))
+
+
+def _lines(name: str, found: list[tuple[Measured | None, float]]) -> None:
+    for by_edges, words in ((False, "by facets"), (True, "by edges")):
+        _line(f"{name}, {words}", [(m if m is None or m.by_edges == by_edges else None, ms) for m, ms in found])
 
 
 def _line(name: str, looks: list[tuple[Measured | None, float]]) -> None:
@@ -153,6 +166,21 @@ def _rendered() -> Iterator[tuple[Measured | None, float]]:
             true = [_onto(corners, p.cyclopean_from_part, model.metric[body["label"]].solid) for p in own]
             good = [(p, pose) for p, pose in zip(own, true, strict=True) if pose is not None]
             yield (_measured(good[0][0], model, good[0][1], doubt) if good else None), ms
+
+
+def _families(seeds: range) -> Iterator[tuple[Measured | None, float]]:
+    """Parts of the look-alike families, each taught alone."""
+    doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
+    for family, seed in product(FAMILIES, seeds):
+        pair, lies, photo = shown(family, seed)
+        part = pair.parts[lies]
+        model = taught((part,))
+        parts, ms = _named(photo.left, photo.right, true_rig(cell()), model)
+        corners = np.unique(np.vstack([piece.vertices for piece in part.shape.pieces]).round(3), axis=0)
+        there = frames.apply(photo.cyclopean_from_part, corners)
+        true = [_onto(there, p.cyclopean_from_part, model.metric[part.label].solid) for p in parts]
+        good = [(p, pose) for p, pose in zip(parts, true, strict=True) if pose is not None]
+        yield (_measured(good[0][0], model, good[0][1], doubt) if good else None), ms
 
 
 def _named(left: Image, right: Image, rig: StereoRig, model: Model) -> tuple[list[Part], float]:
