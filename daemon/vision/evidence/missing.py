@@ -64,7 +64,7 @@ logistic regression on 282 parts named rightly in rendered looks and 73 near twi
 seldom as three in 200 of what is seen. tests/bench/missing.py makes it again; tests/bench/look_alikes.py shows what it
 does."""
 _WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
-MOST_LIKELY_TWIN = 0.04
+MOST_LIKELY_TWIN = 0.055
 """Likelier, and the part has no name."""
 
 

@@ -18,6 +18,8 @@ SHORT_PX, NEAR_PX = 4.0, 6.0
 """How far before an edge a segment may end that crosses it; and how far from there, and a place, it may end to show."""
 TURNED, ALIKE = np.sin(np.radians(20.0)), np.sin(np.radians(20.0))
 """The sine of the angle at which a segment crosses an edge, at least; and between the images of one, at most."""
+BEYOND = 0.4
+"""Past its ends, in its lengths, where a segment still may be the image of one that ends at an edge of the part."""
 NEARER_PX, NEAREST_PX = 2.0, 60.0
 """How much farther apart than an edge both cameras have what lies before it."""
 
@@ -78,8 +80,10 @@ def _crossings(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int) -> 
     unit, units = (each / np.linalg.norm(each, axis=1)[:, None] for each in (mine_way, stop - begin))
     turned, same = unit[:, :1] * units[:, 1] - unit[:, 1:] * units[:, 0], unit @ units.T > 0
     farther = (-row * (1 - 2 * one) - apart) * mine.focal_px
-    nearer = (on > 0) & (on < 1) & same & (np.abs(turned) < ALIKE) & (farther > NEARER_PX) & (farther < NEAREST_PX)
-    kept = nearer.any(1)
+    alike = same & (np.abs(turned) < ALIKE)
+    nearer = alike & (on > 0) & (on < 1) & (farther > NEARER_PX) & (farther < NEAREST_PX)
+    level = alike & (on > -BEYOND) & (on < 1 + BEYOND) & (np.abs(farther) <= NEARER_PX)
+    kept = nearer.any(1) & ~level.any(1)  # what may be as far away is the part's own
     return edge[kept], share[edge, segment][kept], lengths_px
 
 
