@@ -19,9 +19,9 @@ from daemon.calibration.hand_eye import HandEyeResult
 from daemon.calibration.session import (
     CalibrationSession,
     Verified,
-    meet,
     solve_hand_eye,
     solve_stereo,
+    triangulate,
     verify,
     view_tour,
 )
@@ -133,7 +133,7 @@ def errors(found: Calibration, true_rig: StereoRig, true_hand_eye: np.ndarray) -
     grid = np.array([[x, y, AT_MM] for x in (-40, 0, 40) for y in (-30, 0, 30)], float)
     left, right = true_rig.left.project(grid), true_rig.right.project(grid)
     assert found.tool_from_cyclopean is not None
-    seen = frames.apply(found.tool_from_cyclopean, meet(found.rig, left, right))
+    seen = frames.apply(found.tool_from_cyclopean, triangulate(found.rig, left, right))
     there = frames.apply(true_hand_eye, grid)
     a, b = seen - seen.mean(axis=0), there - there.mean(axis=0)
     u, _, vt = np.linalg.svd(a.T @ b)

@@ -26,7 +26,7 @@ from daemon.vision.geometry.rig import StereoRig
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import Model
-from daemon.vision.values import SimulatedScene as Seen
+from daemon.vision.values import Scene as Seen
 from drivers.camera.pair import StereoPair
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.render import RenderedSolid
