@@ -16,6 +16,8 @@ from daemon.pick.settings import Settings
 from daemon.quantities import Coordinate, Name
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
+from daemon.store.place_file import FILE as PLACES
+from daemon.store.place_file import CellPlaces, load_places
 from daemon.store.yamlfile import ConfigError, Document, read
 from daemon.vision.settings import MemorySettings, VisionSettings
 
@@ -203,14 +205,15 @@ class ConfigFile:
 class Config:
     """The configuration: `values` of the file, `document` for errors with line numbers, absolute paths.
 
-    calibration: the file in use, the configured one or one made on this cell; notes: a line for each obsolete key, and
-    for other surprises.
+    calibration: the file in use, the configured one or one made on this cell; places: those of places.yaml in the state
+    folder; notes: a line for each obsolete key, and for other surprises.
     """
 
     values: ConfigFile
     document: Document
     kind: Kind
     calibration: Path = field(default_factory=Path)
+    places: CellPlaces = field(default_factory=CellPlaces)
     notes: tuple[str, ...] = ()
 
     @property
@@ -232,6 +235,11 @@ class Config:
         """The folder of runs, models and taught views."""
         state = self.values.folders.state
         return self.file(state) if state else folders.state_folder(self.kind == "simulated")
+
+    @property
+    def places_file(self) -> Path:
+        """Where each part belongs."""
+        return self.state / PLACES
 
     @property
     def runs(self) -> Path:
@@ -262,7 +270,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
         notes.append(
             f"{made} has changed: it is in use instead of calibration {old}; go back with `calibrate use {old}`"
         )
-    return replace(config, calibration=made, notes=tuple(notes))
+    return replace(config, calibration=made, places=load_places(config.places_file), notes=tuple(notes))
 
 
 def _check_limits(document: Document, values: ConfigFile) -> None:

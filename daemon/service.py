@@ -21,7 +21,7 @@ from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
 from daemon.cell import sections
 from daemon.cell.no_arm import CellError
-from daemon.cell.pick_cell import pick_cell
+from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.simulated_parts import know_drawings
@@ -158,6 +158,7 @@ class Service:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log, context.worker))
+            context.cycle.placing = place_table(config)
             context.config, context.calibration = config, calibration
             context.trainer.rig, context.trainer.settings = calibration.rig, config.values.vision
             context.trainer.memory = config.values.memory
@@ -241,6 +242,7 @@ class Service:
         log = journal.JournalledLog(run_log, self._logged)
         worker, study = self._workers = Worker("the look", LOOK_S), Worker("what is learnt", STUDY_S, STUDY_IDLE_S)
         cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log, worker), trainer.in_use)
+        cycle.use_places(place_table(config))
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
@@ -406,6 +408,8 @@ def _moved(before: tuple[Config, Calibration], after: tuple[Config, Calibration]
     (config, calibration), (new_config, new_calibration) = before, after
     found = [] if same_geometry(calibration, new_calibration) else ["calibration"]
     pick, new_pick = config.values.pick, new_config.values.pick
+    if config.places.file.fixtures != new_config.places.file.fixtures:
+        found.append(f"fixtures of {new_config.places_file.name}")
     return found + [f"pick.{name}" for name in GUARDING if getattr(pick, name) != getattr(new_pick, name)]
 
 

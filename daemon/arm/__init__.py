@@ -4,8 +4,8 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 """
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
-from daemon.arm.body import ARM, Capsule, ball_of, body_like, capsule_around
-from daemon.arm.guard import Limits, Point
+from daemon.arm.body import ARM, Capsule, FixtureBox, ball_of, body_like, capsule_around, carried_part
+from daemon.arm.guard import Limits, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
@@ -39,6 +39,7 @@ __all__ = [
     "Capsule",
     "CellBelief",
     "EyeName",
+    "FixtureBox",
     "Grant",
     "HeldBackError",
     "Interruption",
@@ -62,12 +63,14 @@ __all__ = [
     "Settling",
     "StopRefusedError",
     "Supervisor",
+    "SupportContact",
     "VoidingEvent",
     "Waiting",
     "Workcell",
     "ball_of",
     "body_like",
     "capsule_around",
+    "carried_part",
     "said",
     "settled_pair",
     "speed_pct",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, product
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,20 @@ class Capsule:
 
 
 @dataclass(frozen=True)
+class CarriedCapsule(Capsule):
+    """A piece of the part in the gripper. Corners (no radius) count against planes, exactly: the lowest of a solid is
+    one of them. The capsule that encloses them counts against boxes.
+
+    level_mm: on the last straight stretch, the height that it may come down to instead of the table's clearance;
+    may_touch: names of the keep-outs that it may be near then.
+    """
+
+    encloses: bool = False
+    level_mm: float | None = None
+    may_touch: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class KeepOut:
     """A box of the world that nothing of the arm may enter: a post, a light, a neighbour."""
 
@@ -52,6 +66,15 @@ class KeepOut:
     """Lowest corner, world frame, mm."""
     high_mm: Point
     """Highest corner, world frame, mm."""
+
+
+@dataclass(frozen=True)
+class FixtureBox(KeepOut):
+    """A box of a fixture, its corners in the fixture's frame: upright, turned by heading_deg, its origin at
+    point_mm."""
+
+    point_mm: Point = (0.0, 0.0, 0.0)
+    heading_deg: float = 0.0
 
 
 ARM: tuple[Capsule, ...] = (
@@ -100,18 +123,29 @@ TWO_SIDES = np.triu_indices(6, 1)
 class ArmBody:
     """C capsules as arrays: names, frame (C,) index of the Robot's frames, ends_mm (C, 2, 3), radius_mm (C,).
 
-    The last one is the tool centre point.
+    encloses (C,), level_mm (C,) nan where there is none, may_touch: see CarriedCapsule. The last one is the tool centre
+    point.
     """
 
     names: tuple[str, ...]
     frame: NDArray[np.intp]
     ends_mm: Array
     radius_mm: Array
+    encloses: NDArray[np.bool_]
+    level_mm: Array
+    may_touch: tuple[tuple[str, ...], ...]
 
     def only(self, which: NDArray[np.intp]) -> ArmBody:
         """Some of it, in the order asked for."""
         names = tuple(self.names[k] for k in which)
-        return ArmBody(names, self.frame[which], self.ends_mm[which], self.radius_mm[which])
+        touch = tuple(self.may_touch[k] for k in which)
+        frame, ends, radius = self.frame[which], self.ends_mm[which], self.radius_mm[which]
+        return ArmBody(names, frame, ends, radius, self.encloses[which], self.level_mm[which], touch)
+
+    def above_floor_mm(self, ends: Array, table_z_mm: float, clearance_mm: float) -> Array:
+        """(N, C): how far each capsule (N, C, 2, 3) is above the table's clearance, or above what it is to rest on."""
+        floor = np.where(np.isnan(self.level_mm), table_z_mm + clearance_mm, self.level_mm)
+        return np.where(self.encloses, np.inf, above_mm(ends, self.radius_mm, floor))
 
     def placed(self, frames: Array) -> Array:
         """(N, C, 2, 3) world: the ends where the links are at (N, 8, 4, 4). Link by link: few large products."""
@@ -129,12 +163,24 @@ def body_of(capsules: tuple[Capsule, ...], points_mm: tuple[Point, ...]) -> ArmB
     """Capsules, the tool's points and its centre point."""
     points = (Capsule("tool", "tool", p, p, 0.0) for p in (*points_mm, (0.0, 0.0, 0.0)))
     every = tuple(chain(capsules, points))
+    carried = [c if isinstance(c, CarriedCapsule) else None for c in every]
     return ArmBody(
         tuple(c.name for c in every),
         np.array([LINK_FRAME[c.link] for c in every]),
         np.array([(c.from_mm, c.to_mm) for c in every], float),
         np.array([c.radius_mm for c in every], float),
+        np.array([c is not None and c.encloses for c in carried]),
+        np.array([np.nan if c is None or c.level_mm is None else c.level_mm for c in carried], float),
+        tuple(() if c is None else c.may_touch for c in carried),
     )
+
+
+def carried_part(points_mm: Array, name: str) -> tuple[CarriedCapsule, ...]:
+    """A part in the gripper whose corners are known, (N, 3) in the tool's frame: each corner, and what encloses
+    them."""
+    around = capsule_around(points_mm, name)
+    corners = (CarriedCapsule(name, "tool", p, p, 0.0) for p in map(_point, points_mm))
+    return (*corners, CarriedCapsule(name, "tool", around.from_mm, around.to_mm, around.radius_mm, encloses=True))
 
 
 def capsule_around(points_mm: Array, name: str) -> Capsule:
@@ -167,8 +213,8 @@ def _point(place: Array) -> Point:
     return x, y, z
 
 
-def above_mm(ends: Array, radius_mm: Array, height_mm: float) -> Array:
-    """(N, C): how far above a horizontal plane each capsule is (negative: it dips below)."""
+def above_mm(ends: Array, radius_mm: Array, height_mm: float | Array) -> Array:
+    """(N, C): how far above a horizontal plane, or its own one (C,), each capsule is (negative: it dips below)."""
     heights: Array = np.minimum(ends[..., 0, 2], ends[..., 1, 2]) - radius_mm - height_mm
     return heights
 
@@ -182,19 +228,46 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
     """(N, B, C): how far each capsule (N, C, 2, 3) is from each box, never more than it truly is; exact where
     that is under near_mm. Negative: how deep inside, to the nearest side."""
     low, high = np.array([box.low_mm for box in boxes], float), np.array([box.high_mm for box in boxes], float)
-    start, end = ends[:, :, 0], ends[:, :, 1]
+    seen = _from_boxes(ends, boxes)
+    start, end = seen[..., 0, :], seen[..., 1, :]
     way = end - start
     half_mm = np.sqrt(np.einsum("...i,...i", way, way)) / 2
-    first, middle, last = (
-        _signed(points[:, None], low[:, None], high[:, None]) for points in (start, (start + end) / 2, end)
-    )
+    first, middle, last = (_signed(points, low[:, None], high[:, None]) for points in (start, (start + end) / 2, end))
     # From one point to another no distance changes by more than the way between them.
-    gaps = np.minimum(middle, (np.minimum(first, last) + middle - half_mm[:, None]) / 2)
-    place, box, capsule = np.nonzero((gaps - radius_mm < near_mm) & (half_mm > 0.0)[:, None])
+    gaps = np.minimum(middle, (np.minimum(first, last) + middle - half_mm) / 2)
+    place, box, capsule = np.nonzero((gaps - radius_mm < near_mm) & (half_mm > 0.0))
     if len(place):
-        gaps[place, box, capsule] = _axis_away(start[place, capsule], way[place, capsule], low[box], high[box])
+        gaps[place, box, capsule] = _axis_away(
+            start[place, box, capsule], way[place, box, capsule], low[box], high[box]
+        )
     distances: Array = gaps - radius_mm
     return distances
+
+
+def _from_boxes(ends: Array, boxes: Sequence[KeepOut]) -> Array:
+    """(N, B, C, 2, 3): the ends (N, C, 2, 3) in each box's own frame."""
+    seen = np.repeat(ends[:, None], len(boxes), axis=1)
+    for number, box in enumerate(boxes):
+        if isinstance(box, FixtureBox):
+            seen[:, number] = (ends - np.array(box.point_mm)) @ _turned(box)
+    return seen
+
+
+def _turned(box: FixtureBox) -> Array:
+    """(3, 3) world from the axes of a fixture."""
+    sine, cosine = np.sin(np.radians(box.heading_deg)), np.cos(np.radians(box.heading_deg))
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+def upright_bounds(boxes: Sequence[KeepOut]) -> Array:
+    """(B, 2, 3): lowest and highest corners, along the world's axes, that hold each box."""
+    found = np.array([(box.low_mm, box.high_mm) for box in boxes], float).reshape(-1, 2, 3)
+    for number, box in enumerate(boxes):
+        if isinstance(box, FixtureBox):
+            corners = np.array(list(product(*zip(box.low_mm, box.high_mm, strict=True))))
+            world = corners @ _turned(box).T + np.array(box.point_mm)
+            found[number] = world.min(axis=0), world.max(axis=0)
+    return found
 
 
 def _axis_away(start: Array, way: Array, low: Array, high: Array) -> Array:

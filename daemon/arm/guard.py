@@ -63,16 +63,28 @@ class Limits:
     """Boxes of the world that nothing of the arm may enter."""
 
 
+@dataclass(frozen=True)
+class SupportContact:
+    """What the part in the gripper comes to rest on, on the last straight stretch: the support's height, world z, mm,
+    and the names of the boxes of its fixture, which the part goes in between. Arm and gripper keep clear of all as
+    ever."""
+
+    level_mm: float
+    fixture: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class MoveCommand:
     """One motion: world_from_tool (4, 4) mm; look_taken_s: when the look it was computed from was exposed, None for a
-    taught place; purpose in words for log and operator."""
+    taught place; purpose in words for log and operator; contact: what the part in the gripper comes to rest on at its
+    end."""
 
     world_from_tool: Array
     straight: bool
     speed_pct: float
     purpose: str
     look_taken_s: float | None = None
+    contact: SupportContact | None = None
 
 
 @dataclass(frozen=True)
@@ -147,12 +159,18 @@ def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
     """How far the lowest of the hand, and what it holds, is above the table at a pose (4, 4)."""
     body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
     ends = frames.apply(world_from_tool, body.ends_mm)
-    return float(above_mm(ends, body.radius_mm, limits.table_z_mm).min())
+    return float(np.where(body.encloses, np.inf, above_mm(ends, body.radius_mm, limits.table_z_mm)).min())
 
 
 def _below_table(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
-    lowest = hand_above_mm(command.world_from_tool, limits)
-    if lowest < limits.clearance_mm:
+    body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+    ends = frames.apply(command.world_from_tool, body.ends_mm)
+    gaps = body.above_floor_mm(ends[None], limits.table_z_mm, limits.clearance_mm)[0]
+    worst = int(gaps.argmin())
+    if gaps[worst] < 0.0:
+        if not np.isnan(body.level_mm[worst]):
+            return f"the {body.names[worst]} would be {-gaps[worst]:.1f} mm below what it is to rest on"
+        lowest = gaps[worst] + limits.clearance_mm
         return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
     return _on_the_way("below_table", standing)
 

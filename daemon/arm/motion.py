@@ -14,7 +14,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
-from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm
+from daemon.arm.body import CarriedCapsule
+from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import place_clear, way_clear
@@ -165,6 +166,17 @@ class Mover:
         load = self.belief.capsules
         return replace(self.limits, capsules=self.limits.capsules + load) if load else self.limits
 
+    def _bounds(self, command: MoveCommand) -> Limits:
+        """The limits for one command: on the last stretch of a set-down the part may come down to its support."""
+        contact, bounds = command.contact, self.bounds
+        if contact is None:
+            return bounds
+        lowered = tuple(
+            replace(c, level_mm=contact.level_mm, may_touch=contact.fixture) if isinstance(c, CarriedCapsule) else c
+            for c in bounds.capsules
+        )
+        return replace(bounds, capsules=lowered)
+
     @property
     def here(self) -> Reading | None:
         """Where the next move starts."""
@@ -190,7 +202,7 @@ class Mover:
 
     def check(self, command: MoveCommand) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
-        refusal = way_clear(command, self.standing(), self.here, self.cell.robot.kinematics, self.bounds)
+        refusal = way_clear(command, self.standing(), self.here, self.cell.robot.kinematics, self._bounds(command))
         if refusal is not None:
             raise self._refused(refusal)
 
@@ -249,25 +261,27 @@ class Mover:
         speed_pct: Callable[[Array], float],
         straight: bool = False,
         look_taken_s: float | None = None,
+        contact: SupportContact | None = None,
     ) -> None:
         """Go there in as many moves as the step limits ask for, on the line or the joints' own way (or over what is
         in that).
 
-        speed_pct(world_from_tool of a step) is cut to the limit. Raises OutOfReachError before anything is sent, and
-        what `go` raises.
+        speed_pct(world_from_tool of a step) is cut to the limit; contact: see MoveCommand. Raises OutOfReachError
+        before anything is sent, and what `go` raises.
         """
-        for leg in self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s)):
+        for leg in self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact)):
             speed = min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct)
-            await self.go(MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s))
+            await self.go(MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s, contact))
 
-    def check_through(self, poses: Iterable[Array]) -> None:
+    def check_through(self, poses: Iterable[Array], contact: SupportContact | None = None) -> None:
         """Raise what `travel` would where straight ways through these poses (4, 4), one after the other from here,
         could not all be gone: for whoever must come out again of where he goes in."""
         here = self.here
         if here is None:
             return
         for pose in poses:
-            self._way_from(here, MoveCommand(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan"))
+            command = MoveCommand(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
+            self._way_from(here, replace(command, contact=contact))
             joints = self.cell.robot.kinematics.reachable(pose, here.joints_rad)
             assert joints is not None, "there is a way to it"
             here = Reading(pose, joints)
@@ -279,7 +293,7 @@ class Mover:
 
     def _way_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
         standing = replace(self.standing(), at=start.world_from_tool)
-        way = planned_way(command, standing, start, self.cell.robot.kinematics, self.bounds)
+        way = planned_way(command, standing, start, self.cell.robot.kinematics, self._bounds(command))
         if not isinstance(way, Refusal):
             return way
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arm.belief import Reading
-from daemon.arm.body import ArmBody, above_mm, away_mm, body_of, within_mm
+from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
 from daemon.arm.workcell import Kinematics
 from daemon.arrays import Array
@@ -307,16 +307,18 @@ def gaps_of(links: Array, body: ArmBody, limits: Limits) -> Gaps:
     ends = body.placed(links)
     each = np.arange(len(body.names))
     least = limits.clearance_mm
-    columns = [above_mm(ends, body.radius_mm, limits.table_z_mm) - least]
+    columns = [body.above_floor_mm(ends, limits.table_z_mm, least)]
     what = [("below_table", name, "the table") for name in body.names]
     both_ends = within_mm(ends, limits.room_low_mm, limits.room_high_mm)
-    columns.append(both_ends.min(axis=(2, 3)) - body.radius_mm - least)
+    columns.append(np.where(body.encloses, np.inf, both_ends.min(axis=(2, 3)) - body.radius_mm - least))
     what += [("outside_room", name, "a side of the room") for name in body.names]
     columns.append(within_mm(ends[:, TCP, 0], limits.box_low_mm, limits.box_high_mm))
     sides = [f"{side} {axis} of the box" for side in ("the least", "the greatest") for axis in "xyz"]
     what += [("outside_workspace", "tool centre point", side) for side in sides]
     if limits.keep_out:
         away = away_mm(ends, body.radius_mm, limits.keep_out, NEAR_MM + least) - least
+        for number, box in enumerate(limits.keep_out):
+            away[:, number, [box.name in touch for touch in body.may_touch]] = np.inf
         columns.append(away.reshape(len(ends), -1))
         what += [("kept_out", name, box.name) for box in limits.keep_out for name in body.names]
     capsule = np.concatenate([each, each, np.full(SIDES, each[TCP]), *[each for _ in limits.keep_out]])
@@ -363,7 +365,7 @@ def _not_far(ends: Array, travel: Array, body: ArmBody, limits: Limits) -> Tight
     each = ends.reshape(len(ends), -1)
     low = each.min(axis=0).reshape(ends.shape[1:]).min(axis=1) - margin
     high = each.max(axis=0).reshape(ends.shape[1:]).max(axis=1) + margin
-    boxes = np.array([(box.low_mm, box.high_mm) for box in limits.keep_out], float).reshape(-1, 2, 1, 3)
+    boxes = upright_bounds(limits.keep_out)[:, :, None]
     meets = ((low < boxes[:, 1]) & (high > boxes[:, 0])).all(axis=2)
     leaves = ((low < limits.room_low_mm) | (high > limits.room_high_mm)).any(axis=1)
     near = meets.any(axis=0) | leaves | (low[:, 2] < limits.table_z_mm)

@@ -16,8 +16,10 @@ from daemon.cell.build import Hardware
 from daemon.compute.calls import Compute
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
+from daemon.pick.placing import PlaceTable, fixture_boxes
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
+from daemon.store.place_status import PlaceStatuses
 from drivers.puma560 import ArmGeometry
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)
@@ -36,8 +38,15 @@ def pick_cell(
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
     workcell = Workcell(hardware.robot, hardware.cameras, log, hardware.clock, rig, tool_from_cyclopean, compute, alone)
     settings = config.values.pick
-    limits, doubt = guarded(settings.limits, hardware.robot.arm), doubt_of(calibration.quality, settings.doubt)
+    keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
+    limits = guarded(replace(settings.limits, keep_out=keep_out), hardware.robot.arm)
+    doubt = doubt_of(calibration.quality, settings.doubt)
     return workcell, replace(settings, limits=limits, doubt=doubt)
+
+
+def place_table(config: Config) -> PlaceTable:
+    """Where parts belong, and what is known of each place."""
+    return PlaceTable(config.places, PlaceStatuses(config.state))
 
 
 def guarded(limits: Limits, arm: ArmGeometry) -> Limits:

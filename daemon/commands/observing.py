@@ -11,6 +11,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
+from daemon.commands.placing import counted, destinations
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
@@ -52,6 +53,10 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     candidate = frontend.shown = model_store.candidate
     if candidate is not None:
         lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
+    places = counted(context)
+    if places:
+        told = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
+        lines.insert(-1, f"places    {sum(places.values())}: {told}")
     left_out: Any = state["skipped"]
     lines += map(_left_out, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.active.values()]
@@ -63,6 +68,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "seed": context.hardware.seed,
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),
+        "places": places,
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),
     }
@@ -198,7 +204,7 @@ async def where(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("parts")
 async def parts(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """List the parts, their views and what is known of each."""
+    """List the parts, their views, what is known of each and where it goes."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
     for label in context.parts:
@@ -209,8 +215,9 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
             if metric
             else "not taught"
         )
-        rows.append((label, f"{plural(stored, 'view')}, {known}"))
-        data[label] = {"views": stored, "taught": metric is not None}
+        goes = destinations(context, label)
+        rows.append((label, f"{plural(stored, 'view')}, {known}; {goes}"))
+        data[label] = {"views": stored, "taught": metric is not None, "goes": goes}
     return CommandResult(
         table(rows, frontend.columns) or "no part is in parts.yaml and none is taught; `teach LABEL`", {"parts": data}
     )

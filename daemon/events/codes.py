@@ -63,6 +63,14 @@ class CauseCode(StrEnum):
     BLOCKED = "blocked", "blocked by a neighbour", "table", "move the parts apart"
     NO_GRASP = ("no_grasp", "no grasp fits it", "grasp",
         "turn the part, or compare pick.gripper.opening_mm with its size")
+    NO_WAY_TO_PLACE = ("no_way_to_place", "no way to its place", "grasp",
+        "turn the part on the table as it is to lie at its place, or move the place; `place show` says where it is")
+    PLACES_FULL = ("places_full", "no free place", "table",
+        "empty the places and say so with `place clear`, or look at them with `place check`")
+    OFF_PLACE = ("off_place", "set down off its place", "table",
+        "put the part right, then `place check`; where it repeats, teach the place again: `place teach`")
+    NOT_AT_PLACE = ("not_at_place", "not seen at its place", "table",
+        "find the part; then `place check`, or `place clear` where nothing lies there")
     CAMERA_LOST = ("camera_lost", "camera cable", "camera",
         "plug it in at both ends and fasten it; `facetctl cameras` lists the cameras present; then `resume`")
     LENS_COVERED = "lens_covered", "lens covered", "camera", "take off what covers the lens; then `resume`"
@@ -194,6 +202,7 @@ class DecisionCode(StrEnum):
     SUSPECT_UNCLEAR = "suspect_unclear"
     IN_GRIPPER = "in_gripper"
     PICKED = "picked"
+    NOT_MEASURED = "not_measured"
     MISSED = "missed"
     STILL_THERE = "still_there"
     KNOCKED_AWAY = "knocked_away"

@@ -13,6 +13,7 @@ class Outcome(StrEnum):
 
     PICKED = "picked"
     RELEASED = "released"
+    OFF = "off"
     MISSED = "missed"
     EMPTY = "empty"
     LOST = "lost"
@@ -22,6 +23,7 @@ class Outcome(StrEnum):
     UNSURE = "unsure"
     DRY = "dry"
     EMPTIED = "emptied"
+    FULL = "full"
     ABORTED = "aborted"
     FAULT = "fault"
 
@@ -30,9 +32,9 @@ UNFINISHED = "unfinished"
 """The outcome of a pick without a record of its end: the end of its run interrupted it."""
 GOING_ON = "going on"
 """The outcome of such a pick while facetd still writes its run."""
-NOTHING_TO_PICK = frozenset({Outcome.EMPTY, Outcome.DRY, Outcome.EMPTIED})
+NOTHING_TO_PICK = frozenset({Outcome.EMPTY, Outcome.DRY, Outcome.EMPTIED, Outcome.FULL})
 INTERRUPTED = frozenset({Outcome.ABORTED, UNFINISHED, GOING_ON})
-GRASPED = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.MISSED})
+GRASPED = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.OFF, Outcome.MISSED})
 """The gripper closed on the part: only these picks have an error at the grasp."""
 DEFINITION = (
     "A pick counts as tried when there was a part to pick and neither a person nor the end of the run ended it. It "

@@ -387,6 +387,30 @@ class RunEnded(EventRecord, kw_only=True):
     holding: Annotated[Flag, meaning("whether a part is in the gripper; null: unknown")] = None
 
 
+class PartMeasured(CycleRecord, kw_only=True):
+    """The part was measured in the gripper after the lift; the set-down is corrected by it."""
+
+    label: Annotated[Text, meaning("the part")] = None
+    tool_from_part: Annotated[Pose, meaning("how it is held", "mm")] = None
+    shift_mm: Annotated[Number, meaning("of how it shows from how it was grasped, at its origin", "mm")] = None
+    shift_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    chi2: Annotated[Number, meaning("how far apart they are, 6 degrees of freedom")] = None
+
+
+class PlaceChanged(CycleRecord, kw_only=True):
+    """The status of a place changed; it was on the disk before."""
+
+    place: Annotated[Text, meaning("its name")] = None
+    label: Annotated[Text, meaning("the part that belongs there")] = None
+    status: Annotated[Text, meaning("one of those of daemon/store/place_status.py")] = None
+    off_mm: Annotated[Number, meaning("how far off the part was seen, along its support", "mm")] = None
+    off_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    height_mm: Annotated[Number, meaning("how much higher than it would rest", "mm")] = None
+    tolerance_mm: Annotated[Number, meaning("how far off it may be", "mm")] = None
+    tolerance_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    why: Annotated[Text, meaning("in words")] = None
+
+
 SCHEMA: Mapping[str, type[EventRecord]] = {
     "run_start": RunStart,
     "model": ModelInUse,
@@ -412,6 +436,8 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
     "touch": TouchTest,
     "truth": TrueGrasp,
     "release": PartReleased,
+    "in_gripper": PartMeasured,
+    "place": PlaceChanged,
     "gap": RecordsLost,
     "clock": ClockSet,
     "run_end": RunEnded,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -31,11 +31,12 @@ from daemon.arm import (
 from daemon.arrays import Array
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 from daemon.events.outcomes import Outcome, tally
-from daemon.pick import approach, find, take
+from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looking import Look
 from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd, Observer, Skipped, tell
+from daemon.pick.placing import Goal, PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
@@ -53,8 +54,12 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.RETREAT: take.retreat,
     PickState.VERIFY: take.verify,
     PickState.BIN: take.over_bin,
+    PickState.SET_DOWN: set_down.set_down,
+    PickState.LOOK_AT_PLACE: set_down.look_at_place,
     PickState.HOME: take.home,
 }
+LETTING_GO = {PickState.BIN, PickState.SET_DOWN}
+"""States in which the gripper opens around a part."""
 CUT_OFF = (PickEvent.STOP, PickEvent.ERROR, PickEvent.ABORT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
@@ -83,6 +88,8 @@ class PickCycle:
         self.tally: Counter[Outcome] = Counter()
         self.skipped: list[Skipped] = []
         self.pick_order: PickOrder | None = None
+        self.placing = PlaceTable()
+        """Where parts belong; without places they go to the bin."""
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
@@ -131,6 +138,13 @@ class PickCycle:
     def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused)."""
         self.recogniser = recogniser
+        self.use_places(self.placing)
+
+    def use_places(self, placing: PlaceTable) -> None:
+        """Bring parts to these places from the next pick on. The shapes of parts are the model's."""
+        shapes = {} if self.recogniser is None else {label: self.recogniser.shape(label) for label in placing.labels}
+        placing.know({label: shape for label, shape in shapes.items() if shape is not None})
+        self.placing = placing
 
     def refit(self, cell: Workcell, settings: Settings) -> None:
         """Go on with another calibration or other settings (a reload); only while nothing is being done."""
@@ -170,6 +184,20 @@ class PickCycle:
         """One settled look from where the arm stands; nothing moves, and nothing needs to be enabled, but with one eye,
         which the arm moves between two pictures, and back."""
         return await self.supervisor.run("look", self._look(purpose), moves=self.cell.alone is not None)
+
+    async def locate(self, label: str) -> Array:
+        """Where the one part of this label is that lies in view, world_from_part (4, 4) mm, by looks from several
+        sides. RefusedError when it may not start, or there is none, or more than one."""
+        self._may_pick()
+        self._must_be_empty()
+        return await self.supervisor.run(f"locate {label}", self._locate(label))
+
+    async def look_at_places(self, goals: Sequence[Goal]) -> None:
+        """Look at places, one after the other, and keep what each shows. RefusedError when it may not start, or a part
+        is in the gripper."""
+        self._may_pick()
+        self._must_be_empty()
+        await self.supervisor.run("look at places", self._look_at_places(goals))
 
     async def look_around(self, most: int) -> WorldModel:
         """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
@@ -286,10 +314,10 @@ class PickCycle:
         then = follows(self.state, event, self._held)
         if event is PickEvent.PAUSE:
             self._held = self.state
-        elif event in CUT_OFF and PickState.BIN in (self.state, self._held):
+        elif event in CUT_OFF and LETTING_GO & {self.state, self._held}:
             self.beliefs.void(VoidingEvent.CUT_OFF)
         before, self.state = self.state, then
-        if event is PickEvent.BINNED and self.pick_order is not None:
+        if event in (PickEvent.BINNED, PickEvent.SET_DOWN) and self.pick_order is not None:
             self.pick_order = self.pick_order.one_less()
         if event is not PickEvent.PAUSE:
             self._held = then
@@ -297,7 +325,8 @@ class PickCycle:
             self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": before})
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
-        return PickContext(self.cell, self.supervisor.mover, recogniser, self.settings, self.observer)
+        cell, mover = self.cell, self.supervisor.mover
+        return PickContext(cell, mover, recogniser, self.settings, self.observer, placing=self.placing)
 
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:
@@ -308,6 +337,17 @@ class PickCycle:
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
         return look
+
+    async def _locate(self, label: str) -> Array:
+        assert self.recogniser is not None
+        await self._set_out_to_look()
+        return await set_down.locate(self._context(self.recogniser), WorldModel([]), label)
+
+    async def _look_at_places(self, goals: Sequence[Goal]) -> None:
+        assert self.recogniser is not None
+        await self._set_out_to_look()
+        for goal in goals:
+            await set_down.look_at(self._context(self.recogniser), WorldModel([]), goal)
 
     async def _around(self, most: int) -> WorldModel:
         assert self.recogniser is not None
@@ -384,7 +424,7 @@ class PickCycle:
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break
-                if ends[-1].outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.EMPTIED):
+                if ends[-1].outcome in (*take.BROUGHT, Outcome.EMPTIED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
                 else:
                     if every_s is None or not self._auto:
@@ -448,7 +488,7 @@ class PickCycle:
             await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
-            if event is PickEvent.GONE:
+            if event in (PickEvent.GONE, PickEvent.MEASURED):
                 self.beliefs.learn(BeliefSource.OBSERVED, holding=True)
             self._enter(event)
 

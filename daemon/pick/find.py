@@ -27,10 +27,12 @@ from daemon.pick.next_view import (
     places_round,
     strange,
 )
-from daemon.pick.plan import NoPlan, Plan, plan_part
+from daemon.pick.placing import AT_PLACE_MM, deviation
+from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
+from daemon.pick.set_down import look_at_unseen
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
@@ -52,6 +54,8 @@ from daemon.vision.values import Cause
 SIDES_DEG = (20, 35)
 """How much a look leans that is to show what others hide: of facets of parts that touch most are found from there
 (tests/bench/long/looks.py)."""
+LIES_THERE_MM, LIES_THERE_DEG = 5.0, 10.0
+"""A part that a survey shows this near to a free place, and turned like this, lies at it: surveys err by less."""
 MOST_OLD = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
 
@@ -61,6 +65,7 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
     none shows any part, from the last ones, too."""
     settings = context.settings
     world.target, world.found, world.looks, world.ghosts = None, [], [], []
+    await look_at_unseen(context, world)
     for number, view in enumerate((*settings.surveys, *settings.last_surveys), start=1):
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
@@ -148,10 +153,14 @@ async def choose(
             code = BY_UNNAMED.get(str(part.taken_for.cause), CauseCode.ALIKE if candidates else CauseCode.NOT_TAUGHT)
             skip(context, world, outcome, part, f"fits {fits}: {part.taken_for.reason}", code)
             continue
+        destination = _destination(context, world, part)
+        if isinstance(destination, str):
+            skip(context, world, Outcome.FULL, part, destination, CauseCode.PLACES_FULL)
+            continue
         neighbours = [other for other in world.found if other is not part]
         ways = context.settings, context.cell.tool_from_cyclopean, context.mover.reach
         unseen = world.sides_unseen(part.centre)
-        side_view, plan = await context.cell.compute(_planned, part, shape, neighbours, unseen, *ways)
+        side_view, plan = await context.cell.compute(_planned, part, shape, neighbours, unseen, *ways, destination)
         if isinstance(plan, NoPlan):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
@@ -173,6 +182,26 @@ async def choose(
         )
         return PickEvent.CHOSEN
     return PickEvent.NONE_LEFT
+
+
+def _destination(context: PickContext, world: WorldModel, part: ObservedPart) -> Destination | str | None:
+    """Where a named part belongs; None: over the bin; in words why it cannot go anywhere. A place where something shows
+    that nobody brought is left alone."""
+    table = context.placing
+    if not table.has(part.label):
+        return None
+    free = []
+    for goal in table.free(part.label):
+        off = deviation(goal, part.world_from_part)
+        if off.off_mm < LIES_THERE_MM and off.off_deg < LIES_THERE_DEG:
+            return f"it lies at place {goal.place.name} already: `place check {goal.place.name}`"
+        lying = [p for p in world.found if p is not part and same_place(p.centre, goal.centre, AT_PLACE_MM)]
+        if not lying:
+            free.append(goal)
+    if not free:
+        unusable = [table.unusable[p.name] for p in table.places.of(part.label) if p.name in table.unusable]
+        return "; ".join(["none of its places is free", *unusable[:1]])
+    return Destination(free, [goal.corners for goal in table.taken()])
 
 
 def _is_old(context: PickContext, look: Look) -> bool:
@@ -207,6 +236,7 @@ def _planned(
     settings: Settings,
     tool_from_cyclopean: Array,
     reach: Reach,
+    destination: Destination | None = None,
 ) -> tuple[Array | None, Plan | NoPlan]:
     """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
     or why there is none. unseen: see WorldModel.sides_unseen."""
@@ -220,6 +250,7 @@ def _planned(
         reach.allows,
         facings(part),
         unseen if side_view is None else (),
+        destination,
     )
 
 

@@ -17,6 +17,7 @@ from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.grasp import GripperGeometry, closed_fingers
 from daemon.pick.looking import Expected, Look, Taken
+from daemon.pick.placing import SetDown
 from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
@@ -50,7 +51,7 @@ class Target:
 
     side_view: (3, 3) how the tool is turned for looks, world, where that is not as for the grasp; confidence: of its
     name.
-    looked_before: the look before the last one.
+    looked_before: the look before the last one; held: tool_from_part (4, 4) as it was measured in the gripper.
     """
 
     label: str
@@ -65,6 +66,12 @@ class Target:
     side_view: Array | None = None
     confidence: float = 1.0
     looked_before: Look | None = None
+    held: Array | None = None
+
+    @property
+    def way(self) -> SetDown | None:
+        """How it is to be set down at its place; None: it goes to the bin."""
+        return self.plan.way
 
     @property
     def look_rotation(self) -> Array:
@@ -140,6 +147,11 @@ def expecting(target: Target) -> Expected:
     return Expected(target.label, target.confidence, target.shape, fit)
 
 
+def at_place(shape: Polyhedron, world_from_part: Array) -> Callable[[Taken], Fit | None]:
+    """What finds a part by its edges where it was set down."""
+    return partial(_in_its_place, shape, world_from_part)
+
+
 def still_there(target: Target, look: Look) -> bool:
     """Whether the target's edges still show where it lay."""
     return _in_its_place(target.shape, target.world_from_part, look.taken) is not None
@@ -172,6 +184,39 @@ def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount) -
     near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
     eyes = _eyes_on_the_hand(before, mount), _eyes_on_the_hand(after, mount)
     return edges_gone(target.shape, *eyes, near, REACH_MM) >= GONE
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPose:
+    """How a part is in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: the same weighed with how it was
+    grasped; chi2: how far these two are apart (6 degrees of freedom)."""
+
+    seen: Array
+    pose: Array
+    chi2: float
+
+
+def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
+    """How the target is in the gripper; None where its edges do not show, or one camera took both pictures, so that
+    nothing says how far away the part is.
+
+    Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's.
+    """
+    if mount.alone is not None or target.estimate is None:
+        return None
+    grasped = target.tool_from_part
+    fit = by_edges(target.shape, taken, frames.inverse(mount.tool_from_cyclopean) @ grasped, REACH_MM)
+    if fit is None:
+        return None
+    seen = mount.tool_from_cyclopean @ fit.cyclopean_from_part
+    tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
+    left = frames.transport_covariance(tool_from_world, target.estimate.covariance) + doubt.arm()
+    there = frames.transport_covariance(mount.tool_from_cyclopean, fit.covariance)
+    there = there + frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4))
+    apart = frames.difference(seen, grasped)
+    chi2 = float(apart @ np.linalg.solve(left + there, apart))
+    pose, _ = frames.fuse([grasped, seen], [left, there])
+    return HeldPose(seen, pose, chi2)
 
 
 def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:

@@ -16,6 +16,7 @@ from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
 from daemon.pick.grasp import PlannedGrasp, grasps
+from daemon.pick.placing import Goal, SetDown, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
@@ -23,6 +24,8 @@ from daemon.vision.geometry import Polyhedron
 
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
+MOST_GOALS = 3
+"""So many free places of a part are tried, in the order in which they are filled."""
 SAME_SIDE_RAD = 0.5
 """A look from within this angle of one that did not find the part would not find it either."""
 
@@ -30,11 +33,20 @@ SAME_SIDE_RAD = 0.5
 @dataclass(frozen=True, eq=False)
 class Plan:
     """How one part will be taken: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
-    (M, 3) world corners of the parts that leave it room."""
+    (M, 3) world corners of the parts that leave it room; way: how it is set down at its place, None: over the bin."""
 
     grasp: PlannedGrasp
     worth: float
     neighbours: Sequence[Array] = ()
+    way: SetDown | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Destination:
+    """Where a part belongs: the goals that are free, in order; taken: (M, 3) world corners of the parts at others."""
+
+    goals: Sequence[Goal]
+    taken: Sequence[Array] = ()
 
 
 class LastStretch(NamedTuple):
@@ -77,8 +89,10 @@ def plan_part(
     allowed: Reachable,
     seen: Sequence[Facing] = (),
     unseen_from: Sequence[Array] = (),
+    destination: Destination | None = None,
 ) -> Plan | NoPlan:
-    """The best grasp whose whole approach is allowed (reached, in the box, above the table), or why there is none.
+    """The best grasp whose whole approach is allowed (reached, in the box, above the table), and by which the part can
+    be set down where it belongs, or why there is none.
 
     seen: facets that a look has told apart; their shading, and so their contrast, is the same from everywhere, so that
     a look along the approach should show them again. unseen_from: (3,) directions from the part in which a
@@ -103,16 +117,37 @@ def plan_part(
     if not plans:
         return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
     plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
+    approached = 0
     for plan in plans:
         if not plan.grasp.blocked:
             poses = approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
             if all(allowed(pose) for pose in poses) and all(
                 allowed(pose) for a, b in pairwise(poses) for pose in paths.steps(a, b, PATH_MM, 90.0)[:-1]
             ):
-                return plan
+                approached += 1
+                if destination is None:
+                    return plan
+                held = frames.inverse(plan.grasp.world_from_tool) @ world_from_part
+                way = _way_to(destination, held, settings, tool_from_cyclopean, allowed)
+                if way is not None:
+                    return replace(plan, way=way)
+    if approached and destination is not None:
+        goals = ", ".join(goal.place.name for goal in destination.goals[:MOST_GOALS])
+        why = f"none of its {approached} grasps in reach can set it down at {goals} as it is to lie there"
+        return NoPlan(CauseCode.NO_WAY_TO_PLACE, why)
     blocked = sum(p.grasp.blocked for p in plans)
     why = f"none of its {len(plans)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
     return NoPlan(CauseCode.BLOCKED if 2 * blocked >= len(plans) else CauseCode.OUT_OF_REACH, why)
+
+
+def _way_to(
+    destination: Destination, held: Array, settings: Settings, tool_from_cyclopean: Array, allowed: Reachable
+) -> SetDown | None:
+    """The first way to the first goal that has one."""
+    for goal in destination.goals[:MOST_GOALS]:
+        for way in ways_to(goal, held, settings, tool_from_cyclopean, allowed, destination.taken):
+            return way
+    return None
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

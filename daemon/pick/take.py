@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from daemon import frames
-from daemon.arm import BeliefSource, NotSettledError, capsule_around
+from daemon.arm import BeliefSource, NotSettledError, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import viewpoints
@@ -17,12 +17,14 @@ from daemon.pick.looking import Look, Taken, taken_here
 from daemon.pick.outcome import InGripper, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
+from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 
 HAND_REACH_MM = 70.0
 """What is seen within this of the tool's centre point is in the hand, and not on the table."""
+BROUGHT = (Outcome.PICKED, Outcome.RELEASED, Outcome.OFF)
 SEEN_OFF_MM = 20.0
 """How far off a part may be seen from the side on which it was grasped."""
 
@@ -56,7 +58,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     target = world.the_target()
     await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
-    load = (capsule_around(corners, f"{target.label} in the hand"),)
+    load = carried_part(corners, f"{target.label} in the gripper")
     context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load)
     return PickEvent.CLOSED
 
@@ -73,9 +75,12 @@ async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     return PickEvent.THERE
 
 
-async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.GONE, PickEvent.MISSED]:
+async def verify(
+    context: PickContext, world: WorldModel
+) -> Literal[PickEvent.GONE, PickEvent.MEASURED, PickEvent.MISSED]:
     """Look whether the part is in the hand, or at least gone from where it lay and nowhere else. A look may err, so a
-    hand that is said to have missed opens over the bin, as one that holds the part does."""
+    hand that is said to have missed opens over the bin, as one that holds the part does. A part that has a place is
+    measured in the gripper; what does not show there well enough goes to the bin."""
     target, seen = world.the_target(), await look(context, world, "verify")
 
     mount = mount_of(context.cell)
@@ -83,6 +88,15 @@ async def verify(context: PickContext, world: WorldModel) -> Literal[PickEvent.G
     if failed is None:
         shown = "shows in the gripper" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
+        if target.way is not None:
+            target.held = await measure(context, target, seen.taken)
+            if target.held is not None:
+                text = f"bring it to place {target.way.goal.place.name}"
+                context.decide(text, world.why, DecisionCode.IN_GRIPPER, label=target.label)
+                return PickEvent.MEASURED
+            why = f"{world.why}; its edges there do not say how it is held"
+            context.decide("bring it to the bin, not to its place", why, DecisionCode.NOT_MEASURED, label=target.label)
+            return PickEvent.GONE
         context.decide("bring it to the bin", world.why, DecisionCode.IN_GRIPPER, label=target.label)
         return PickEvent.GONE
     world.failures += 1
@@ -200,6 +214,6 @@ async def _open_gripper(context: PickContext) -> None:
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
     world.target = None
-    if not (context.stay and world.outcome in (Outcome.PICKED, Outcome.RELEASED)):
+    if not (context.stay and world.outcome in BROUGHT):
         await travel(context, world, context.settings.home.pose(), "home")
     return PickEvent.THERE

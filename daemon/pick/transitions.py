@@ -25,6 +25,8 @@ class PickState(StrEnum):
     RETREAT = "retreat"
     VERIFY = "verify"
     BIN = "bin"
+    SET_DOWN = "set_down"
+    LOOK_AT_PLACE = "look_at_place"
     HOME = "home"
     PAUSED = "paused"
     FAULT = "fault"
@@ -57,6 +59,8 @@ class PickEvent(StrEnum):
     DRY = "dry"
     CLOSED = "closed"
     GONE = "gone"
+    MEASURED = "measured"
+    SET_DOWN = "set_down"
     MISSED = "missed"
     BINNED = "binned"
     DROPPED = "dropped"
@@ -129,6 +133,16 @@ TABLE: tuple[Row, ...] = (
         PickState.BIN,
         "the part shows in the gripper, or no longer lies there and the gripper does not show empty",
     ),
+    Row(
+        PickState.VERIFY,
+        PickEvent.MEASURED,
+        PickState.SET_DOWN,
+        "the part has a place, and its edges show how it is held",
+    ),
+    Row(PickState.SET_DOWN, PickEvent.SET_DOWN, PickState.LOOK_AT_PLACE, "lowered to its support, let go, backed off"),
+    Row(PickState.SET_DOWN, PickEvent.UNREACHABLE, PickState.BIN, "the guard refused the way to its place"),
+    Row(PickState.SET_DOWN, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
+    Row(PickState.LOOK_AT_PLACE, PickEvent.SEEN, PickState.HOME, "right, off by so much, or not there"),
     Row(
         PickState.VERIFY,
         PickEvent.MISSED,

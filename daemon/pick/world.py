@@ -32,6 +32,7 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import Observer, Skipped, tell
+from daemon.pick.placing import AT_PLACE_MM, PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
@@ -60,7 +61,7 @@ class SuspectError(FacetdError):
 @dataclass(frozen=True, eq=False)
 class PickContext:
     """What a pick works with. cycle: its number; wanted: the label asked for (None: any); stay: do not go home at the
-    end."""
+    end; placing: where parts belong."""
 
     cell: Workcell
     mover: Mover
@@ -70,6 +71,7 @@ class PickContext:
     cycle: int = 0
     wanted: str | None = None
     stay: bool = False
+    placing: PlaceTable = field(default_factory=PlaceTable)
 
     def decide(self, text: str, why: str, code: CauseCode | DecisionCode, **figures: object) -> None:
         """Log a decision: in words, and as a code. figures: label, slip_deg, chi2 where they belong to it."""
@@ -229,12 +231,13 @@ class WorldModel:
         context.cell.log.record("gained", cycle=context.cycle, look=len(self.looks), **vars(gained))
 
     def left(self, context: PickContext) -> list[ObservedPart]:
-        """What was found, is or may be wanted, and was not skipped, in order."""
+        """What was found, is or may be wanted, lies at no place that is taken, and was not skipped, in order."""
         return [
             part
             for part in ordered(self.found, context.settings.order)
             if (context.wanted in (None, part.label) or not part.named)
             and not any(same_place(s.centre, part.centre) for s in self.skipped)
+            and not any(same_place(goal.centre, part.centre, AT_PLACE_MM) for goal in context.placing.taken())
         ]
 
     def sides_unseen(self, centre: Array) -> list[Array]:

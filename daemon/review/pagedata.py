@@ -27,6 +27,7 @@ IN_STATE = {
     "survey": "survey the table", "second_view": "look from another side", "choose": "choose a part",
     "stop_n": "approach", "looking": "look", "estimating": "estimate the pose", "final": "move to the grasp",
     "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "bin": "bring it to the bin",
+    "set_down": "set it down", "look_at_place": "look at its place",
     "home": "move home",
 }  # fmt: skip
 """Names of the pick's states for people."""

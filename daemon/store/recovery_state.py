@@ -92,7 +92,7 @@ def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Recove
             change = {"state": fields.get("to")}
             if fields.get("from") == "fault" and fields.get("event") == "resume":
                 change |= {"cycle": None, "in_doubt": False, "fault": None}
-            if fields.get("event") == "binned" and before.auto is not None:
+            if fields.get("event") in ("binned", "set_down") and before.auto is not None:
                 change["auto"] = before.auto.one_less()
         case "auto":
             change = {"auto": Auto(fields.get("count"), fields.get("every_s")) if fields.get("on") else None}

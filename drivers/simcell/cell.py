@@ -18,10 +18,10 @@ from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.history import DropRecord
+from drivers.simcell.history import DropRecord, GraspRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import rigid
+from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose, drawn_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
@@ -202,6 +202,9 @@ class SimulatedCell:
         tool = self.arm.pose_at(now_s)
         if closed:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in PATH_CHECKED_S])
+            if (held := self.world.held) is not None:
+                corners = apply(held.pose, held.shape.hull.vertices)
+                self._machine.history.add(GraspRecord(now_s, self._machine.by, held.label, corners))
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
             self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, where is PartPlace.BIN))

@@ -57,6 +57,16 @@ class GripperRecord:
     closed: bool
 
 
+@dataclass(frozen=True, eq=False)
+class GraspRecord:
+    """The jaws hold a part from now on. corners_mm (N, 3): of its hull, in the true tool frame."""
+
+    began_s: float
+    by: str
+    label: str
+    corners_mm: Array
+
+
 @dataclass(frozen=True)
 class DropRecord:
     """A released part. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into the bin."""
@@ -68,7 +78,7 @@ class DropRecord:
     over_bin: bool
 
 
-HistoryRecord = MotionRecord | StopRecord | GripperRecord | DropRecord
+HistoryRecord = MotionRecord | StopRecord | GripperRecord | GraspRecord | DropRecord
 
 KEPT = 4000
 """Number of events kept; a straight motion takes some 7 kB, and a cell may run for weeks."""

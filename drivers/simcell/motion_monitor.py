@@ -20,6 +20,7 @@ from drivers.simcell.arm import Motion
 from drivers.simcell.history import (
     CONTROL_C,
     DropRecord,
+    GraspRecord,
     GripperRecord,
     History,
     HistoryRecord,
@@ -40,6 +41,8 @@ TYPED_S = 0.1
 """What was let go just before moves were held has been typed whole by then."""
 ASKED_S = 0.5
 """Where the arm is was asked so long before a move is typed, at most: nobody can know of what others do in between."""
+PRESSED_MM = 1.0
+"""So far a part in the gripper may be pressed onto the table: fingers and pads give by more."""
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -94,6 +97,11 @@ class ArmSpheres:
         self._frames = np.array([rod.frame for rod in rods for _ in _cut(rod)], str)[:, None]
         self._centres = np.array([ball for rod in rods for ball in _cut(rod)]).reshape(-1, 3)
 
+    def carried(self, motion: Motion, times_s: Array, points_mm: Array) -> Array:
+        """(N, P, 3) world mm: where points (P, 3) of the tool's frame are."""
+        tools = np.array([forward(motion.joints_at(moment_s) + self._offsets, self._arm) for moment_s in times_s])
+        return np.asarray(points_mm @ tools[:, :3, :3].transpose(0, 2, 1) + tools[:, None, :3, 3])
+
     def at(self, motion: Motion, times_s: Array) -> tuple[Array, Array]:
         """((N, K, 3) centres, (N, 3) tool centre points), mm in the world."""
         joints = [motion.joints_at(moment_s) + self._offsets for moment_s in times_s]
@@ -140,6 +148,7 @@ class MotionMonitor:
         """When a motion of somebody else's began last."""
         self._left_mm: dict[str, float] = {}
         """How deep, by rule, the arm still is where a person's own line has left it."""
+        self._carried: GraspRecord | None = None
         self._read = 0
         self._found: list[Violation] = []
 
@@ -221,7 +230,10 @@ class MotionMonitor:
         if isinstance(event, StopRecord):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
+        elif isinstance(event, GraspRecord):
+            self._carried = event
         elif isinstance(event, DropRecord):
+            self._carried = None
             yield from self._dropped(event)
         else:
             yield from self._unallowed(event)
@@ -241,7 +253,7 @@ class MotionMonitor:
         moved_since_asked = self._others_moved_s > leg.given_s - ASKED_S
         if leg.began_s < self._by_hand.get(leg.by, float("inf")) and not moved_since_asked:
             yield from self._too_much(leg)
-            yield from self._struck(leg) if over else ()
+            yield from (*self._struck(leg), *self._pressed(leg)) if over else ()
         elif over:
             self._left_mm = self._depths_at_rest(leg)
 
@@ -336,6 +348,20 @@ class MotionMonitor:
                 yield Violation(rule, times[moment], leg.by, text)
             if clear[-1]:
                 self._left_mm.pop(rule, None)
+
+    def _pressed(self, leg: MotionRecord) -> Iterator[Violation]:
+        """The part in the gripper into the table, where a motion ends or on its way."""
+        if self._carried is None:
+            return
+        motion = leg.motion
+        count = max(2, ceil((motion.ends_s - motion.started_s) / SAMPLE_S) + 1)
+        times = np.linspace(motion.started_s, motion.ends_s, count)
+        corners = self._body.carried(motion, times, self._carried.corners_mm)
+        deep_mm = self._table.height_mm - corners[..., 2].min(axis=1)
+        k = int(np.argmax(deep_mm))
+        if deep_mm[k] > PRESSED_MM:
+            text = f"the {self._carried.label} in the gripper {deep_mm[k]:.1f} mm into the table"
+            yield Violation("pressed", times[k], leg.by, text)
 
     def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
         """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""

@@ -21,6 +21,7 @@ from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.order import PickOrder
+from daemon.pick.placing import PlaceTable
 from daemon.pick.settings import Settings as PickSettings
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
@@ -50,6 +51,9 @@ class FakeCycle:
     paused: bool = False
     auto: bool = False
     skipped: list[dict[str, Any]] = field(default_factory=list)
+    placing: PlaceTable = field(default_factory=PlaceTable)
+    recogniser: Any = None
+    located: Any = None
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
     @property
@@ -94,6 +98,13 @@ class FakeCycle:
         self.told.append(purpose)
         self.at = there(self.at)
         return self.at
+
+    async def locate(self, label: str) -> Any:
+        self.told.append(f"locate {label}")
+        return self.located
+
+    async def look_at_places(self, goals: Any) -> None:
+        self.told.append(f"look at {', '.join(goal.place.name for goal in goals)}")
 
     async def hand(self, closed: bool) -> None:
         self.told.append("hand close" if closed else "hand open")

@@ -13,7 +13,7 @@ ANY = st.sampled_from([*Outcome, UNFINISHED, GOING_ON])
 def test_what_counts_as_tried_outcome_by_outcome() -> None:
     tried = {o for o in (*Outcome, UNFINISHED, GOING_ON) if is_tried(o)}
     assert tried == {
-        "picked", "released", "missed", "lost", "ambiguous", "unknown", "unreachable", "unsure", "fault",
+        "picked", "released", "off", "missed", "lost", "ambiguous", "unknown", "unreachable", "unsure", "fault",
     }  # fmt: skip
     assert [o for o in tried if is_success(o)] == ["picked"]
 

@@ -14,7 +14,7 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.gripper import finger_rods
-from drivers.simcell.history import KEPT, DropRecord, MotionRecord, StopRecord
+from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
@@ -453,3 +453,17 @@ def test_of_motions_that_each_wait_for_a_yes_no_more_are_made_than_yeses_were_sa
     cell.motion_monitor.each_asked(cell.now_s, False)
     cell.types("DO DRIVE 1,5,50")
     assert cell.found() == ["not asked"]
+
+
+@pytest.mark.parametrize(("z_mm", "found"), [(-259.0, []), (-260.5, []), (-262.5, ["pressed"])])
+def test_a_part_in_the_gripper_may_touch_the_table_and_not_be_pressed_into_it(z_mm: float, found: list[str]) -> None:
+    """Its corners are 40 mm below the tool centre point; the table is at -300 mm."""
+    cell = Cell()
+    cell.types(ABOVE_TABLE)
+    corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
+    cell.controller.machine.history.add(GraspRecord(cell.now_s, "DO CLOSEI", "cube", corners))
+    cell.types(f"DO MOVE TRANS(520,0,{z_mm:g},0,90,0)")
+    assert [v.rule for v in cell.motion_monitor.violations(cell.now_s)] == found
+    cell.controller.machine.history.add(DropRecord(cell.now_s, "DO OPENI", "cube", 0.0, False))
+    cell.types(ABOVE_TABLE)
+    assert [v.rule for v in cell.motion_monitor.violations(cell.now_s)] == found

@@ -1,0 +1,249 @@
+"""Commands for where parts belong: show, check, teach, clear and drop places. Where the arm goes is positions.py's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.commands.step_mode import with_questions
+from daemon.console.context import CommandContext
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.phrases import at_utc, millimetres, plural
+from daemon.console.text_layout import table
+from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
+from daemon.pick.placing import flattened
+from daemon.store.outside import FileError
+from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, with_place, without_place, write_places
+from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus
+from daemon.vision.geometry import Polyhedron
+
+USAGE = "place show [NAME|PART] | check [NAME] | teach NAME PART | clear NAME|all | drop NAME"
+ACTS = ("show", "check", "teach", "clear", "drop")
+
+
+def _names(context: CommandContext) -> list[str]:
+    """Every place."""
+    return [place.name for place in context.cycle.placing.places.places]
+
+
+def _further(context: CommandContext, word: str) -> Sequence[str]:
+    return (*_names(context), *(("all",) if word == "clear" else ()), *(context.parts if word == "show" else ()))
+
+
+@command(
+    USAGE,
+    "move",
+    most=3,
+    looks=lambda words: not words or words[0] == "show",
+    choices=ACTS,
+    further=_further,
+)
+async def place(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Show, check and teach where parts belong.
+
+    place show          every place: its part, what is known of it, where it is. Of a part: its sides by number
+    place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
+    place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
+    place clear nest    you have emptied it: parts are brought there again (all: every place)
+    place drop nest     delete it
+    A part without a place goes to the bin. Fixtures and patterns are written into places.yaml, then `reload`.
+    """
+    if words and context.hardware.operator is not None and words[0] in context.hardware.operator.labels:
+        raise CommandError(f"to hold a part before the cameras: `show {' '.join(words)}`", NOT_UNDERSTOOD)
+    act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
+    return await HANDLERS[act](context, words[1:], frontend)
+
+
+async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    placing = context.cycle.placing
+    if words and words[0] in context.parts and placing.places.named(words[0]) is None:
+        return _sides(context, words[0])
+    names = [one_of(words, 0, _names(context), "place", USAGE)] if words else _names(context)
+    rows, data = [], {}
+    for name in names:
+        state, part = placing.statuses.of(name), placing.places.named(name)
+        assert part is not None
+        goal = placing.goals.get(name)
+        where = placing.unusable[name] if goal is None else _at(goal.centre)
+        rows.append((name, f"{part.part}: {_told(state)}; {where}"))
+        data[name] = {
+            "part": part.part,
+            "status": str(state.status),
+            "off_mm": state.off_mm,
+            "off_deg": state.off_deg,
+            "at": None if goal is None else goal.centre.tolist(),
+        }
+    lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
+    lines += [
+        f"pattern {one.pattern}: the fourth corner is {one.off_mm:.2f} mm from where the other three have it"
+        for one in placing.places.residuals
+    ]
+    lines += [
+        f"fixture {one.name}: its solid has {plural(len(one.entry.solid), 'piece')}" for one in placing.places.fixtures
+    ]
+    return CommandResult("\n".join(lines), {"places": data})
+
+
+def _told(state: PlaceState) -> str:
+    """A status in words: seen right, 0.12 mm and 0.05 degrees off, within 1 mm and 1 degrees (since ...)."""
+    since = f" ({at_utc(state.at)} UTC)" if state.at else ""
+    return f"{state.status}{f', {state.why}' if state.why else ''}{since}"
+
+
+def _sides(context: CommandContext, label: str) -> CommandResult:
+    """The sides of a part, as side_down counts them."""
+    shape = _shape(context, label)
+    rows = []
+    for number, ring in enumerate(shape.rings, start=1):
+        corners = shape.corners_mm[ring]
+        lengths = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
+        rows.append(f"side {number}: {len(ring)} corners, {millimetres(lengths)} mm")
+    return CommandResult("\n".join(rows), {"sides": len(rows)})
+
+
+def _shape(context: CommandContext, label: str) -> Polyhedron:
+    sight = context.cycle.recogniser
+    shape = None if sight is None else sight.shape(label)
+    if shape is None:
+        raise CommandError(f"{label}: not taught yet; `teach {label}`, then `train`")
+    return shape
+
+
+async def _check(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    placing = context.cycle.placing
+    every = [goal.place.name for goal in placing.taken()]
+    names = [one_of(words, 0, _names(context), "place", USAGE)] if words else every
+    for name in names:
+        if name in placing.unusable:
+            raise CommandError(f"place {name}: {placing.unusable[name]}")
+    if not names:
+        return CommandResult("Every place is free: there is nothing to look at.", {"places": {}})
+    goals = [placing.goals[name] for name in names]
+    await with_questions(context, context.cycle.look_at_places(goals), frontend)
+    if context.cycle.status()["dry"]:
+        return CommandResult(f"Dry run: {plural(len(goals), 'place')} planned, not looked at.")
+    states = {name: placing.statuses.of(name) for name in names}
+    right = all(state.status in (PlaceStatus.RIGHT, *FILLABLE) for state in states.values())
+    rows = [(name, f"{placing.goals[name].place.part}: {_told(state)}") for name, state in states.items()]
+    data = {
+        name: {"status": str(s.status), "off_mm": s.off_mm, "off_deg": s.off_deg, "why": s.why}
+        for name, s in states.items()
+    }
+    return CommandResult(table(rows, frontend.columns), {"places": data}, 0 if right else NOT_DONE)
+
+
+async def _teach(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 2, USAGE)
+    if len(words) < 2:
+        raise CommandError(f"{'PART' if words else 'NAME'} is missing: {USAGE}", NOT_UNDERSTOOD)
+    name, label = words[0], one_of(words, 1, context.parts, "part", USAGE)
+    placing = context.cycle.placing
+    if not NAME.fullmatch(name) or name == "all" or name in placing.places.file.patterns:
+        raise CommandError(
+            f"{name}: a place's name is small letters, digits and _, as in nest_2, and no pattern's", NOT_UNDERSTOOD
+        )
+    shape = _shape(context, label)
+    old = placing.places.file.places.get(name)
+    asked = old is not None and frontend.asks
+    if asked and not await yes_or_no(frontend, f"There is a place {name}. Replace its pose? [y/n]"):
+        return CommandResult("Nothing was changed.", status=NOT_DONE)
+    pose = await with_questions(context, context.cycle.locate(label), frontend)
+    if context.cycle.status()["dry"]:
+        return CommandResult("Dry run: planned, nothing taught.")
+    pose = flattened(pose, shape, context.config.values.pick.limits.table_z_mm)
+    frame = np.eye(4)
+    if old is not None and old.fixture is not None:
+        frame = placing.places.file.fixtures[old.fixture].world_from_fixture
+    rows = tuple(tuple(float(v) for v in row) for row in (frames.inverse(frame) @ pose).round(6))
+    entry = _entry(old, label, rows)
+    await _written(context, frontend, with_place(placing.places, name, entry))
+    context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)
+    context.cycle.placing.statuses.put(name, PlaceStatus.RIGHT, 0.0, 0.0, "it lay there as the place was taught")
+    middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
+    return CommandResult(
+        f"{name} is where the {label} lies, {_at(middle)}. When you take it away: `place clear {name}`.",
+        {"place": name, "world_from_part": pose.tolist()},
+    )
+
+
+def _at(point: Array) -> str:
+    return "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*point)
+
+
+def _entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:
+    manner = {} if old is None else {
+        key: getattr(old, key)
+        for key in ("fixture", "tolerance_mm", "tolerance_deg", "equivalents", "approach_mm", "release_mm")
+    }  # fmt: skip
+    return PlaceEntry(part=label, pose=pose, **manner)  # type: ignore[arg-type]
+
+
+async def _clear(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    every = words[:1] == ["all"]
+    names = _names(context) if every else [one_of(words, 0, _names(context), "place", USAGE)]
+    if every and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
+        return CommandResult("Nothing was changed.", status=NOT_DONE)
+    if context.cycle.status()["doing"]:
+        raise CommandError("a job is running: clear places when it has ended")
+    for name in names:
+        context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)
+        label = next(one.part for one in context.cycle.placing.places.places if one.name == name)
+        context.log.record("place", place=name, label=label, status=str(PlaceStatus.EMPTIED), why=f"by {frontend.who}")
+    return CommandResult(f"{plural(len(names), 'place')} emptied by hand: parts are brought there again.")
+
+
+async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    placing = context.cycle.placing
+    known = [*placing.places.file.places, *placing.places.file.patterns]
+    name = one_of(words, 0, known, "place or pattern", USAGE)
+    gone = {one for one in _names(context) if one == name or one.startswith(f"{name}.")}
+    await _written(context, frontend, without_place(placing.places, name))
+    context.cycle.placing.statuses.forget(gone)
+    return CommandResult(f"{name} is deleted.", {"dropped": name})
+
+
+async def _written(context: CommandContext, frontend: Frontend, file: PlacesFile) -> None:
+    """Write places.yaml and take it over in one turn; what cannot be taken over is put back."""
+    path, before = context.config.places_file, context.cycle.placing.places.file
+
+    async def change() -> Callable[[], None]:
+        write_places(path, file)
+        return lambda: write_places(path, before)
+
+    try:
+        await context.reload(frontend.who, change)
+    except FileError as error:
+        raise CommandError(str(error)) from None
+
+
+def destinations(context: CommandContext, label: str) -> str:
+    """Where parts of a label go, in words."""
+    placing = context.cycle.placing
+    own = placing.places.of(label)
+    if not own:
+        return "to the bin"
+    free = sum(placing.statuses.of(one.name).status in FILLABLE for one in own)
+    if len(own) == 1:
+        return f"to place {own[0].name}, {'free' if free else 'not free'}"
+    return f"to {len(own)} places, {free} free"
+
+
+def counted(context: CommandContext) -> dict[str, int]:
+    """How many places there are of each status."""
+    placing = context.cycle.placing
+    found: dict[str, int] = {}
+    for name in _names(context):
+        status = str(placing.statuses.of(name).status)
+        found[status] = found.get(status, 0) + 1
+    return found
+
+
+HANDLERS = {"show": _show, "check": _check, "teach": _teach, "clear": _clear, "drop": _drop}
+COMMANDS = (place,)

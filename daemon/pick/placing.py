@@ -1,0 +1,262 @@
+"""Where a part is to lie, how it gets there in the gripper, and how far off it lies. Pure: values in, values out.
+
+A place holds the pose of the part, never of the tool: that follows from how the part is held. Going there is
+set_down.py's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon import frames
+from daemon.arm import PATH_MM, FixtureBox, SupportContact, paths
+from daemon.arrays import Array
+from daemon.pick import viewpoints
+from daemon.pick.grasp import in_the_way
+from daemon.pick.settings import Settings
+from daemon.pick.viewpoints import Reachable
+from daemon.store.place_file import CellPlaces, Fixture, Place, about_vertical
+from daemon.store.place_status import FILLABLE, UNSEEN, PlaceStatus, PlaceStatuses
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.model import turns_onto_themselves
+
+ALIKE_MM = 1.5
+"""Turns of a part after which every corner is this near to one look the same: taught corners err by less than half."""
+FLAT_MM = 3.0
+"""Three corners of what a part rests on are as high as each other to within so much."""
+NEARLY_FLAT_RAD = 0.06
+"""A side that leans by less lies flat: looks err by less."""
+AT_PLACE_MM = 40.0
+"""A part whose middle is seen this near to that of a place lies at it, and not beside it."""
+
+
+class PartPlaceError(ValueError):
+    """A place cannot be one of this part, and why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A place for a part of known shape. poses: world_from_part (4, 4) mm, the one of the file first, then those that
+    look the same; level_mm: height of what the part rests on, world z."""
+
+    place: Place
+    shape: Polyhedron
+    poses: tuple[Array, ...]
+    level_mm: float
+
+    @property
+    def centre(self) -> Array:
+        """(3,) world mm: mean of the shape's corners."""
+        centre: Array = frames.apply(self.poses[0], self.shape.corners_mm).mean(axis=0)
+        return centre
+
+    @property
+    def corners(self) -> Array:
+        """(N, 3) world mm."""
+        return frames.apply(self.poses[0], self.shape.corners_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class SetDown:
+    """How a held part is set down: world_from_tool (4, 4) mm over the place, where the gripper opens, clear of the part
+    again, and from where the place is looked at; pose: world_from_part that is aimed at; contact: what it rests on."""
+
+    goal: Goal
+    pose: Array
+    over: Array
+    at: Array
+    clear: Array
+    look: Array
+    contact: SupportContact
+
+    @property
+    def ways(self) -> tuple[Array, ...]:
+        """The poses in order."""
+        return self.over, self.at, self.clear, self.look
+
+
+class PlaceDeviation(NamedTuple):
+    """How far a part lies from its place: off_mm of its middle along the support; off_deg of its turn, from the nearest
+    pose that looks the same; height_mm of its middle, above (or below) where it would rest."""
+
+    off_mm: float
+    off_deg: float
+    height_mm: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.off_mm:.2f} mm and {self.off_deg:.2f} degrees off"
+
+
+@lru_cache(maxsize=512)
+def goal_of(place: Place, shape: Polyhedron) -> Goal:
+    """A place for a part of this shape. Raises PartPlaceError where the part has no such side."""
+    if place.frame_from_part is not None:
+        pose = place.world_from_frame @ place.frame_from_part
+    else:
+        pose = place.world_from_frame @ _on_side(place, shape)
+    motions = turns_onto_themselves((shape,), ALIKE_MM)[0].motions if place.manner.equivalents else [np.eye(4)]
+    heights = np.sort(frames.apply(pose, shape.corners_mm)[:, 2])
+    if heights[min(2, len(heights) - 1)] - heights[0] > FLAT_MM:
+        raise PartPlaceError(f"{place.part} would not lie flat there: was it taught anew since? teach the place again")
+    level_mm = float(heights[0])
+    return Goal(place, shape, tuple(pose @ motion for motion in motions), level_mm)
+
+
+def _on_side(place: Place, shape: Polyhedron) -> Array:
+    """(4, 4) frame_from_part with a side down, the middle of its corners at the place's point, its first edge along the
+    place's heading."""
+    assert place.side_down is not None
+    assert place.point_mm is not None
+    if place.side_down > len(shape.rings):
+        raise PartPlaceError(f"{place.part} has {len(shape.rings)} sides, and side_down is {place.side_down}")
+    corners = shape.corners_mm[shape.rings[place.side_down - 1]]
+    along = corners[1] - corners[0]
+    along = along / np.linalg.norm(along)
+    down = shape.normals[place.side_down - 1]
+    along = along - down * float(along @ down)
+    along = along / np.linalg.norm(along)
+    side_axes = np.stack([along, np.cross(-down, along), -down])  # rows: x, y, z of the frame in the part's
+    rotation = about_vertical(place.heading_deg) @ side_axes
+    return frames.rigid(rotation, np.array(place.point_mm) - rotation @ corners.mean(axis=0))
+
+
+def set_down_of(
+    goal: Goal, pose: Array, tool_from_part: Array, settings: Settings, tool_from_cyclopean: Array
+) -> SetDown:
+    """How a part that is held like this gets to one of the poses of its goal."""
+    manner = goal.place.manner
+    at = paths.lifted(pose, manner.release_mm) @ frames.inverse(tool_from_part)
+    look = viewpoints.look_pose(at[:3, :3], goal.centre, settings.verify_mm, tool_from_cyclopean)
+    return SetDown(
+        goal,
+        pose,
+        paths.lifted(at, manner.approach_mm),
+        at,
+        paths.backed_off(at, settings.pregrasp_mm),
+        look,
+        SupportContact(goal.level_mm, fixture_names(manner.fixture, settings)),
+    )
+
+
+def ways_to(
+    goal: Goal,
+    tool_from_part: Array,
+    settings: Settings,
+    tool_from_cyclopean: Array,
+    allowed: Reachable,
+    neighbours: Sequence[Array],
+) -> Iterator[SetDown]:
+    """The ways that arm, table, fixtures and neighbours leave open. neighbours: (M, 3) world corners of the parts that
+    lie at places beside it."""
+    for pose in goal.poses:
+        way = set_down_of(goal, pose, tool_from_part, settings, tool_from_cyclopean)
+        if any(in_the_way(way.at, each, settings.gripper) for each in neighbours):
+            continue
+        straight = [p for a, b in pairwise(way.ways[:3]) for p in paths.steps(a, b, PATH_MM, 90.0)[:-1]]
+        if all(allowed(each) for each in (*way.ways, *straight)):
+            yield way
+
+
+def flattened(world_from_part: Array, shape: Polyhedron, table_z_mm: float) -> Array:
+    """The pose as the part must lie that rests: the side that looks down most exactly down, where it nearly does, and
+    on the table, where it is nearly there."""
+    downs = -(shape.normals @ world_from_part[:3, :3].T)[:, 2]
+    down = world_from_part[:3, :3] @ shape.normals[int(downs.argmax())]
+    axis, pose = np.cross(down, [0.0, 0.0, -1.0]), world_from_part
+    lean = float(np.arctan2(np.linalg.norm(axis), -down[2]))
+    if 0.0 < lean < NEARLY_FLAT_RAD:
+        middle = frames.apply(pose, shape.corners_mm).mean(axis=0)
+        upright = frames.rotation_from_vector(axis / np.linalg.norm(axis) * lean)
+        pose = frames.rigid(np.eye(3), middle) @ frames.rigid(upright, -upright @ middle) @ pose
+    above_mm = float(frames.apply(pose, shape.corners_mm)[:, 2].min()) - table_z_mm
+    return paths.lifted(pose, -above_mm) if abs(above_mm) < FLAT_MM else pose
+
+
+def fixture_boxes(fixtures: Sequence[Fixture]) -> tuple[FixtureBox, ...]:
+    """The solids of fixtures as boxes that arm and gripper keep out of."""
+    return tuple(
+        FixtureBox(f"fixture {f.name}, box {k}", box.low_mm, box.high_mm, f.entry.point_mm, f.entry.heading_deg)
+        for f in fixtures
+        for k, box in enumerate(f.entry.solid, start=1)
+    )
+
+
+def fixture_names(fixture: str | None, settings: Settings) -> tuple[str, ...]:
+    """The names of the boxes of a fixture among the limits' keep-outs."""
+    start = f"fixture {fixture}, box "
+    return tuple(box.name for box in settings.limits.keep_out if fixture and box.name.startswith(start))
+
+
+def deviation(goal: Goal, world_from_part: Array) -> PlaceDeviation:
+    """How far a part that lies like this is from its goal."""
+    corners = frames.apply(world_from_part, goal.shape.corners_mm)
+    apart = [np.linalg.norm(frames.apply(p, goal.shape.corners_mm) - corners, axis=1).max() for p in goal.poses]
+    nearest = goal.poses[int(np.argmin(apart))]
+    away = corners.mean(axis=0) - frames.apply(nearest, goal.shape.corners_mm).mean(axis=0)
+    turned = float(np.degrees(frames.angle_between(nearest, world_from_part)))
+    return PlaceDeviation(float(np.linalg.norm(away[:2])), turned, float(away[2]))
+
+
+@dataclass(eq=False)
+class PlaceTable:
+    """The places of a cell with their status: what a pick asks where a part goes, and tells what became of it.
+
+    goals: of the places whose part is known, by name; unusable: why each of the others has none. Both are renewed with
+    the model.
+    """
+
+    places: CellPlaces = field(default_factory=CellPlaces)
+    statuses: PlaceStatuses = field(default_factory=lambda: PlaceStatuses(Path()))
+    goals: Mapping[str, Goal] = field(default_factory=dict)
+    unusable: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def labels(self) -> set[str]:
+        """The parts that have places."""
+        return {place.part for place in self.places.places}
+
+    def status(self, name: str) -> PlaceStatus:
+        """The status of a place. Raises PlaceStatusError."""
+        return self.statuses.of(name).status
+
+    def know(self, shapes: Mapping[str, Polyhedron]) -> None:
+        """Take the shapes of the parts."""
+        goals, unusable = {}, {}
+        for place in self.places.places:
+            shape = shapes.get(place.part)
+            try:
+                if shape is None:
+                    raise PartPlaceError(f"no part {place.part} is taught")
+                goals[place.name] = goal_of(place, shape)
+            except PartPlaceError as error:
+                unusable[place.name] = str(error)
+        self.goals, self.unusable = goals, unusable
+
+    def has(self, label: str) -> bool:
+        """Whether parts of this label go to places, and not to the bin."""
+        return any(place.part == label for place in self.places.places)
+
+    def free(self, label: str) -> list[Goal]:
+        """Goals that a part may be brought to, in the order in which they are filled. Raises PlaceStatusError."""
+        return [
+            self.goals[place.name]
+            for place in self.places.of(label)
+            if place.name in self.goals
+            and self.status(place.name) in FILLABLE
+            and (place.on_top_of is None or self.status(place.on_top_of) is PlaceStatus.RIGHT)
+        ]
+
+    def taken(self) -> list[Goal]:
+        """Goals at which something lies, or may lie. Raises PlaceStatusError."""
+        return [goal for name, goal in self.goals.items() if self.status(name) not in FILLABLE]
+
+    def unseen(self) -> list[Goal]:
+        """Goals that a pick which was cut off has left to be looked at. Raises PlaceStatusError."""
+        return [goal for name, goal in self.goals.items() if self.status(name) in UNSEEN]

@@ -1,0 +1,288 @@
+"""The states in which a part is set down at its place: set_down, look_at_place. See world.py for what a handler is.
+
+The status of the place is on the disk before anything follows from it (daemon/store/place_status.py): claimed before
+the part is carried there, set before the gripper opens, and what the look showed before the pick goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from daemon import frames
+from daemon.arm import BeliefSource, MoveRefusedError, OutOfReachError, Reach, RefusedError, carried_part
+from daemon.arrays import Array
+from daemon.events.codes import CauseCode, DecisionCode
+from daemon.events.outcomes import Outcome
+from daemon.pick.following import Target, at_place, held_pose, mount_of, sighted
+from daemon.pick.looking import Expected, Look, Taken
+from daemon.pick.next_view import freshest, places_round
+from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceDeviation, deviation, set_down_of
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
+from daemon.pick.seen import same_place, seen_parts
+from daemon.pick.transitions import PickEvent
+from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, travel
+from daemon.store.place_status import PlaceStatus
+from daemon.vision.refine import Fit
+
+LOWER_PCT = 10.0
+"""Monitor speed of the last straight stretch, %: what the part touches there, it touches slowly."""
+MOST_LOOKS = 3
+"""At a place; the last one decides."""
+SIGMAS = 3.0
+"""A height that is off by more than so many predicted errors is no error of the looks."""
+
+
+async def measure(context: PickContext, target: Target, taken: Taken) -> Array | None:
+    """How the part is in the gripper, tool_from_part (4, 4) mm, by its edges in the look after the lift and by how it
+    was grasped; None where they do not show, or the two disagree by more than both may err: it slipped, or was not seen
+    well. The part is guarded by its corners there from now on."""
+    doubt = context.settings.doubt
+    held = await context.cell.compute(held_pose, target, taken, mount_of(context.cell), doubt)
+    if held is None:
+        return None
+    moved_mm, turned = frames.size(frames.difference(held.seen, target.tool_from_part))
+    context.cell.log.record(
+        "in_gripper",
+        cycle=context.cycle,
+        label=target.label,
+        tool_from_part=held.pose,
+        shift_mm=moved_mm,
+        shift_deg=float(np.degrees(turned)),
+        chi2=held.chi2,
+    )
+    if held.chi2 > CHI_SQUARE_6:
+        return None
+    corners = frames.apply(held.pose, target.shape.corners_mm)
+    context.mover.beliefs.learn(BeliefSource.OBSERVED, load=carried_part(corners, f"{target.label} in the gripper"))
+    return held.pose
+
+
+async def set_down(
+    context: PickContext, world: WorldModel
+) -> Literal[PickEvent.SET_DOWN, PickEvent.UNREACHABLE, PickEvent.DRY]:
+    """Over the place, straight and slowly down to its support, let go, straight back. Where the guard refuses the way,
+    the part goes to the bin, and the place is free again."""
+    target, mover = world.the_target(), context.mover
+    assert target.way is not None
+    assert target.held is not None
+    goal, held = target.way.goal, target.held
+    way = set_down_of(goal, target.way.pose, held, context.settings, context.cell.tool_from_cyclopean)
+    name = goal.place.name
+    if not mover.dry:
+        _note(context, goal, PlaceStatus.CLAIMED)
+    try:
+        await travel(context, world, way.over, f"over place {name}")
+        mover.check_through([way.at, way.clear], way.contact)
+        await mover.travel(way.at, f"down to place {name}", _slowly, straight=True, contact=way.contact)
+    except MOVE_ERRORS as error:
+        raise_if_closed(error)
+        if not mover.dry:
+            _note(context, goal, PlaceStatus.FREE, why=f"no way there: {error}")
+        context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
+        return PickEvent.UNREACHABLE
+    if mover.dry:
+        world.outcome, world.why = Outcome.DRY, f"{target.label} would be set down at place {name} now"
+        return PickEvent.DRY
+    await mover.still_there(f"the gripper is to open at place {name}")
+    _note(context, goal, PlaceStatus.SET)
+    await mover.hand(closed=False, hand_s=context.settings.hand_s)
+    target.plan = replace(target.plan, way=way)
+    await mover.travel(way.clear, f"back from place {name}", _slowly, straight=True)
+    return PickEvent.SET_DOWN
+
+
+def _slowly(_: Array) -> float:
+    return LOWER_PCT
+
+
+async def look_at_place(context: PickContext, world: WorldModel) -> Literal[PickEvent.SEEN]:
+    """Look where the part was set down, and keep what the look shows: right, off by so much, or not there."""
+    target = world.the_target()
+    assert target.way is not None
+    goal = target.way.goal
+    await travel(context, world, target.way.look, f"look at place {goal.place.name}")
+    seen, code = await _judge(context, world, goal, PlaceStatus.MISSING), None
+    match seen:
+        case PlaceStatus.RIGHT:
+            world.outcome, code = Outcome.PICKED, DecisionCode.PICKED
+        case PlaceStatus.OFF:
+            world.outcome, world.code = Outcome.OFF, CauseCode.OFF_PLACE
+        case _:
+            world.outcome, world.code = Outcome.RELEASED, CauseCode.NOT_AT_PLACE
+    world.why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
+    context.decide(world.outcome, world.why, code or world.code or DecisionCode.PICKED, label=target.label)
+    return PickEvent.SEEN
+
+
+async def look_at_unseen(context: PickContext, world: WorldModel) -> None:
+    """Look at every place that a pick which was cut off has left: what lies there is kept, and a place that shows
+    nothing is free."""
+    for goal in context.placing.unseen():
+        await look_at(context, world, goal)
+
+
+async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceStatus:
+    """Go where a place can be looked at from, look, keep what the looks show. Raises what a refused move does where
+    none is in reach."""
+    if context.mover.dry:
+        return context.placing.status(goal.place.name)
+    await _go_round(context, world, goal.centre, f"place {goal.place.name}", [])
+    return await _judge(context, world, goal, PlaceStatus.FREE)
+
+
+async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
+    """Where the one part of this label that lies here is, world_from_part (4, 4) mm, by looks from up to three sides.
+    Raises RefusedError where there is none, or more than one."""
+    shape, reading = context.recogniser.shape(label), context.mover.belief.at
+    assert reading is not None
+    seen = await context.lit_look(reading, f"find {label}")
+    found = [part for part in seen_parts(seen) if part.named and part.label == label]
+    if shape is None or len(found) != 1:
+        raise RefusedError(f"{len(found)} parts show as {label}: one must, and must lie where it belongs")
+    pose, centre = found[0].world_from_part, found[0].centre
+    expected = Expected(label, 1.0, shape, at_place(shape, pose))
+    sightings: list[Sighting] = []
+    eyes: list[Array] = []
+    while len(eyes) < (0 if context.mover.dry else MOST_LOOKS):
+        await _go_round(context, world, centre, label, eyes)
+        seen = await look(context, world, f"find {label}", expected)
+        eyes.append(seen.world_from_cyclopean[:3, 3])
+        if seen.tracked is not None:
+            sightings.append(sighted(seen, seen.tracked, context.cell.rig, context.settings.doubt))
+    if not sightings and not context.mover.dry:
+        raise RefusedError(f"the edges of the {label} do not show clearly: improve the light, or turn it")
+    return fuse(sightings, context.settings.doubt).world_from_part if sightings else pose
+
+
+async def _go_round(
+    context: PickContext, world: WorldModel, centre: Array, name: str, eyes_before: Sequence[Array]
+) -> None:
+    """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before; eyes_before:
+    (3,) world mm."""
+    tool_from_cyclopean = context.cell.tool_from_cyclopean
+    poses = places_round(centre, tool_from_cyclopean, context.settings.verify_mm)
+    poses = await context.cell.compute(_reached, poses, context.mover.reach)
+    order: Sequence[int] = range(len(poses))
+    if eyes_before:
+        order = freshest(centre, [(pose @ tool_from_cyclopean)[:3, 3] for pose in poses], eyes_before)
+    refused: MoveRefusedError | OutOfReachError = OutOfReachError(
+        f"{name} can be looked at from nowhere in the arm's reach"
+    )
+    for number in order:
+        try:
+            await travel(context, world, poses[number], f"look at {name}")
+        except MOVE_ERRORS as error:
+            raise_if_closed(error)
+            refused = error
+            continue
+        return
+    raise refused
+
+
+def _reached(poses: Sequence[Array], reach: Reach) -> list[Array]:
+    return [pose for pose in poses if reach.allows(pose)]
+
+
+async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus) -> PlaceStatus:
+    """Look at a place from where the arm is at rest, and again from another side as long as what the looks say together
+    is nearer to the tolerance than it may err, or a look does not show the part. empty: what a place is that shows
+    nothing."""
+    sightings: list[Sighting] = []
+    eyes: list[Array] = []
+    doubt, rig = context.settings.doubt, context.cell.rig
+    while True:
+        seen = await look(context, world, f"place {goal.place.name}", _expecting(goal))
+        eyes.append(seen.world_from_cyclopean[:3, 3])
+        fit = seen.tracked or named_at(goal, seen)
+        if fit is not None:
+            sightings.append(sighted(seen, fit, rig, doubt))
+        found = _lies(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
+        if found.sure or len(eyes) == MOST_LOOKS:
+            break
+        try:
+            await _go_round(context, world, goal.centre, f"place {goal.place.name}", eyes)
+        except MOVE_ERRORS as error:
+            raise_if_closed(error)
+            break
+    _note(context, goal, found.status, found.off, found.why)
+    return found.status
+
+
+def _expecting(goal: Goal) -> Expected:
+    return Expected(goal.place.part, 1.0, goal.shape, at_place(goal.shape, goal.poses[0]))
+
+
+@dataclass(frozen=True)
+class PlaceFinding:
+    """What looks say of a place. sure: whether one more would not change it."""
+
+    status: PlaceStatus
+    off: PlaceDeviation | None
+    why: str
+    sure: bool = False
+
+
+def named_at(goal: Goal, seen: Look) -> Fit | None:
+    """The pose of the part that belongs there, as a look named it: of those that look the same the nearest to the goal;
+    None where none was named at the place."""
+    near = [p for p in seen_parts(seen) if p.named and p.label == goal.place.part]
+    near = [p for p in near if same_place(p.centre, goal.centre, AT_PLACE_MM)]
+    if not near:
+        return None
+    part = min((p.part for p in near), key=lambda each: each.residual_mm)
+    wanted = frames.inverse(seen.world_from_cyclopean) @ goal.poses[0]
+    poses = [part.cyclopean_from_part, *part.equivalents]
+    pose = min(poses, key=lambda each: float(np.abs(each - wanted)[:3, :3].max()))
+    return Fit(pose, part.covariance, part.residual_mm, sum(map(len, part.fitted_mm)))
+
+
+def judged(goal: Goal, seen: Look, empty: PlaceStatus) -> PlaceFinding:
+    """What a look says that does not show the part at its place."""
+    if any(same_place(part.centre, goal.centre, AT_PLACE_MM) for part in seen_parts(seen)):
+        return PlaceFinding(PlaceStatus.OFF, None, f"something lies there that does not show as {goal.place.part}")
+    return PlaceFinding(empty, None, "the looks show nothing there")
+
+
+def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
+    """What looks say together that found the part by its edges. Looks err most in height, and a part rests on its
+    support: its height counts only where it is more than they may err."""
+    off, manner = deviation(goal, estimate.world_from_part), goal.place.manner
+    variance = np.diag(estimate.covariance)
+    errs_mm, errs_deg = float(np.sqrt(variance[:2].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
+    most_height_mm = max(manner.tolerance_mm, SIGMAS * float(np.sqrt(variance[2])))
+    most = f"{manner.tolerance_mm:g} mm and {manner.tolerance_deg:g} degrees"
+    if abs(off.height_mm) > most_height_mm:
+        higher = "higher" if off.height_mm > 0 else "lower"
+        why = f"{off}, {abs(off.height_mm):.1f} mm {higher} than it would rest"
+        return PlaceFinding(PlaceStatus.OFF, off, why, abs(off.height_mm) > 2 * most_height_mm)
+    spare_mm, spare_deg = manner.tolerance_mm - off.off_mm, manner.tolerance_deg - off.off_deg
+    right = min(spare_mm, spare_deg) >= 0.0
+    sure = min(spare_mm - errs_mm, spare_deg - errs_deg) > 0.0 or min(spare_mm + errs_mm, spare_deg + errs_deg) < 0.0
+    why = f"{off}, {'within' if right else 'more than'} {most}"
+    return PlaceFinding(PlaceStatus.RIGHT if right else PlaceStatus.OFF, off, why, sure)
+
+
+def _note(
+    context: PickContext, goal: Goal, status: PlaceStatus, off: PlaceDeviation | None = None, why: str = ""
+) -> None:
+    """The disk first, then the log."""
+    place = goal.place
+    off_mm, off_deg, height_mm = (None, None, None) if off is None else off
+    context.placing.statuses.put(place.name, status, off_mm, off_deg, why)
+    context.cell.log.record(
+        "place",
+        cycle=context.cycle,
+        place=place.name,
+        label=place.part,
+        status=str(status),
+        off_mm=off_mm,
+        off_deg=off_deg,
+        height_mm=height_mm,
+        tolerance_mm=place.manner.tolerance_mm,
+        tolerance_deg=place.manner.tolerance_deg,
+        why=why,
+    )

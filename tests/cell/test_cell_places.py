@@ -1,0 +1,74 @@
+"""End to end on the simulated cell: parts set down at their places, seen there, and what is told when they are not."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.store.place_file import Manner, Place
+from daemon.store.place_status import PlaceStatus
+from tests.fakes.set_downs import drawn_model, part_of, places_of, set_down_made, side_down_of, true_error
+from tests.fakes.simulated_cell import Rig, rig
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("seed", [0, 2, 3])
+def test_a_part_is_set_down_at_its_place_turned_as_it_is_to_be_and_seen_right(seed: int, tmp_path: Path) -> None:
+    made = asyncio.run(set_down_made(seed, tmp_path, drawn_model()))
+    assert (made.end.outcome, made.state.status, made.where) == ("picked", PlaceStatus.RIGHT, "table"), made.end.why
+    assert made.error_mm < 1.0
+    assert made.error_deg < 1.0
+    assert made.state.off_mm == pytest.approx(made.error_mm, abs=0.7)
+
+
+def nudged(here: Rig, label: str) -> None:
+    here.cell.world.nudge(part_of(here, label).name, 2.5, 1.5)
+
+
+def turned(here: Rig, label: str) -> None:
+    here.cell.world.nudge(part_of(here, label).name, 0.0, 0.0, np.radians(4.0))
+
+
+def taken(here: Rig, label: str) -> None:
+    here.cell.world.remove(part_of(here, label).name)
+
+
+@pytest.mark.parametrize(
+    ("mishap", "status"), [(nudged, PlaceStatus.OFF), (turned, PlaceStatus.OFF), (taken, PlaceStatus.MISSING)]
+)
+def test_what_happened_to_a_part_after_it_was_let_go_is_told(mishap: Any, status: PlaceStatus, tmp_path: Path) -> None:
+    made = asyncio.run(set_down_made(4, tmp_path, drawn_model(), mishap))
+    assert made.state.status is status, made.state
+    assert made.end.outcome == ("off" if status is PlaceStatus.OFF else "released")
+
+
+def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path: Path) -> None:
+    """The second place is one at which a killed daemon was about to let go: looked at, found empty, and filled."""
+
+    async def story() -> tuple[list[str], list[str], list[tuple[float, float]]]:
+        async with rig(seed=5, model=drawn_model()) as here:
+            here.cell.scatter(["cube"], np.random.default_rng(5))
+            side = side_down_of(here, "cube")
+            places = tuple(
+                Place(f"tray.{k}", Manner(part="cube"), np.eye(4), None, side, (400.0, y, -300.0), 10.0)
+                for k, y in enumerate((-250.0, 250.0), start=1)
+            )
+            table = places_of(here, tmp_path, places)
+            first = await here.cycle.pick()
+            table.statuses.put("tray.2", PlaceStatus.CLAIMED)
+            table.statuses.put("tray.2", PlaceStatus.SET)
+            again = places_of(here, tmp_path, places)
+            here.cell.world.stand("cube", 0, 520.0, 40.0, 0.3)
+            second = await here.cycle.pick()
+            pairs = zip(places, here.cell.world.parts, strict=True)
+            errors = [true_error(again.goals[place.name], part) for place, part in pairs]
+            return [first.outcome, second.outcome], [str(again.status(p.name)) for p in places], errors
+
+    outcomes, statuses, errors = asyncio.run(story())
+    assert (outcomes, statuses) == (["picked", "picked"], ["seen right", "seen right"])
+    assert max(mm for mm, _ in errors) < 1.0

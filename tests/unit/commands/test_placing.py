@@ -1,0 +1,169 @@
+"""`place`: what it says of places, teaches, clears and drops, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.commands import every_command
+from daemon.console.interpreter import CommandResult, Interpreter
+from daemon.pick.placing import PlaceTable
+from daemon.store.place_file import FILE, PlaceEntry, load_places, with_place, write_places
+from daemon.store.place_status import PlaceStatus, PlaceStatuses
+from tests.fakes.fake_cell import shape_of
+from tests.fakes.fake_context import FakeFrontend, fake_context
+
+POSE = ((1.0, 0.0, 0.0, 400.0), (0.0, 1.0, 0.0, -200.0), (0.0, 0.0, 1.0, -275.0), (0.0, 0.0, 0.0, 1.0))
+
+
+class Recogniser:
+    labels = ("cube", "pyramid")
+
+    def shape(self, label: str) -> Any:
+        return shape_of(label) if label in self.labels else None
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> Any:
+    """Two places, nest and other, of cubes; a reload takes the file over."""
+    path = tmp_path / FILE
+    for name in ("nest", "other"):
+        write_places(path, with_place(load_places(path), name, PlaceEntry(part="cube", pose=POSE)))
+    context = fake_context(tmp_path)
+
+    def take_over() -> None:
+        table = PlaceTable(load_places(path), PlaceStatuses(tmp_path))
+        table.know({label: shape_of(label) for label in Recogniser.labels})
+        context.cycle.placing = table
+
+    async def reload(who: str | None, change: Any = None) -> str:
+        if change is not None:
+            await change()
+        take_over()
+        return "reloaded"
+
+    take_over()
+    context.cycle.recogniser = Recogniser()
+    context.config.places_file = path
+    context.config.values.pick = SimpleNamespace(limits=SimpleNamespace(table_z_mm=-300.0))
+    context.reload = reload
+    return context
+
+
+def say(context: Any, text: str, frontend: FakeFrontend | None = None) -> CommandResult:
+    interpreter = Interpreter(context, every_command())
+    return asyncio.run(interpreter.interpret(text, frontend or FakeFrontend()))
+
+
+def test_places_are_shown_with_what_is_known_of_them(context: Any) -> None:
+    context.cycle.placing.statuses.put("nest", PlaceStatus.CLAIMED)
+    context.cycle.placing.statuses.put("nest", PlaceStatus.OFF, 1.52, 0.31, "1.52 mm and 0.31 degrees off")
+    answer = say(context, "place show")
+    assert "nest" in answer.text
+    assert "cube: off, 1.52 mm and 0.31 degrees off" in " ".join(answer.text.split())
+    assert answer.data["places"]["other"]["status"] == "free"
+    assert answer.data["places"]["other"]["at"] == pytest.approx([400, -200, -275])
+    assert "side 6: 4 corners, 50 50 50 50 mm" in say(context, "place show cube").text
+    assert say(context, "place").text == answer.text
+
+
+def test_a_cell_without_places_says_where_parts_go(context: Any) -> None:
+    for name in ("nest", "other"):
+        assert say(context, f"place drop {name}").status == 0
+    assert say(context, "place show").text == "No place is taught; every part goes to the bin."
+    assert say(context, "place check").text.startswith("Every place is free")
+
+
+def test_a_place_is_taught_where_the_part_lies_flat_on_the_table(context: Any) -> None:
+    lean = frames.rigid(frames.rotation_from_vector(np.array([0.01, 0.0, 0.0])), np.array([450.0, 100.0, -274.3]))
+    context.cycle.located = lean
+    answer = say(context, "place teach slot cube")
+    assert answer.status == 0, answer.text
+    assert context.cycle.told == ["locate cube"]
+    place = context.cycle.placing.places.named("slot")
+    assert place.frame_from_part[:3, 3] == pytest.approx([450.0, 100.0, -275.0], abs=0.01)
+    state = context.cycle.placing.statuses.of("slot")
+    assert state.status is PlaceStatus.RIGHT, "the part lies there"
+    assert "place clear slot" in answer.text
+
+
+def test_a_place_that_is_taught_again_keeps_its_manner(context: Any) -> None:
+    entry = PlaceEntry(part="cube", pose=POSE, tolerance_mm=0.4, approach_mm=90.0)
+    asyncio.run(context.reload("x"))
+    write_places(context.config.places_file, with_place(context.cycle.placing.places, "nest", entry))
+    asyncio.run(context.reload("x"))
+    context.cycle.located = np.array(POSE)
+    no = FakeFrontend(answers=["n"])
+    assert say(context, "place teach nest cube", no).status == 1
+    assert no.asked == ["There is a place nest. Replace its pose? [y/n]"]
+    assert say(context, "place teach nest cube", FakeFrontend(answers=["y"])).status == 0
+    manner = context.cycle.placing.places.named("nest").manner
+    assert (manner.tolerance_mm, manner.approach_mm) == (0.4, 90.0)
+
+
+def test_a_place_that_a_person_emptied_is_filled_again(context: Any) -> None:
+    for name in ("nest", "other"):
+        context.cycle.placing.statuses.put(name, PlaceStatus.CLAIMED)
+    assert say(context, "place clear nest").status == 0
+    assert context.cycle.placing.statuses.of("nest").status is PlaceStatus.EMPTIED
+    asking = FakeFrontend(answers=["n"])
+    assert say(context, "place clear all", asking).status == 1
+    assert context.cycle.placing.statuses.of("other").status is PlaceStatus.CLAIMED
+    assert say(context, "place clear all", FakeFrontend(answers=["y"])).status == 0
+    assert not context.cycle.placing.taken()
+
+
+def test_places_are_not_cleared_under_a_pick(context: Any) -> None:
+    context.cycle.doing = "pick"
+    assert "a job is running" in say(context, "place clear nest").text
+
+
+def test_only_places_that_are_not_free_are_looked_at_unless_one_is_named(context: Any) -> None:
+    context.cycle.placing.statuses.put("other", PlaceStatus.CLAIMED)
+    say(context, "place check")
+    say(context, "place check nest")
+    assert context.cycle.told == ["look at other", "look at nest"]
+
+
+def test_parts_say_where_they_go_and_status_counts_places(context: Any) -> None:
+    context.cycle.placing.statuses.put("other", PlaceStatus.CLAIMED)
+    goes = say(context, "parts").data["parts"]
+    assert goes["cube"]["goes"] == "to 2 places, 1 free"
+    assert goes["pyramid"]["goes"] == "to the bin"
+    answer = say(context, "status")
+    assert answer.data["places"] == {"free": 1, "claimed": 1}
+    assert "places    2: 1 claimed, 1 free" in answer.text
+
+
+@pytest.mark.parametrize(
+    ("text", "want"),
+    [
+        ("place pile", "pile: no such word"),
+        ("place check shelf", "shelf: no such place"),
+        ("place clear", "place is missing"),
+        ("place teach slot", "PART is missing"),
+        ("place teach Slot cube", "a place's name is small letters"),
+        ("place teach all cube", "a place's name is small letters"),
+        ("place teach slot bracket", "bracket: no such part"),
+        ("place drop shelf", "shelf: no such place or pattern"),
+        ("place show nest now", "now: one word too many"),
+    ],
+)
+def test_what_cannot_be_meant_changes_nothing(context: Any, text: str, want: str) -> None:
+    before = context.config.places_file.read_bytes()
+    answer = say(context, text)
+    assert want in answer.text
+    assert answer.status != 0
+    assert context.cycle.told == []
+    assert context.config.places_file.read_bytes() == before
+
+
+def test_in_a_simulated_cell_the_old_word_for_showing_a_part_leads_to_the_new_one(context: Any) -> None:
+    context.hardware.operator = SimpleNamespace(labels=("cube", "pyramid"))
+    assert "`show cube 2`" in say(context, "place cube 2").text

@@ -1,0 +1,153 @@
+"""Where a part is to lie, by which ways it gets there, how far off it lies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daemon import frames
+from daemon.pick.placing import (
+    PartPlaceError,
+    PlaceTable,
+    deviation,
+    fixture_boxes,
+    flattened,
+    goal_of,
+    set_down_of,
+    ways_to,
+)
+from daemon.pick.settings import Settings
+from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, Place, SolidBox
+from daemon.store.place_status import PlaceStatus, PlaceStatuses
+from drivers.simcell import parts
+from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+
+ANGLES = st.floats(-180.0, 180.0)
+
+
+def place(label: str = "cube", side: int = 1, heading_deg: float = 0.0, name: str = "nest", **manner: object) -> Place:
+    given = Manner(part=label, **manner)  # type: ignore[arg-type]
+    return Place(name, given, np.eye(4), None, side, (500.0, -100.0, -300.0), heading_deg)
+
+
+@pytest.mark.parametrize("label", parts.TAUGHT)
+@given(heading_deg=ANGLES)
+def test_a_side_that_is_down_lies_on_the_support_its_middle_at_the_point_its_edge_along_the_heading(
+    label: str, heading_deg: float
+) -> None:
+    shape = shape_of(label)
+    for side, ring in enumerate(shape.rings, start=1):
+        pose = goal_of(place(label, side, heading_deg, equivalents=False), shape).poses[0]
+        corners = frames.apply(pose, shape.corners_mm)
+        assert corners[ring, 2] == pytest.approx(-300.0, abs=1e-6)
+        assert corners[:, 2].min() == pytest.approx(-300.0, abs=1e-6)
+        assert corners[ring].mean(axis=0)[:2] == pytest.approx([500.0, -100.0])
+        edge = corners[ring[1]] - corners[ring[0]]
+        off = np.degrees(np.arctan2(edge[1], edge[0])) - heading_deg
+        assert abs((off + 180.0) % 360.0 - 180.0) < 1e-6
+        assert frames.not_rigid(pose) is None
+
+
+@pytest.mark.parametrize(("label", "count"), [("cube", 24), ("pyramid", 4), ("triangular_prism", 6)])
+def test_the_turns_that_look_the_same_fill_the_same_room(label: str, count: int) -> None:
+    shape = shape_of(label)
+    goal = goal_of(place(label), shape)
+    assert len(goal.poses) == count
+    assert len(goal_of(place(label, equivalents=False), shape).poses) == 1
+    for pose in goal.poses:
+        apart = np.linalg.norm(frames.apply(pose, shape.corners_mm)[:, None] - goal.corners, axis=2)
+        assert apart.min(axis=1).max() < 0.1
+
+
+def test_a_side_that_the_part_has_not_and_a_pose_in_which_it_would_not_lie_flat_are_refused() -> None:
+    with pytest.raises(PartPlaceError, match="cube has 6 sides, and side_down is 7"):
+        goal_of(place(side=7), shape_of("cube"))
+    leaning = frames.rigid(frames.rotation_from_vector(np.array([0.3, 0.2, 0.0])), np.array([500.0, 0.0, -250.0]))
+    with pytest.raises(PartPlaceError, match="would not lie flat there"):
+        goal_of(Place("nest", Manner(part="cube"), np.eye(4), leaning), shape_of("cube"))
+
+
+@given(x=st.floats(-5, 5), y=st.floats(-5, 5), turn=st.floats(-0.3, 0.3), which=st.integers(0, 23))
+def test_how_far_off_a_part_lies_does_not_hang_on_which_of_its_likenesses_lies_there(
+    x: float, y: float, turn: float, which: int
+) -> None:
+    goal = goal_of(place(), shape_of("cube"))
+    centre = goal.centre
+    spin = frames.rotation_from_vector(np.array([0.0, 0.0, turn]))
+    moved = frames.rigid(np.eye(3), centre + np.array([x, y, 0.7])) @ frames.rigid(spin, -spin @ centre)
+    off = deviation(goal, moved @ goal.poses[which])
+    assert off.off_mm == pytest.approx(float(np.hypot(x, y)), abs=1e-6)
+    assert off.off_deg == pytest.approx(abs(float(np.degrees(turn))), abs=1e-4)
+    assert off.height_mm == pytest.approx(0.7)
+
+
+def test_the_part_and_not_the_tool_is_brought_to_the_place() -> None:
+    shape, settings = shape_of("cube"), Settings()
+    goal = goal_of(place(release_mm=0.8, approach_mm=70.0), shape)
+    held = frames.rigid(frames.rotation_from_vector(np.array([3.0, 0.1, 0.2])), np.array([1.5, -2.5, 4.0]))
+    way = set_down_of(goal, goal.poses[3], held, settings, TOOL_FROM_CYCLOPEAN)
+    there = frames.apply(way.at @ held, shape.corners_mm)
+    assert there[:, 2].min() == pytest.approx(-299.2)
+    assert there - [0, 0, 0.8] == pytest.approx(frames.apply(goal.poses[3], shape.corners_mm))
+    assert way.over[:3, 3] - way.at[:3, 3] == pytest.approx([0, 0, 70])
+    assert way.contact.level_mm == pytest.approx(-300.0)
+
+
+def test_no_way_leads_where_the_open_fingers_would_be_in_a_part_that_lies_beside() -> None:
+    shape, settings = shape_of("cube"), Settings()
+    goal = goal_of(place(equivalents=False), shape)
+    held = frames.inverse(frames.rigid(np.diag([1.0, -1.0, -1.0]), goal.centre)) @ goal.poses[0]
+    free = [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda _: True, [])]
+    assert len(free) == 1
+    tool_y = free[0].at[:3, 1]
+    beside = goal.corners + 70.0 * tool_y
+    assert not [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda _: True, [beside])]
+    assert not [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda pose: pose[2, 3] > -250.0, [])]
+
+
+def test_a_taught_pose_is_flat_and_on_the_table_where_it_nearly_is_and_as_seen_elsewhere() -> None:
+    shape = shape_of("cube")
+    true = goal_of(place(), shape).poses[0]
+    lean = frames.rigid(frames.rotation_from_vector(np.array([0.02, -0.015, 0.0])), np.array([0.0, 0.0, 0.0]))
+    seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, 0.8])) @ true @ lean
+    flat = frames.apply(flattened(seen, shape, -300.0), shape.corners_mm)
+    assert np.sort(flat[:, 2])[:4] == pytest.approx(-300.0, abs=1e-6)
+    shelf = frames.rigid(np.eye(3), np.array([0.0, 0.0, 40.0])) @ true
+    assert flattened(shelf, shape, -300.0) == pytest.approx(shelf)
+
+
+def test_the_solid_of_a_fixture_is_named_for_it() -> None:
+    entry = FixtureEntry(
+        point_mm=(1.0, 2.0, 3.0), heading_deg=30.0, solid=(SolidBox(low_mm=(0, 0, 0), high_mm=(1, 1, 1)),)
+    )
+    (box,) = fixture_boxes([Fixture("nest", entry)])
+    assert (box.name, box.point_mm, box.heading_deg) == ("fixture nest, box 1", (1.0, 2.0, 3.0), 30.0)
+
+
+def test_places_are_filled_in_order_and_a_layer_once_what_is_below_was_seen_right(tmp_path: Path) -> None:
+    first, second = place(name="tray.1"), place(name="tray.2")
+    above = Place("tray.3", first.manner, np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
+    table = PlaceTable(CellPlaces(places=(first, second, above)), PlaceStatuses(tmp_path))
+    table.know({"cube": shape_of("cube")})
+
+    def free() -> list[str]:
+        return [goal.place.name for goal in table.free("cube")]
+
+    assert free() == ["tray.1", "tray.2"]
+    for status, now in ((PlaceStatus.CLAIMED, ["tray.2"]), (PlaceStatus.SET, ["tray.2"]),
+                        (PlaceStatus.OFF, ["tray.2"]), (PlaceStatus.RIGHT, ["tray.2", "tray.3"])):  # fmt: skip
+        table.statuses.put("tray.1", status)
+        assert free() == now
+    assert [goal.place.name for goal in table.taken()] == ["tray.1"]
+
+
+def test_a_place_of_a_part_that_nobody_taught_is_told_and_takes_none(tmp_path: Path) -> None:
+    table = PlaceTable(CellPlaces(places=(place(side=9), place("bracket", name="other"))), PlaceStatuses(tmp_path))
+    table.know({"cube": shape_of("cube")})
+    assert (table.goals, table.has("bracket")) == ({}, True)
+    assert "side_down is 9" in table.unusable["nest"]
+    assert "no part bracket is taught" in table.unusable["other"]
