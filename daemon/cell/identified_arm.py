@@ -17,7 +17,7 @@ from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, 
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
 from drivers.val2.acquaintance import Acquaintance, ProbeFinding
-from drivers.val2.dialect import Dialect
+from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.location import matrix_from_location
 
 FITTED = "least squares over WHERE's places and joints"
@@ -209,6 +209,12 @@ def page(known: Acquaintance, arm: Arm | None) -> str:
     """The findings as a page for people."""
     lines = ["Findings about the controller", ""]
     lines += [f"  {f.name:<20} {f.value!r:<24} {f.sure}: {f.found}" for f in known.findings.values()]
+    if known.findings["baud"].value < SLOWEST_BAUD:
+        lines += [
+            "",
+            f"  facetd refuses a line below {SLOWEST_BAUD} baud: it would confirm a stop too late.",
+            "  Set the line of the controller's terminal, and arm.dialect.baud in facetd.yaml, to that or more.",
+        ]
     if arm is not None:
         lines += ["", "The arm", "", *_about(arm)]
     lines += ["", "What the line cannot show", "",

@@ -20,7 +20,7 @@ from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
 from drivers.camera.settings import CameraSettings
 from drivers.puma560 import PUMA560, ArmGeometry, reachable
-from drivers.val2.dialect import Dialect
+from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
 Limits = tuple[Angle, Angle]
@@ -96,7 +96,16 @@ def dialect(config: Config) -> Dialect:
         replace(file[0], data={"dialect": from_file}).convert(Dialect, at=("dialect",))
         section = from_file | section
     document = replace(config.document, data={"arm": {"dialect": section}})
-    return document.convert(Dialect, at=("arm", "dialect"))
+    made = document.convert(Dialect, at=("arm", "dialect"))
+    if made.baud < SLOWEST_BAUD:
+        problem = (
+            f"{made.baud} is too slow, a stop would be confirmed too late; set the controller's terminal line, and "
+            f"arm.dialect.baud, to {SLOWEST_BAUD} or more"
+        )
+        if file is not None and "baud" not in config.values.arm.dialect:
+            raise file[0].error(("dialect", "baud"), problem)
+        raise config.document.error(("arm", "dialect", "baud"), problem)
+    return made
 
 
 def _as_bytes(section: Mapping[str, Any]) -> dict[str, Any]:

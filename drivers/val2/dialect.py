@@ -17,6 +17,8 @@ Angle = Annotated[float, Meta(ge=-360, le=360)]
 Word = Annotated[str, Meta(min_length=1, max_length=40, pattern="^[ -~]+$")]
 Asked = Annotated[str, Meta(min_length=3, max_length=80, pattern="^[ -~]+$")]
 SHORTEST_SILENCE_S, SHORTEST_SETTLE_S = 0.006, 0.002
+SLOWEST_BAUD = 9600
+"""Of a line on which every stop is confirmed before its operator is sent to the emergency stop."""
 WHERE_CHARACTERS = 300
 """What WHERE prints, and some."""
 
@@ -26,7 +28,8 @@ class Dialect:
     """How one controller speaks on the line. Times are in seconds of real time."""
 
     baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 9600
-    """Speed of the line, bits per second. 8 data bits, no parity, 1 stop bit."""
+    """Speed of the line, bits per second. 8 data bits, no parity, 1 stop bit. facetd refuses less than 9600: on a
+    slower line a stop is confirmed too late."""
     software_flow_control: bool = False
     """Whether the line uses XON and XOFF."""
     hardware_flow_control: bool = False

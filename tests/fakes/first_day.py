@@ -24,6 +24,7 @@ from daemon import frames
 from daemon.arrays import Array
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.controller import Manners
+from drivers.val2.dialect import SLOWEST_BAUD
 from tests.fakes.person import Person
 from tests.fakes.strange_controllers import Strange, draw
 
@@ -175,13 +176,18 @@ def strange_cell(seed: int, drawing: Drawing | None = None) -> tuple[Strange, Ar
     """A controller drawn at random, and its arm (drawing: of these lengths) with a hand of its own.
 
     It loses no characters that follow closely: a pty hands over at once what piled up on a busy computer. Those are met
-    in simulated time.
+    in simulated time. Its line is no slower than facetd works on.
     """
     drawn = draw(seed)
     a2, a3, d3, d4 = drawing or drawn.geometry.lengths_mm
     d3 = float(np.copysign(d3, drawn.geometry.d3_mm))
     geometry = replace(drawn.geometry, a2_mm=a2, a3_mm=a3, d3_mm=d3, d4_mm=d4)
-    strange = replace(drawn, manners=replace(drawn.manners, lost_within_s=0.0), geometry=geometry)
+    strange = replace(
+        drawn,
+        manners=replace(drawn.manners, lost_within_s=0.0),
+        geometry=geometry,
+        baud=max(drawn.baud, SLOWEST_BAUD),
+    )
     hand = hand_of(room_of(geometry), np.random.default_rng([19, seed]))
     return strange, replace(strange.geometry, flange_from_tool=hand)
 

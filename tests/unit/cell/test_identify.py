@@ -25,7 +25,7 @@ from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import MotionRecord
 from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, UnclearError
-from drivers.val2.dialect import Dialect
+from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.first_moves import ROUNDS, STEP_DEG
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
@@ -344,6 +344,24 @@ def test_limits_are_typed_as_the_plate_has_them_and_a_little_is_kept_from_them(t
     np.testing.assert_allclose(found, np.array(meant) + [[0.2, -0.2]] * 6, atol=1e-9)
 
 
+@pytest.mark.parametrize(("file", "section", "where"), [
+    (1200, "", r"arm.yaml:3: dialect.baud: 1200 is too slow"),
+    (9600, "baud: 4800", r"facetd.yaml:2: arm.dialect.baud: 4800 is too slow.* to 9600 or more"),
+    (1200, "baud: 9600", None),
+])  # fmt: skip
+def test_a_line_on_which_a_stop_is_confirmed_too_late_is_refused_where_its_speed_stands(
+    tmp_path: Path, file: int, section: str, where: str | None
+) -> None:
+    (tmp_path / "arm.yaml").write_text(f"version: 1\ndialect:\n  baud: {{value: {file}}}\n")
+    text = f"version: 1\narm: {{file: arm.yaml, dialect: {{{section}}}}}\n"
+    config = configs.load_config(beside_the_others(tmp_path, text))
+    if where is None:
+        assert sections.dialect(config).baud == 9600
+        return
+    with pytest.raises(configs.ConfigError, match=where):
+        sections.dialect(config)
+
+
 def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text("version: 1\ndialect:\n  echo: {value: perhaps}\n")
     file = beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n")
@@ -396,6 +414,7 @@ def test_a_controller_that_waits_for_two_stop_bits_is_typed_to_with_a_pause_and_
     contact = in_simulated_time(lambda: meet(strange))
     assert not wrong(strange, contact.known, arm_of(contact.known))
     assert contact.known.findings["character_pause_s"].value >= 0.5 / baud
+    assert ("facetd refuses a line" in page(contact.known, None)) is (baud < SLOWEST_BAUD)
 
 
 LIKE_A_761 = (650.0, 0.0, 190.0, 850.0), (750.0, 0.0, 190.0, 750.0)

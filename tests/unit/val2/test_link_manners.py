@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from daemon.cell.arm_on_link import belongs_together
+from daemon.frontends.client import STOP_ANSWER_S
 from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import StopRecord
-from drivers.val2.dialect import Dialect
+from drivers.val2.dialect import SLOWEST_BAUD, Dialect
+from drivers.val2.errors import NoAnswer
 from drivers.val2.introduction import PACES_S
 from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix
@@ -77,6 +79,34 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
         assert place is not None
         assert controller.machine.at_rest()
         assert apart(place.location, here.location)[0] > 5.0
+        await link.close()
+        line.stop()
+
+    in_simulated_time(story)
+
+
+@pytest.mark.parametrize(("baud", "in_time"), [(SLOWEST_BAUD, True), (SLOWEST_BAUD // 2, False), (1200, False)])
+def test_on_the_slowest_line_allowed_a_stop_is_confirmed_before_its_operator_is_sent_to_the_emergency_stop(
+    baud: int, in_time: bool
+) -> None:
+    """Control-C while the pendant moves the arm: whether it rests is asked first. The controller has the usual
+    manners."""
+
+    async def story() -> None:
+        controller = Controller(SimulatedArm(joints_rad=np.radians([0.0, 90.0, -90.0, 0.0, -30.0, 0.0])))
+        line = PacedLine(controller, asyncio.get_running_loop(), baud)
+        clock = asyncio.get_running_loop().time
+        link = Link("memory", Dialect(baud=baud), clock, open_port=line.open)
+        await link.open()
+        await link.speed(2)
+        controller.receive(b"DO DRIVE 1,90,2\r", clock())
+        await asyncio.sleep(1.5)
+        asked_s = clock()
+        with pytest.raises(NoAnswer):
+            await link.still(0.0, any_place=True)
+        await link.abort()
+        assert controller.machine.at_rest()
+        assert (clock() - asked_s < STOP_ANSWER_S) is in_time
         await link.close()
         line.stop()
 
