@@ -30,6 +30,8 @@ from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader
 
 SHORTEST_TYPED = 3
 """Characters of what stands in an answer of ours and is taken for somebody else's: with fewer it may be noise."""
+QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
+"""Of what was heard, at most, in a message."""
 CONFIRMS = "are you sure"
 """How a controller asks whether a command is meant; found open, it was typed by somebody who is gone."""
 
@@ -74,7 +76,12 @@ class LineSession:
 
     def close(self) -> None:
         """Let go of the port; whoever waits gets PortError."""
-        self._lost(PortError(f"{self.path}: closed"))
+        self._lost(
+            PortError(
+                f"{self.path}: facetd closed the line before the controller answered; look at the arm and at `status`, "
+                "then repeat the command"
+            )
+        )
         self._port.close()
 
     @asynccontextmanager
@@ -255,7 +262,7 @@ class LineSession:
         answer that."""
         if heard and not self.line_may_hold_rest:
             self._disturbed()
-            raise Disturbed(f"somebody else types on this line (heard {', '.join(map(repr, heard))})")
+            raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
 
     def _unanswered(self) -> ControllerError:
         return ControllerError(f"the controller asks {self.question!r}: answer that first")
@@ -295,6 +302,15 @@ class LineSession:
 def _is_no_noise(text: str) -> bool:
     """Whether a line amid an answer of ours is somebody else's: long enough, or a prompt that another ran into."""
     return len(text) >= SHORTEST_TYPED or not text.strip(". ")
+
+
+def quoted(heard: Sequence[str]) -> str:
+    """What was heard, as far as a message to a person has room for it: noise may be thousands of characters."""
+    pieces = [
+        repr(text[:QUOTED_CHARACTERS]) + "..." * (len(text) > QUOTED_CHARACTERS) for text in heard[:QUOTED_PIECES]
+    ]
+    more = len(heard) - len(pieces)
+    return ", ".join(pieces) + (f" and {more} more" if more > 0 else "")
 
 
 def confirms(question: str) -> bool:

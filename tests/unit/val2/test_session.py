@@ -9,7 +9,7 @@ import pytest
 
 from daemon.arm.permit import MotionPermit
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, NoAnswer, PortError, Preempted
+from drivers.val2.errors import ControllerError, Disturbed, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
 from drivers.val2.session import LineSession
 from drivers.val2.wire import Prompt, Text
@@ -278,6 +278,23 @@ def test_silence_counts_from_the_last_byte_and_not_from_the_dot_before() -> None
     assert lived(story()) == [Text, type(None), Prompt]
 
 
+def test_of_much_noise_a_message_quotes_a_little() -> None:
+    """3 kB of it made a fault of many lines, repeated at each command."""
+
+    async def story() -> str:
+        wire = Wire()
+        wire.session.line_may_hold_rest = False
+        wire.hear(b"".join(b"\r\n" + bytes([65 + k % 26]) * 100 for k in range(30)) + b"\r\n.")
+        await asyncio.sleep(0.1)
+        with pytest.raises(Disturbed) as raised:
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+        return raised.value.message
+
+    first, second, third = (repr(letter * 60) + "..." for letter in "ABC")
+    assert lived(story()) == f"somebody else types on this line (heard {first}, {second}, {third} and 28 more)"
+
+
 def test_a_line_that_is_let_go_tells_who_waits_and_hears_nothing_more() -> None:
     async def story() -> None:
         wire = Wire()
@@ -287,7 +304,7 @@ def test_a_line_that_is_let_go_tells_who_waits_and_hears_nothing_more() -> None:
         heard = len(wire.records)
         wire.session.close()
         assert not wire.open
-        with pytest.raises(PortError, match="wire: closed"):
+        with pytest.raises(PortError, match=r"wire: facetd closed the line before.* look at the arm and at `status`"):
             await waiting
         await asyncio.sleep(1.0)
         assert len(wire.records) == heard
