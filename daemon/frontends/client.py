@@ -37,8 +37,10 @@ LONGEST_FILE = 8_000_000
 """Bytes that an operator sends at most."""
 STOP_ANSWER_S = 2.0
 """A stop that is not answered by then sends its operator to the emergency stop."""
+ALIVE_S = 0.5
+"""So long after that a daemon may take to answer anything at all; one that does not hangs, and is not waited for."""
 LATE_ANSWER_S = 5.0
-"""So long after that an answer is still waited for: a daemon that does not hang has one within 4 s."""
+"""So long after that the answer of one that does not hang is waited for: it has one within 4 s, and that says why."""
 MOST_FILES = 200
 """Files that are offered for a name that is being typed."""
 CONNECT_S = 2.0
@@ -75,6 +77,8 @@ class DaemonLink:
         """Since when (monotonic) a stop, control-C or in words, has had no answer."""
         self._alarmed = False
         """Whether the operator was sent to the emergency stop."""
+        self._alive = False
+        """Whether the daemon has said anything since then."""
         self._amid = False
         """Whether a message is only partly on its way."""
         try:
@@ -117,7 +121,7 @@ class DaemonLink:
         daemon goes away; StopUnansweredError where it was to stop.
         """
         columns = shutil.get_terminal_size().columns
-        self._alarmed = False
+        self._alarmed = self._alive = False
         if withdraws_permission(text):
             self._unanswered_s = time.monotonic()
         try:
@@ -177,8 +181,11 @@ class DaemonLink:
         self._stops += 1
         if self._unanswered_s is None:
             self._unanswered_s = time.monotonic()
-        _limit_sending(self.socket, STOP_ANSWER_S)
-        self._send({"interrupt": True})
+        self._send_in_time({"interrupt": True}, STOP_ANSWER_S)
+
+    def _send_in_time(self, message: dict[str, Any], seconds: float) -> None:
+        _limit_sending(self.socket, seconds)
+        self._send(message)
         _limit_sending(self.socket, 0.0)
 
     def _at_terminal(self, message: dict[str, Any]) -> None:
@@ -219,6 +226,7 @@ class DaemonLink:
                 return
             if not data:
                 return
+            self._alive |= self._alarmed
             first, *others = data.split(b"\n")
             self._begun.append(first)
             for piece in others:
@@ -228,7 +236,8 @@ class DaemonLink:
     def _wait(self, say: Callable[[str], None]) -> None:
         """Until there is something to read."""
         while True:
-            limit_s, since_s = STOP_ANSWER_S + LATE_ANSWER_S * self._alarmed, self._unanswered_s
+            late_s = (LATE_ANSWER_S if self._alive else ALIVE_S) if self._alarmed else 0.0
+            limit_s, since_s = STOP_ANSWER_S + late_s, self._unanswered_s
             # A stop may be said meanwhile by the thread that reads keys: its clock is looked at again soon.
             left_s = LOOK_S if since_s is None else max(0.0, since_s + limit_s - time.monotonic())
             if self.socket.fileno() < 0 or select.select([self.socket], [], [], min(left_s, LOOK_S))[0]:
@@ -239,6 +248,7 @@ class DaemonLink:
                 raise StopUnansweredError(f"{EMERGENCY}: no answer to the stop for {limit_s:g} s; facetd hangs")
             self._alarmed = True
             say(UNANSWERED)
+            self._send_in_time({"complete": ""}, ALIVE_S)  # answered at once, whatever the daemon waits for
 
 
 def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any]]:

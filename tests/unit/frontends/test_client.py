@@ -247,7 +247,7 @@ def test_a_terminal_is_shown_between_its_beginning_and_its_end(daemon: Scripted,
 def hung(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scripted]:
     """A daemon that takes people in and says nothing, and people who do not wait so long for it."""
     monkeypatch.setattr(client, "STOP_ANSWER_S", 0.2)
-    monkeypatch.setattr(client, "LATE_ANSWER_S", 0.3)
+    monkeypatch.setattr(client, "ALIVE_S", 0.3)
     daemon = Scripted(tmp_path / "hung")
     yield daemon
     daemon.close()
@@ -288,6 +288,7 @@ def test_control_c_at_a_daemon_that_hangs_sends_to_the_emergency_stop_and_ends(
 def test_a_stop_that_is_answered_late_is_shown_and_its_status_says_that_it_was_late(
     hung: Scripted, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(client, "ALIVE_S", 20.0)
     monkeypatch.setattr(client, "LATE_ANSWER_S", 20.0)
     hung.answers["stop"] = [DONE]
     told = threading.Event()
@@ -302,6 +303,22 @@ def test_a_stop_that_is_answered_late_is_shown_and_its_status_says_that_it_was_l
         assert link.do("stop", "here", say) == {"text": "well", "data": {}, "status": ctl.STOP_UNANSWERED}
         assert link.do("stop", "here", say) == DONE["done"]
     assert said == [client.UNANSWERED]
+
+
+def test_a_daemon_that_hangs_is_not_waited_for_as_long_as_one_that_works_on_the_stop(
+    hung: Scripted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was waited for 5 s after the operator had been sent to the emergency stop."""
+    monkeypatch.setattr(client, "LATE_ANSWER_S", 1e6)
+    with DaemonLink(hung.path) as link, pytest.raises(StopUnansweredError, match="facetd hangs"):
+        link.do("stop", "here", lambda _: None)
+    monkeypatch.setattr(client, "ALIVE_S", 20.0)
+    monkeypatch.setattr(client, "LATE_ANSWER_S", 20.0)
+    hung.answers["complete"] = [{"options": []}, {"say": "it works"}, DONE]
+    said: list[str] = []
+    with DaemonLink(hung.path) as link:
+        assert link.do("stop", "here", said.append)["status"] == ctl.STOP_UNANSWERED
+    assert said == [client.UNANSWERED, "it works"]
 
 
 def test_a_command_that_is_no_stop_may_take_its_time(hung: Scripted) -> None:
