@@ -94,7 +94,7 @@ class Eyes(FakeEyes):
         self.heard_s = self.world.now_s
         eyes = (pair.left, pair.right)
         small = [FakePicture(eye.pixels[::SMALL, ::SMALL].copy(), eye.taken_s) for eye in eyes]
-        return FakePair(*small, self.world)
+        return replace(pair, left=small[0], right=small[1])
 
     async def use(self, alone: str | None) -> None:
         """Both are there, always."""
