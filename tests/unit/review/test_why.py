@@ -18,6 +18,7 @@ from daemon import frames
 from daemon.commands import every_command
 from daemon.commands.calibrating import KINDS
 from daemon.commands.controller_terminal import ROBOT
+from daemon.commands.placing import ACTS
 from daemon.config import Config
 from daemon.ctl import OFFLINE
 from daemon.events.codes import CauseCode
@@ -490,7 +491,7 @@ ADVICE = [
     *(said.remedy for said in SAID.values()),
     *(measure.advice for measure in MEASURES.values()),
 ]
-CHOICES = {"calibrate": KINDS, "robot": ROBOT, "step": ("on", "off"), "go": ("home", "bin", "survey")}
+CHOICES = {"calibrate": KINDS, "robot": ROBOT, "place": ACTS, "step": ("on", "off"), "go": ("home", "bin", "survey")}
 SECTIONS = ("cameras", "arm", "pick", "vision", "files", "folders", "console", "log", "health", "metrics")
 
 

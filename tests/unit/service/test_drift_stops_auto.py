@@ -15,6 +15,7 @@ from daemon.commands.cycle_observer import CycleObserver
 from daemon.console.context import Troubles
 from daemon.pick.settings import Settings
 from daemon.service import Service
+from daemon.store.place_file import CellPlaces
 
 LOOK: Any = SimpleNamespace(clue=None, taken=SimpleNamespace(moved=None))
 
@@ -66,9 +67,10 @@ def test_what_was_seen_of_another_calibration_is_no_drift_of_this_one(monkeypatc
     assert before is again is not after is then
 
 
-def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_daemons_cycle_tells_its_looks_and_picks_to_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("daemon.service.pick_cell", lambda *_: (Mock(), Settings()))
     service: Any = Service(Path("facetd.yaml"))
     service._hardware = Mock()
-    context = service._furnish(Mock(), Mock(), Mock(), Troubles(), Mock())
+    config = Mock(state=tmp_path, places=CellPlaces())
+    context = service._furnish(config, Mock(), Mock(), Troubles(), Mock())
     assert isinstance(context.cycle.observer, CycleObserver)
