@@ -99,7 +99,7 @@ TABLE: tuple[Row, ...] = (
         PickState.SECOND_VIEW,
         PickEvent.SEEN,
         PickState.CHOOSE,
-        "looked at from where a look settles most for its time, or from afar of the looks before",
+        "looked at from where a look settles most for its time, or from far away from the earlier looks",
     ),
     Row(PickState.STOP_N, PickEvent.THERE, PickState.LOOKING, "at the next stand-off, at rest"),
     Row(PickState.STOP_N, PickEvent.UNREACHABLE, PickState.CHOOSE, "the guard refused the move: plan again, or skip"),
