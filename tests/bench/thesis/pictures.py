@@ -49,11 +49,11 @@ def lengths_table() -> str:
         rows.append([f"{mm / 10:g}", *(f"{e:+.1f}" for e in printed), *ours])
     errors = np.abs([e for line in FIGURE_5_7.values() for e in line])
     every = np.abs(np.concatenate(list(found.values())))
-    rows.append(["mean", *(f"{np.mean(np.abs(c)):.1f}" for c in zip(*FIGURE_5_7.values(), strict=True)),
+    rows.append(["mean size", *(f"{np.mean(np.abs(c)):.1f}" for c in zip(*FIGURE_5_7.values(), strict=True)),
                  f"{every.mean():.2f}", f"{every.max():.2f}", str(len(every))])  # fmt: skip
-    heads = ["cm away", "thesis A, mm", "B", "C", "facetd, median mm", "worst", "edges"]
+    heads = ["cm away", "thesis A, mm", "B", "C", "facetd, size, median mm", "worst", "edges"]
     drawn = chart(
-        "Figures 5.8 to 5.10: error of a length",
+        "Errors of the lengths of figures 5.8 to 5.10",
         ("cm away", [f"{mm / 10:g}" for mm in FIGURE_5_7]),
         "mm",
         {
@@ -163,7 +163,9 @@ def rotation_table() -> str:
         rows.append(
             [f"{NODE_LABELS[index]}, {facets} facets", _ms(lambda turned=turned, layer=layer: layer.recall(turned))]
         )
-    return table(["view, facets numbered at random", "a recall here, over all 720 numberings of six nodes"], rows)
+    return table(
+        ["view, facets numbered at random", "a recall here, over all 720 numberings of six slots, six nodes"], rows
+    )
 
 
 def times_table() -> str:
