@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
 from daemon.vision.evidence import all_accounted_for, checked_for_missing, named_by_edges, without_overlaps
-from daemon.vision.facets import TablePlane, facets_in_both, facets_step_by_step, without_table
+from daemon.vision.facets import TablePlane, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.hypotheses import prepare, snapped_to_support
@@ -53,11 +52,10 @@ def look(
     if known.labels:
         prepare(known)
     began = now()
-    efforts = _efforts(full, eyes) if known.labels else (full,)
-    brief = by_facets = _by_facets(eyes, efforts, known, table, now)
+    brief = by_facets = _by_facets(eyes, full.coarse() if known.labels else full, known, table, now)
     naming = brief.seconds
     if _worth_a_closer_look(brief.found) and eyes.uncluttered(full):
-        closer = _by_facets(eyes, (full.fine(),), known, table, now)
+        closer = _by_facets(eyes, full.fine(), known, table, now)
         by_facets = max(brief, closer, key=lambda one: sum(r.named for r in one.found))
         naming += closer.seconds
     found, view = by_facets.found, by_facets.view
@@ -71,7 +69,14 @@ def look(
         start = now()
         found, view = without_overlaps(found, view, (), known, eyes)
         if not all_accounted_for(found, view, known, eyes) and any(outlines(view)):
-            straight = named_by_edges(eyes, known, found, lambda: (now() - began) / full.budget_s, table)
+            straight = named_by_edges(
+                eyes,
+                known,
+                found,
+                lambda: (now() - began) / full.budget_s,
+                table,
+                lambda new: all_accounted_for(*without_overlaps(found, view, new, known, eyes), known, eyes),
+            )
             found, view = without_overlaps(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
             by_edges = straight.named
@@ -108,11 +113,6 @@ def _verified(
     return tuple(told.get(one, one) for one in found)
 
 
-def _efforts(full: VisionSettings, eyes: StereoImages) -> tuple[VisionSettings, ...]:
-    """Efforts with which facets are sought, one after the other: at first quickly, where little but parts shows."""
-    return (full.quick(), full.coarse()) if eyes.uncluttered(full) else (full.coarse(),)
-
-
 class _ByFacets(NamedTuple):
     """What facets name, the facets, and how long the naming took."""
 
@@ -122,16 +122,11 @@ class _ByFacets(NamedTuple):
 
 
 def _by_facets(
-    eyes: StereoImages,
-    efforts: Sequence[VisionSettings],
-    known: Model,
-    table: TablePlane | None,
-    now: Callable[[], float],
+    eyes: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _ByFacets:
-    """What facets name with one effort after the other; nothing more is asked for once all are named."""
+    """What facets name with some effort; nothing more is asked for once all are named."""
     groups, found, naming = None, tuple[Recognised, ...](), 0.0
-    first = (facets_in_both(eyes, effort) for effort in efforts[:-1])
-    for seen in chain((view for view in first if view is not None), facets_step_by_step(eyes, efforts[-1])):
+    for seen in facets_step_by_step(eyes, effort):
         start = now()
         view = seen if table is None else without_table(seen, table)
         if seen.groups is not groups:

@@ -101,10 +101,6 @@ class VisionSettings:
         """
         return replace(self, shrinks=(2,), levels=(4.5, 8.0, 18.0), max_regions=12, alike=2)
 
-    def quick(self) -> VisionSettings:
-        """The coarse effort at one of its levels: enough for most parts alone, and used again by what follows."""
-        return replace(self.coarse(), levels=(8.0,))
-
     def fine(self) -> VisionSettings:
         """The brief effort at full-size pixels: for small parts, where few edges are followed up."""
         return replace(self.coarse(), shrinks=(1,))

@@ -67,7 +67,7 @@ REFUSED = {
     "calibrate": "kind of calibration",
     "recognise": "the following arguments are required",
     "teach": "LABEL",
-    "go": "PLACE",
+    "go": "POSITION",
     "look around": "without a name",
     "replay": " worse; named",
 }
@@ -234,7 +234,7 @@ class Operator:
                 self.lets_it_move()
                 self.says("go survey")
                 self.says("calibrate hand-eye")
-        if words[:2] == ["places", "drop"]:
+        if words[:2] == ["positions", "drop"]:
             self.says(f"here {words[2]}")
         if words[0] == "forget" and words[2:]:
             while self.says(f"views {words[1]}").count(f"{words[1]}/") < int(words[2]):
@@ -294,7 +294,7 @@ def operator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Operator]:
     truth["arm"] |= {"cold": True, "manners": {"arm_power_after_s": 1.0}}  # somebody presses the button, once asked
     (folder / "simcell.yaml").write_text(yaml.safe_dump(truth, sort_keys=False))
     (folder / "docs").symlink_to(folders.HOUSE / "docs")
-    (folder / "words.txt").write_text("status\nplaces\n")
+    (folder / "words.txt").write_text("status\npositions\n")
     (folder / "cube.stl").write_bytes(binary_stl(*box()))
     hexagon = [(0.8 * np.cos(a), 0.8 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 7)[:-1]]
     (folder / "hex_bolt.stl").write_bytes(binary_stl(*prism(hexagon, 1.8)))  # inches

@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.geometry import PlanarShape, Polyhedron
-from daemon.vision.hypotheses import COVERED, Hypothesis, Search, Source, lies_on_support, silhouette
+from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
 from daemon.vision.refine import EdgeEvidence, EdgeSamples, ShapeBatch, aligned_to_edges, edge_samples_of
 
 BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -3.0
@@ -28,8 +28,8 @@ those looks that were worth -2 and more without it, 288 of 295 true ones lay on 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; covers: what it covers in the left eye; source: of its
-    hypothesis; rests: whether it lies on the table, where that is seen."""
+    evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
+    guess it is the best; rests: whether it lies on the table, where that is seen."""
 
     label: str
     solid: Polyhedron
@@ -37,21 +37,21 @@ class RegisteredPart:
     seen: tuple[EdgeSamples, EdgeSamples]
     borne: EdgeEvidence
     covers: PlanarShape
-    source: Source = Source.JUNCTION
+    tries: float = 1.0
     rests: bool | None = None
 
     @property
     def odds(self) -> float:
         """Log odds of its being there by its edges alone, before all guesses that were made share them."""
         by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
-        return by_edges + ON_TABLE[self.rests]
+        return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
 
     def overlaps(self, other: RegisteredPart) -> bool:
         """Whether both cannot be there."""
         return self.covers.covers(other.covers) > COVERED
 
 
-def registered_near(search: Search, likely: Sequence[Hypothesis]) -> Iterator[RegisteredPart]:
+def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
@@ -64,5 +64,5 @@ def registered_near(search: Search, likely: Sequence[Hypothesis]) -> Iterator[Re
         own = seen[0].only(k, laid), seen[1].only(k, laid)
         rests = None if ground is None else lies_on_support(ground, solid, pose)
         yield RegisteredPart(
-            one.label, solid, pose, own, EdgeEvidence.of(own), silhouette(solid, pose, eyes), one.source, rests
+            one.label, solid, pose, own, EdgeEvidence.of(own), silhouette(solid, pose, eyes), one.tries, rests
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from statistics import median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,39 +47,17 @@ def facets_seen(eyes: StereoImages, settings: VisionSettings) -> FacetView:
 def facets_step_by_step(eyes: StereoImages, settings: VisionSettings) -> Iterator[FacetView]:
     """The facets that both eyes outline, where each has a neighbour: a lone one is no proof of anything. Then, for who
     asks on, with those that one eye alone outlines: the same groups again where there are none."""
-    chosen, refused, sets, view = _in_both(eyes, settings)
-    if view is not None:
-        yield view
+    outlines = outlines_of(eyes, settings, in_one=False)
+    chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
+    view, sets = None, _welded(chosen)
+    if chosen and all(len(members) > 1 for members, _ in sets):
+        view = _grouped(chosen, sets, refused, eyes, settings)
+        yield _with_unmatched(view, outlines)
     outlines = outlines_of(eyes, settings, in_one=True)
     added = complete(chosen, outlines, eyes, settings)
     if added or view is None:
         view = _grouped(chosen + added, _welded(chosen + added) if added else sets, refused, eyes, settings)
     yield _with_unmatched(view, outlines)
-
-
-def facets_in_both(eyes: StereoImages, settings: VisionSettings) -> FacetView | None:
-    """The facets that both eyes outline, where each has a neighbour; else None."""
-    return _in_both(eyes, settings).view
-
-
-class _InBoth(NamedTuple):
-    """Facets that both eyes outline: those chosen and those refused, with the reason; the chosen ones welded in sets;
-    and the view, where each has a neighbour."""
-
-    chosen: list[Candidate]
-    refused: list[tuple[Candidate, str]]
-    sets: list[Welded]
-    view: FacetView | None
-
-
-def _in_both(eyes: StereoImages, settings: VisionSettings) -> _InBoth:
-    outlines = outlines_of(eyes, settings, in_one=False)
-    chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
-    sets = _welded(chosen)
-    if not chosen or any(len(members) < 2 for members, _ in sets):
-        return _InBoth(chosen, refused, sets, None)
-    view = _grouped(chosen, sets, refused, eyes, settings)
-    return _InBoth(chosen, refused, sets, _with_unmatched(view, outlines))
 
 
 def _grouped(

@@ -278,10 +278,11 @@ def poses_from_junctions(
     corners: Junctions3D, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap], solids: SolidBatch
 ) -> tuple[PoseBatch, Array, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
-    speaks; the corners (G, 3) cyclopean; and how many could."""
+    speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
+    its direction (G, 2, 3) cyclopean; and how many could."""
     kinds = junction_kinds(solids.shapes) if solids.shapes else None
     if kinds is None or not len(kinds.part) or not len(corners.at):
-        return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 3)), 0
+        return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros((0, 2, 3)), 0
     could, other = _could_be(corners, kinds.cosines[:, None])
     counts = np.minimum(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
@@ -295,14 +296,27 @@ def poses_from_junctions(
     middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
     cyclopean_from_corner[:, :3, 3] = middle[where] @ turn.T + geometry.middle_mm
     cyclopean_from_corner[:, 3, 3] = 1.0
-    posed = PoseBatch(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which])
-    return posed, cyclopean_from_corner[:, :3, 3], int(counts)
+    about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
+    hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
+    return (
+        PoseBatch(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]),
+        hinges,
+        int(counts),
+    )
 
 
 def _most(taught: int, corners: int) -> tuple[int, int]:
     """Guesses in all, and at one of so many corners."""
     most, of_one = (max(least, each * min(taught, MOST_TAUGHT)) for least, each in (MOST_GUESSES, MOST_OF_ONE))
     return most, max(of_one, most // corners)
+
+
+def _hinge(ray: Array, one: Array, other: Array) -> Array:
+    """(G, 3) unit directions about which corners at rays (G, 3) from an eye turn so that both of their edges, along one
+    and other (G, 3), stay in their planes with the eye and keep their angle."""
+    one, other = (ray - edge * (edge * ray).sum(1, keepdims=True) for edge in (one, other))
+    found = np.cross(one, other)
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
 def _second_edges(corners: Junctions3D, cosines: Array) -> Array:

@@ -6,14 +6,14 @@ junctions that both cameras see and from facets without a name, or from junction
 rest on the support plane.
 
 Segments say how much speaks for each. Where an edge is short, or runs along the baseline, its direction in depth is
-uncertain by some twenty degrees; the support plane, where it is seen or given, has it better.
+uncertain by some twenty degrees. The left camera sees the junction the same when the part turns about one line, so each
+hypothesis is turned about that line to where the part's other edges fit best in both images.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cached_property
 from itertools import islice
 from typing import NamedTuple
@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
 from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, hull, ideal, pixels, taught_solids
@@ -31,6 +31,8 @@ from daemon.vision.hypotheses.support_plane import SupportPlane, snapped_poses
 from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import kinds_of, places_of, suspected
+from daemon.vision.refine import turned
+from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Group
 
 LOOKED_AT, MOST, PER_PLACE, PER_LABEL = 60, 24, 6, 2
@@ -40,8 +42,6 @@ SEARCHED, FEWEST_LAID = 0.6, 5
 """Of a look's budget, after which no more guesses are asked for, and how many are laid onto the images yet."""
 WORTH = 0.6
 """Of the evidence for the best guess at a place, what another there must have to be laid as well."""
-MOST_DISTINCT = 100
-"""Bundles of guesses at much the same pose of which the likeliest is looked at."""
 MOST_PROMISING, OF_A_BUNDLE = 600, 4
 """Guesses that a glance speaks for, of which both eyes are asked; and where there are more, how many at much the same
 pose: a part in plain sight has thousands, and one beside it is there as well."""
@@ -64,33 +64,29 @@ class Search:
     ground: SupportPlane | None
 
     @cached_property
+    def uncluttered(self) -> bool:
+        """Whether little but parts shows edges: then what a facet could be is likely, and asked by itself."""
+        return self.eyes.uncluttered(VisionSettings())
+
+    @cached_property
     def corners(self) -> tuple[SegmentCorners, SegmentCorners]:
         """Where straight segments meet, in either eye."""
         left, right = (segment_corners(joined(view.segments)) for view in self.eyes.views)
         return left, right
 
 
-class Source(StrEnum):
-    """What a hypothesis comes from."""
-
-    FACET = "a lone facet"
-    JUNCTION = "a junction that both cameras see"
-    SUPPORT = "a junction that one camera sees, of a part on the table"
-    PERTURBED = "another hypothesis, moved"
-
-
-class Hypothesis(NamedTuple):
-    """A part and where it could be: its pose (4, 4) cyclopean_from_part, and what says so."""
+class EdgeHypothesis(NamedTuple):
+    """A part and where it could be: its pose (4, 4) cyclopean_from_part, the best of so many tries at one guess."""
 
     label: str
     pose: Array
-    source: Source
+    tries: float = 1.0
 
 
 class RankedHypotheses(NamedTuple):
     """The likeliest parts and places, of how many, and what there was no time to ask."""
 
-    likely: Sequence[Hypothesis]
+    likely: Sequence[EdgeHypothesis]
     tests: int
     left_out: tuple[str, ...] = ()
 
@@ -105,33 +101,46 @@ def prepare(model: Model) -> None:
         resting_junctions_of(shapes)
 
 
+def hypotheses_from_facets(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
+    """By facets that have no name, where they are asked by themselves."""
+    if not search.uncluttered or spent() > SEARCHED:
+        return RankedHypotheses([], 0)
+    posed, hinges = _by_facets(search)
+    return _likeliest(search, *_laid_down(search, posed, hinges), len(posed.part), spent)
+
+
 def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
-    """By junctions that both cameras see, and by facets that have no name."""
+    """By corners that both eyes see, and by facets that have no name if these were not asked by themselves."""
     left, right = search.corners
     if spent() > SEARCHED:
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.eyes.geometry
-    posed, about, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
-    more, more_about = _by_facets(search)
-    sources = [Source.JUNCTION] * len(posed.part) + [Source.FACET] * len(more.part)
-    posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
-    posed = _laid_down(search, posed, np.concatenate([about, more_about]))
-    return _likeliest(search, posed, sources, tests + len(more.part), spent)
+    guesses, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
+    posed = PoseBatch(solids, guesses.part, guesses.poses)
+    if not search.uncluttered:
+        more, more_hinges = _by_facets(search)
+        tests += len(more.part)
+        posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
+        hinges = np.concatenate([hinges, more_hinges])
+    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent)
 
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
-    """What facets without a name could be, and their middles (G, 3)."""
+    """What facets without a name could be, and hinges (G, 2, 3): none, but that they lie in the middle."""
     found = [suspected(facet, search.model) for group in search.unnamed for facet in group.facets]
     part = np.concatenate([np.zeros(0, np.intp), *(parts for parts, _ in found)])
     posed = PoseBatch(
         taught_solids(search.model), part, np.concatenate([np.zeros((0, 4, 4)), *(own for _, own in found)])
     )
-    return posed, posed.middles_mm()
+    middles = posed.middles_mm()
+    return posed, np.stack([middles, np.zeros_like(middles)], 1)
 
 
-def _laid_down(search: Search, posed: PoseBatch, about: Array) -> PoseBatch:
-    """Poses laid onto the table where that is given, each turned about a point of it (G, 3)."""
-    return posed if search.ground is None else snapped_poses(posed, about, search.ground.table, search.eyes.geometry)
+def _laid_down(search: Search, posed: PoseBatch, hinges: Array) -> tuple[PoseBatch, Array]:
+    """Guesses and their hinges (G, 2, 3), laid onto the table where that is known."""
+    if search.ground is None:
+        return posed, hinges
+    return snapped_poses(posed, hinges, search.ground.table, search.eyes.geometry)
 
 
 def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedHypotheses:
@@ -140,25 +149,24 @@ def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedH
         return RankedHypotheses([], 0)
     solids, geometry = taught_solids(search.model), search.eyes.geometry
     posed, tests = poses_on_support(search.corners, geometry, search.maps, search.ground.table, solids)
-    return _likeliest(search, posed, [Source.SUPPORT] * len(posed.part), tests, spent)
+    return _likeliest(search, posed, np.zeros((len(posed.part), 2, 3)), tests, spent)
 
 
 def _likeliest(
-    search: Search, posed: PoseBatch, sources: Sequence[Source], tests: int, spent: Callable[[], float]
+    search: Search, posed: PoseBatch, hinges: Array, tests: int, spent: Callable[[], float]
 ) -> RankedHypotheses:
-    """Those of many poses, each from a source, for which most speaks."""
+    """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
     eyes, geometry, maps = search.eyes, search.eyes.geometry, search.maps
     good, by_glance = promising(posed, geometry, maps)
-    asked = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
-    posed = posed.chosen(asked)
+    good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
+    posed, hinges = posed.chosen(good), hinges[good]
     nats, _ = evidence(posed, geometry, maps)
     good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
     if search.named:
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
     guesses = ScoredPoses(posed.chosen(good), -nats[good])
-    few = thinned(guesses)[:MOST_DISTINCT]
-    kept = _worth(guesses.chosen(few), [sources[k] for k in asked[good][few].tolist()], eyes)
+    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
         return RankedHypotheses(kept[:FEWEST_LAID], tests, (told,))
@@ -169,18 +177,19 @@ def _varied(guesses: ScoredPoses) -> Index:
     """Those that both eyes are asked of: where they are too many, a few of every bundle."""
     if len(guesses.against) <= MOST_PROMISING:
         return np.arange(len(guesses.against))
-    return thinned(guesses, OF_A_BUNDLE)[:MOST_PROMISING]
+    few = thinned(guesses, OF_A_BUNDLE)
+    return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
-def _worth(guesses: ScoredPoses, sources: Sequence[Source], eyes: StereoImages) -> list[Hypothesis]:
+def _worth(guesses: ScoredPoses, tries: Array, eyes: StereoImages) -> list[EdgeHypothesis]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes, posed = list[Hypothesis](), list[tuple[PlanarShape, float, str]](), guesses.posed
+    kept, shapes, posed = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]](), guesses.posed
     for k, corners_px in islice(distinct(guesses, eyes), LOOKED_AT):
         shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(Hypothesis(label, posed.poses[k], sources[k]))
+            kept.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
         if len(kept) == MOST:
             break
@@ -208,7 +217,7 @@ class ScoredPoses:
 
 
 def thinned(guesses: ScoredPoses, of_each: int = 1) -> Index:
-    """Which are the likeliest few of every bundle of guesses of one part at much the same pose, the likeliest first."""
+    """Which are the likeliest few of every bundle of guesses of one part at much the same pose."""
     posed = guesses.posed
     cells = [posed.part[:, None], posed.middles_mm() / CELL_MM, posed.poses[:, :3, :2].reshape(-1, 6) / CELL_TURN]
     bundle = np.rint(np.concatenate(cells, 1)).astype(np.int64) @ _BUNDLE
@@ -247,8 +256,34 @@ def distinct(guesses: ScoredPoses, eyes: StereoImages) -> Iterator[tuple[int, Ar
             out[near[((apart2 < SAME_MM**2) | ~shows[near]).all(1)]] = True
 
 
+MOST_TURNED, TURNS = 100, np.radians([-24.0, -16.0, -8.0, 8.0, 16.0, 24.0])
+"""Of the likeliest guesses, and by how much each is turned: what maps of segments and the pictures take for one pose
+lies between two of them."""
+WORTH_TURNING = 1.1
+"""So many times the evidence for a guess as it is must speak for it turned."""
 FARTHER_MM, TILT = 5.0, np.radians(7.0)
 """By how much a laid part is moved along the sight, and tilted against it."""
+
+
+def best_turned(
+    guesses: ScoredPoses, hinges: Array, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+) -> tuple[ScoredPoses, Array]:
+    """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
+    the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns
+    about, cyclopean, no direction where there is none. What speaks against guesses is less the evidence of the maps."""
+    few = thinned(guesses)
+    few = few[np.argsort(guesses.against[few], kind="stable")[:MOST_TURNED]]
+    posed, against = guesses.posed.chosen(few), guesses.against[few]
+    point, cross = hinges[few, 0], frames.cross_matrices(hinges[few, 1])
+    rotations = (np.eye(3) + np.sin(by) * cross + (1 - np.cos(by)) * cross @ cross for by in TURNS)  # Rodrigues
+    poses = np.stack([posed.poses, *(turned(posed.poses, rotation, point) for rotation in rotations)])
+    every = PoseBatch(posed.solids, np.tile(posed.part, len(TURNS)), poses[1:].reshape(-1, 4, 4))
+    nats, _ = evidence(every, geometry, maps)
+    each = np.concatenate([against[None], -nats.reshape(len(TURNS), -1)])
+    best = np.concatenate([WORTH_TURNING * against[None], each[1:]]).argmin(0), np.arange(len(few))
+    found = ScoredPoses(PoseBatch(posed.solids, posed.part, poses[best]), each[best])
+    kept = thinned(found)
+    return found.chosen(kept), np.where(best[0] > 0, len(TURNS) + 1.0, 1.0)[kept]
 
 
 def perturbed_poses(solid: Polyhedron, pose: Array) -> list[Array]:

@@ -154,12 +154,14 @@ def nearest_resting_plane(solid: Polyhedron, down: Array) -> tuple[Array, Array]
     return np.asarray(flat * np.sign(flat @ normal)), np.asarray(middle)
 
 
-def snapped_poses(posed: PoseBatch, points: Array, table: TablePlane, geometry: Baseline) -> PoseBatch:
-    """Guesses that could be rests turned about a point (G, 3) of each, cyclopean, until they are, and moved along the
-    left eye's sight of it. Others stay as they are.
+def snapped_poses(posed: PoseBatch, hinges: Array, table: TablePlane, geometry: Baseline) -> tuple[PoseBatch, Array]:
+    """Guesses that could be rests turned about a point of each until they are, and moved along the left eye's sight of
+    it; hinges (G, 2, 3): that point and the direction of the line it could turn about else, cyclopean, no direction for
+    what was laid down. Others stay as they are.
 
     Where a corner is the pictures say; how far away it is, and how a part is tilted in depth, the table says better.
     """
+    points = hinges[:, 0]
     rest, cosine = _nearest_rest(posed, table)
     turns = _turns((posed.poses[:, :3, :3] @ rest[..., None])[..., 0], -table.up)
     poses = turned(posed.poses, turns, points)
@@ -169,7 +171,10 @@ def snapped_poses(posed: PoseBatch, points: Array, table: TablePlane, geometry: 
     farther = too_high_mm / np.maximum(-sight @ table.up, LEAST_SLOPE)
     poses[:, :3, 3] += farther[:, None] * sight
     down = (cosine > np.cos(MOST_TILT)) & (np.abs(farther) < MOST_MM)
-    return PoseBatch(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
+    found = PoseBatch(posed.solids, posed.part, np.where(down[:, None, None], poses, posed.poses))
+    still = hinges.copy()
+    still[down, 1] = 0.0
+    return found, still
 
 
 def _nearest_rest(posed: PoseBatch, table: TablePlane) -> tuple[Array, Array]:

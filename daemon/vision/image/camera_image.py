@@ -39,16 +39,14 @@ GRAIN_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class CameraImage:
-    """One eye's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count, regions
-    by scale, level and sizes, rough polygons by what was asked for, what outlines lie near these, and what was fitted
-    to outlines.
+    """One eye's camera and its checked image (H, W); scales by their shrink, windows by how strong edges count, rough
+    polygons by what was asked for, what outlines lie near these, and what was fitted to outlines.
     """
 
     eye: RectifiedCamera
     grey: Grey
     scales: dict[int, Scale] = field(default_factory=dict)
     windows: dict[float, Window | None] = field(default_factory=dict)
-    regions: dict[tuple[int, float, tuple[float, float, int]], list[Region]] = field(default_factory=dict)
     sketched: dict[VisionSettings, list[RoughPolygon]] = field(default_factory=dict)
     outlined: dict[RoughPolygon, list[Outline]] = field(default_factory=dict)
     fitted: dict[Outline, Fitted | None] = field(default_factory=dict)
@@ -103,13 +101,11 @@ class CameraImage:
             return []
         if 1 in settings.shrinks and 1 not in self.scales:
             self.scales[1] = full_size(self.smooth, window, self.grain)
-        sizes = settings.min_area_px, settings.max_area_fraction * self.grey.size, settings.max_regions
+        largest = settings.max_area_fraction * self.grey.size
         found = list[Region]()
         for shrink, level in product(settings.shrinks, settings.levels):
-            key = shrink, level, sizes
-            if key not in self.regions:
-                self.regions[key] = closed_regions(self.scale(shrink), window, level, *sizes)
-            found += self.regions[key]
+            least, most = settings.min_area_px, settings.max_regions
+            found += closed_regions(self.scale(shrink), window, level, least, largest, most)
         return found
 
     def window(self, level: float) -> Window | None:

@@ -20,7 +20,7 @@ from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import search
 from daemon.vision.hypotheses.edge_distance_map import edge_distances
-from daemon.vision.hypotheses.search import RankedHypotheses, Search, Source, hypotheses_from_junctions
+from daemon.vision.hypotheses.search import RankedHypotheses, Search, hypotheses_from_junctions
 from daemon.vision.hypotheses.support_plane import resting_planes
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
@@ -200,7 +200,18 @@ def test_what_shows_few_edges_is_named_no_cheaper_and_more_taught_parts_raise_th
     two = replace(model(), views=tuple(view for view in model().views if view.label in ("cube", "pyramid")))
     for taught in (model(), two):
         named_by_edges(eyes_on("cube"), taught, [])
-    assert asked == [FEWEST_TESTS * 4, FEWEST_TESTS * 2]
+    assert asked == [FEWEST_TESTS * 4] * 2 + [FEWEST_TESTS * 2] * 2
+
+
+def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
+    eyes, good = eyes_on("cube"), max(all_laid("cube"), key=lambda one: one.borne.nats)
+    weak = replace(good, borne=EdgeEvidence(45.0, 0.7), tries=2.0)
+    tests = round(np.exp(weak.odds - 1.0))
+    anew = by_edges._undecided([weak], tests, eyes)
+    assert len(anew) > 1
+    assert {one.tries for one in anew} == {weak.tries * (1 + len(anew))}
+    strong = replace(weak, borne=EdgeEvidence(100.0, 0.7))
+    assert by_edges._undecided([strong], 1, eyes) == [], "this one is sure"
 
 
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,15 +299,30 @@ def test_the_table_is_asked_where_nothing_else_names_a_part(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("label", ["cube", "pyramid"])
-def test_a_lone_facet_on_a_plain_table_is_named_and_the_name_says_where_it_came_from(label: str) -> None:
+def test_a_lone_facet_on_a_plain_table_names_the_part_with_no_look_for_corners(
+    label: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(by_edges, "hypotheses_from_junctions", lambda *_: pytest.fail("corners were looked for"))
     (found,) = named_by_edges(plain(label), model(), [lone_facet(label)]).named
     corners = frames.apply(WHERE, KNOWN[label].corners_mm)
     off = np.linalg.norm(np.concatenate(found.part.fitted_mm)[:, None] - corners, axis=2).min(1)
     assert (found.label, off.max() < 1.5) == (label, True)
-    assert any(found.part.recognition.reason.endswith(f"from {source}") for source in Source)
 
 
-def test_a_lone_facet_is_one_guess_among_those_of_corners() -> None:
+def test_where_that_leaves_something_unnamed_or_the_table_has_a_pattern_corners_are_asked_as_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = list[Search]()
+    monkeypatch.setattr(
+        by_edges, "hypotheses_from_junctions", lambda scene, spent: asked.append(scene) or RankedHypotheses([], 1)
+    )
+    (found,) = named_by_edges(plain("cube"), model(), [lone_facet("cube")], enough=lambda new: not new).named
+    assert (found.label, len(asked)) == ("cube", 1)
+    assert named_by_edges(eyes_on("cube"), model(), [lone_facet("cube")]).named == []
+    assert len(asked) == 2
+
+
+def test_on_a_patterned_table_a_lone_facet_is_one_guess_among_those_of_corners() -> None:
     (facet,) = lone_facet("cube").group.facets
     alone, with_facet = (
         hypotheses_from_junctions(scene("cube", groups), lambda: 0.0) for groups in ([], [merge_vertices([facet])])
@@ -323,7 +349,7 @@ def test_a_place_that_its_edges_give_as_well_is_in_the_covariance(
 ) -> None:
     best = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.odds)
     farther = frames.perturb(best.pose, np.array([0.0, 0.0, 4.0, 0.0, 0.0, 0.0]))
-    other = replace(best, pose=farther, borne=EdgeEvidence(best.borne.nats - nats_less, best.borne.share))
+    other = replace(best, pose=farther, borne=EdgeEvidence(best.borne.nats - nats_less, best.borne.share), tries=7.0)
     spread = by_edges._spread(best, [best, other], best.pose[None])
     assert np.count_nonzero(np.abs(spread) > 1e-6) <= 1
     assert least_mm <= np.sqrt(spread[2, 2]) <= most_mm

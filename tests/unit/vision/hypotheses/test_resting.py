@@ -158,7 +158,8 @@ def test_a_guess_beside_a_rest_is_laid_down_where_the_left_eye_sees_its_corner(
     way = np.cross(UP, np.random.default_rng(seed).normal(size=3))  # tilted, not turned about the table's normal
     guess = moved(corner, way, by, farther_mm) @ true
     at = frames.apply(guess @ frames.inverse(true), corner)
-    found = snapped_poses(guesses(name, guess), at[None], TABLE, GEOMETRY)
+    found, still = snapped_poses(guesses(name, guess), np.array([[at, [1.0, 0.0, 0.0]]]), TABLE, GEOMETRY)
+    assert not still[0, 1].any(), "it turns about nothing any more"
     assert found.poses[0][:3, 3] == pytest.approx(true[:3, 3], abs=1e-4)
     assert frames.angle_between(found.poses[0], true) < 1e-5
 
@@ -166,8 +167,10 @@ def test_a_guess_beside_a_rest_is_laid_down_where_the_left_eye_sees_its_corner(
 @pytest.mark.parametrize("lifted_mm", [40.0, -60.0])
 def test_what_is_far_from_any_rest_stays_as_it_is(lifted_mm: float) -> None:
     guess = resting_pose(SOLIDS["cube"], 0, 0.4, lifted_mm=lifted_mm)
-    found = snapped_poses(guesses("cube", guess), guess[None, :3, 3], TABLE, GEOMETRY)
+    hinges = np.array([[guess[:3, 3], [1.0, 0.0, 0.0]]])
+    found, still = snapped_poses(guesses("cube", guess), hinges, TABLE, GEOMETRY)
     assert found.poses == pytest.approx(guess[None])
+    assert still == pytest.approx(hinges)
 
 
 def test_what_both_eyes_see_comes_before_what_is_known() -> None:
