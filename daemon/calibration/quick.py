@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -99,8 +99,7 @@ def calibrate_quick(measured: Measured) -> QuickResult:
     if not len(at):
         return QuickResult(rig, float(focal.mean()), sigma, *[at] * 5)
     seen = by_formula(left, right, rig, bare)[:, 2]
-    order = np.argsort(seen)
-    read = replace(bare, at_mm=seen[order], error_mm=(seen - at)[order])
+    read = bare.with_readings(seen, seen - at)
     compensated = by_formula(left, right, rig, read, compensated=True)[:, 2]
     left_out = _left_out(seen, seen - at) if len(at) > 2 else seen
     rays = triangulate(rig, left, right)[:, 2]

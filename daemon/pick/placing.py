@@ -33,6 +33,8 @@ FLAT_MM = 3.0
 """Three corners of what a part rests on are as high as each other to within so much."""
 NEARLY_FLAT_RAD = 0.06
 """A side that leans by less lies flat: looks err by less."""
+UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
+"""A half turn about x: what Polyhedron.laid_flat lays face up comes to lie on that face."""
 AT_PLACE_MM = 40.0
 """A part whose middle is seen this near to that of a place lies at it, and not beside it."""
 
@@ -116,15 +118,8 @@ def _on_side(place: Place, shape: Polyhedron) -> Array:
     assert place.point_mm is not None
     if place.side_down > len(shape.rings):
         raise PartPlaceError(f"{place.part} has {len(shape.rings)} sides, and side_down is {place.side_down}")
-    corners = shape.corners_mm[shape.rings[place.side_down - 1]]
-    along = corners[1] - corners[0]
-    along = along / np.linalg.norm(along)
-    down = shape.normals[place.side_down - 1]
-    along = along - down * float(along @ down)
-    along = along / np.linalg.norm(along)
-    side_axes = np.stack([along, np.cross(-down, along), -down])  # rows: x, y, z of the frame in the part's
-    rotation = about_vertical(place.heading_deg) @ side_axes
-    return frames.rigid(rotation, np.array(place.point_mm) - rotation @ corners.mean(axis=0))
+    turned = frames.rigid(about_vertical(place.heading_deg) @ UPSIDE_DOWN, np.array(place.point_mm))
+    return np.asarray(turned @ shape.laid_flat[place.side_down - 1])
 
 
 def set_down_of(

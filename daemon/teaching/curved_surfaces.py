@@ -12,6 +12,7 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.teaching.flat_regions import FlatRegions
 from daemon.vision.facets import connected
+from daemon.vision.geometry import axes_in, fit_circle
 
 STRIP_RAD = np.radians(31.0)
 """By so much at most a curved surface turns from strip to strip: twelve to a circle, and a little."""
@@ -92,7 +93,7 @@ def _surface(regions: FlatRegions, members: tuple[int, ...], turns: dict[tuple[i
 
 def _covers(regions: FlatRegions, members: tuple[int, ...], axis: Array, centre: Array, radius: float) -> Array:
     """(N, 4, 3) chords of a cylinder, as long as all strips behind them are."""
-    across = np.linalg.svd(axis[None])[2][1:]
+    across = axes_in(axis)
     across = across if np.linalg.det(np.vstack([across, axis])) > 0 else across[::-1]
     strips = [regions.corners[list(regions.loops[r][0])] for r in members]
     normals = regions.normals[list(members)] @ across.T
@@ -115,12 +116,9 @@ def _covers(regions: FlatRegions, members: tuple[int, ...], axis: Array, centre:
 
 def _circle(points: Array, axis: Array) -> tuple[Array, float, float]:
     """Through points (N, 3) seen along an axis: a point of the circle's axis, its radius, how far points lie off."""
-    across = np.linalg.svd(axis[None])[2][1:]
-    flat = points @ across.T
-    solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
-    radius = float(np.sqrt(max(solution[2] + solution[:2] @ solution[:2], 0.0)))
-    off = float(np.abs(np.linalg.norm(flat - solution[:2], axis=1) - radius).max())
-    return solution[:2] @ across, radius, off
+    across = axes_in(axis)
+    centre, radius, off = fit_circle(points @ across.T)
+    return centre @ across, radius, off
 
 
 def owners(regions: FlatRegions, surfaces: tuple[CurvedSurface, ...]) -> Index:

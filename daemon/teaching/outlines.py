@@ -13,6 +13,7 @@ from daemon.arrays import Array, Index
 from daemon.teaching.blends import Blends, borders
 from daemon.teaching.curved_surfaces import STRIP_RAD
 from daemon.teaching.flat_regions import FlatRegions
+from daemon.vision.geometry import fit_circle
 
 STRAIGHT_RAD = np.radians(0.4)
 """A border turns by less where a corner is in the middle of a side; two facets are one that turn by a little more."""
@@ -99,10 +100,7 @@ def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
     middle = points.mean(axis=0)
     x, y, normal = np.linalg.svd(points - middle)[2]
     flat = (points - middle) @ np.column_stack([x, y])
-    solution = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
-    centre = solution[:2]
-    radius = float(np.sqrt(max(solution[2] + centre @ centre, 0.0)))
-    off = np.abs(np.linalg.norm(flat - centre, axis=1) - radius).max()
+    centre, radius, off = fit_circle(flat)
     if off > near_mm or np.abs((points - middle) @ normal).max() > near_mm or radius > 1e4:
         return None
     angles = np.unwrap(np.arctan2(*(flat - centre).T[::-1]))

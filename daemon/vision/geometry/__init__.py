@@ -2,7 +2,7 @@
 
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
-from daemon.vision.geometry.planes import axes_in, fit_plane, planarities, planarity, weighted_plane
+from daemon.vision.geometry.planes import axes_in, fit_circle, fit_plane, planarities, planarity, weighted_plane
 from daemon.vision.geometry.polygon import (
     PlanarShape,
     Point,
@@ -48,6 +48,7 @@ __all__ = [
     "disparity",
     "drop_side",
     "exact",
+    "fit_circle",
     "fit_plane",
     "fit_poses",
     "hidden",

@@ -22,6 +22,15 @@ def axes_in(normal: Array) -> Array:
     return np.asarray(np.linalg.svd(normal[None])[2][1:])
 
 
+def fit_circle(points: Array) -> tuple[Array, float, float]:
+    """Algebraic least-squares circle through (K, 2) points: centre, radius, and how far the worst point lies off it."""
+    terms = np.column_stack([2 * points, np.ones(len(points))])
+    solution = np.linalg.lstsq(terms, (points**2).sum(1), rcond=None)[0]
+    centre = solution[:2]
+    radius = float(np.sqrt(max(float(solution[2] + centre @ centre), 0.0)))
+    return centre, radius, float(np.abs(np.linalg.norm(points - centre, axis=1) - radius).max())
+
+
 def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Array]:
     """Plane n . p = d with each corner weighted by how well it is known along the normal, and residuals in sigmas (N,).
 

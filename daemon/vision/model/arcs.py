@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import newell_normal
+from daemon.vision.geometry import fit_circle, newell_normal
 
 FEWEST_CORNERS = 7  # fewer than this on a circle is a regular polygon as well as an arc
 ROUND_MM, ROUND_SIGMAS = 0.2, 2.0  # how far a corner may lie off the circle, and in predicted errors on top
@@ -39,7 +39,7 @@ def find_arc(corners_mm: Array, covariance_mm2: Array) -> Arc | None:
     runs = [(n, 0, True), *((count, first, False) for count in range(n, FEWEST_CORNERS - 1, -1) for first in range(n))]
     for count, first, closed in runs:  # all corners of a D lie on its circle, and its straight side does not
         points = flat[(first + np.arange(count)) % n]
-        centre, radius, worst = _circle(points)
+        centre, radius, worst = fit_circle(points)
         round_once = np.vstack([points, points[:1]]) if closed else points
         if worst < most_mm and _turns_evenly(round_once, centre):
             return Arc(first, count, 2 * np.pi if closed else _sector(points, centre), radius)
@@ -61,16 +61,6 @@ def _in_plane(corners: Array) -> Array:
     one = one / max(float(np.linalg.norm(one)), 1e-9)
     flat: Array = np.column_stack([centred @ one, centred @ np.cross(normal, one)])
     return flat
-
-
-def _circle(points: Array) -> tuple[Array, float, float]:
-    """Algebraic circle through (K, 2): centre, radius, worst distance of a point from it."""
-    a = np.column_stack([2 * points, np.ones(len(points))])
-    solution, *_ = np.linalg.lstsq(a, (points**2).sum(1), rcond=None)
-    centre = solution[:2]
-    radius = float(np.sqrt(max(float(solution[2] + centre @ centre), 0.0)))
-    worst = float(np.abs(np.linalg.norm(points - centre, axis=1) - radius).max())
-    return centre, radius, worst
 
 
 def _turns_evenly(points: Array, centre: Array) -> bool:

@@ -29,6 +29,11 @@ class Converging:
     at_mm: Array
     error_mm: Array
 
+    def with_readings(self, at_mm: Array, error_mm: Array) -> Converging:
+        """The same constants with these readings (K,), in any order."""
+        order = np.argsort(at_mm)
+        return replace(self, at_mm=at_mm[order], error_mm=error_mm[order])
+
 
 def converging(rig: StereoRig, readings_mm: Sequence[tuple[float, float]] = ()) -> Converging:
     """The thesis's constants of a calibrated rig, with readings (depth by the formula, its error) mm on the axis.
@@ -41,13 +46,11 @@ def converging(rig: StereoRig, readings_mm: Sequence[tuple[float, float]] = ()) 
     fixation = rig.baseline_mm / vergence if vergence > 1e-6 else 1e9
     bare = Converging(rig.baseline_mm, focal, fixation, np.zeros(1), np.zeros(1))
     if readings_mm:
-        read = np.array(sorted(readings_mm))
-        return replace(bare, at_mm=read[:, 0], error_mm=read[:, 1])
+        return bare.with_readings(*np.array(readings_mm).T)
     truth = _READINGS * min(fixation, 1000.0)
     points = np.stack([np.zeros_like(truth), np.zeros_like(truth), truth], 1)
     seen = by_formula(rig.left.project(points), rig.right.project(points), rig, bare)[:, 2]
-    order = np.argsort(seen)
-    return replace(bare, at_mm=seen[order], error_mm=(seen - truth)[order])
+    return bare.with_readings(seen, seen - truth)
 
 
 def by_formula(
