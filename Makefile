@@ -86,7 +86,6 @@ bench-faults: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.firstdays 10
 	$(BIN)/python -m tests.bench.long.mutations
 	$(BIN)/python -m tests.bench.long.mutations --rooms store events frontends review
-	$(BIN)/python -m tests.bench.long.mutations --rooms pick calibration
 
 bench-soak: $(VENV)/.dev
 	$(BIN)/python -m tests.bench.long.soak
