@@ -22,7 +22,7 @@ from daemon.store.files import failing_as, write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.store.outside import FileError, read_file
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Hole, Polyhedron
 from daemon.vision.model import (
     FEATURES,
     LARGEST_NUMBER,
@@ -50,11 +50,17 @@ class ModelError(FileError):
     """A model file cannot be read or written: one line, path first, then what is wrong."""
 
 
+class _HoleHeader(msgspec.Struct, forbid_unknown_fields=True):
+    facet: int
+    ring_mm: list[tuple[float, float, float]]
+
+
 class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
     facets: list[list[int]]
     types: list[str]
     smooth: list[tuple[int, int]] = []
     covers: list[list[tuple[float, float, float]]] = []
+    holes: list[_HoleHeader] = []
 
 
 class _ViewHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -231,6 +237,8 @@ def _solid_header(solid: Polyhedron) -> dict[str, Any]:
         header["smooth"] = sorted(map(list, solid.smooth))
     if len(solid.covers):
         header["covers"] = solid.covers.round(4).tolist()
+    if solid.holes:
+        header["holes"] = [{"facet": one.facet, "ring_mm": one.ring_mm.round(4).tolist()} for one in solid.holes]
     return header
 
 
@@ -365,7 +373,15 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
     covers = np.array(header.covers, float).reshape(-1, 4, 3)
     if not np.abs(covers).max(initial=0.0) <= LARGEST_MM:
         raise ValueError(f"{name}: a curved surface beyond {LARGEST_MM:g} mm")
-    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth), covers)
+    holes = tuple(_hole(name, one, len(facets)) for one in header.holes)
+    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth), covers, holes)
+
+
+def _hole(name: str, header: _HoleHeader, facets: int) -> Hole:
+    ring = np.array(header.ring_mm, float).reshape(-1, 3)
+    if not 0 <= header.facet < facets or len(ring) < 3 or not np.abs(ring).max() <= LARGEST_MM:
+        raise ValueError(f"{name}: a hole of no facet, of fewer than three corners or beyond {LARGEST_MM:g} mm")
+    return Hole(header.facet, ring)
 
 
 def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:

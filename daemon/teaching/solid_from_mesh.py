@@ -16,6 +16,7 @@ from daemon.teaching.blends import Blends, blends
 from daemon.teaching.closed_surface import closed_surface
 from daemon.teaching.curved_surfaces import CurvedSurface, curved_surfaces, owners
 from daemon.teaching.flat_regions import FlatRegions, flat_regions
+from daemon.teaching.holes import holes_of, sunk_loops
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.teaching.outlines import outlines
 from daemon.vision.geometry import Polyhedron
@@ -75,7 +76,7 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
     curved = tuple(one for one in curved if (small.cluster[list(one.regions)] < 0).any())
     solid = replace(solid, covers=np.concatenate([np.zeros((0, 4, 3)), *(one.covers - origin for one in curved)]))
     notes = surface.notes + ((WORN.format(len(small.joins)),) if small.joins else ())
-    holes = sum(len(regions.loops[face]) - 1 for face in faces)
+    holes = sum(1 for face in faces for _ in sunk_loops(regions, face))
     used = sorted({k for triangle in surface.triangles for k in triangle})
     return Drawing(solid, origin, np.ptp(surface.corners[used], axis=0), curved, holes, notes)
 
@@ -98,4 +99,6 @@ def _solid(
     typed = [fine if rounded else points[list(f)] for f, fine, rounded in zip(facets, drawn, made.rounded, strict=True)]
     types = tuple(type_facet(ring, np.repeat(covariance[:1], len(ring), axis=0), library)[0].name for ring in typed)
     smooth = frozenset((place[a], place[b]) for a, b in made.smooth if a in place and b in place)
-    return Polyhedron(points, facets, covariance, types, smooth), middle
+    rims = holes_of(regions, np.flatnonzero(small.flat), owner, step_mm)
+    holes = tuple(replace(one, ring_mm=one.ring_mm - middle) for one in rims)
+    return Polyhedron(points, facets, covariance, types, smooth, holes=holes), middle

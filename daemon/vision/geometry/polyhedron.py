@@ -16,11 +16,21 @@ SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
 @dataclass(frozen=True, eq=False)
+class Hole:
+    """The rim of a hole in a facet of a solid: the number of the facet, and ring_mm (N, 3), its corners one after the
+    other, in the solid's frame. Where the rim is round they lie on it, close to each other."""
+
+    facet: int
+    ring_mm: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Polyhedron:
     """corners_mm (K, 3), in any one frame; facets: corner indices of each, anticlockwise from outside; covariance_mm2
     (K, 3, 3) of the corners; types: the facet library's name of each facet, empty where none was typed; smooth: sides
     of facets that do not show, as the surface goes on smoothly into a curved one, by their corners, smaller first;
-    covers (N, 4, 3): what else of the surface hides what lies behind it, as quadrilaterals that run as facets do.
+    covers (N, 4, 3): what else of the surface hides what lies behind it, as quadrilaterals that run as facets do;
+    holes: the rims of bores, slots and pockets in its facets. They are no sides of the facets.
     """
 
     corners_mm: Array
@@ -29,6 +39,7 @@ class Polyhedron:
     types: tuple[str, ...] = ()
     smooth: frozenset[tuple[int, int]] = frozenset()
     covers: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
+    holes: tuple[Hole, ...] = ()
 
     @cached_property
     def rings(self) -> tuple[Index, ...]:
@@ -176,6 +187,7 @@ class Polyhedron:
             self.covariance_mm2[kept],
             tuple(self.types[f] for f in facets) if self.types else (),
             frozenset((place[a], place[b]) for a, b in self.smooth if a in place and b in place),
+            holes=tuple(Hole(k, one.ring_mm) for k, f in enumerate(facets) for one in self.holes if one.facet == f),
         )
 
     def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:

@@ -162,4 +162,5 @@ def _in_part_frame(solid: Polyhedron) -> Polyhedron:
         corners_mm=(corners - corners.mean(0)) @ part_from_look.T,
         covariance_mm2=part_from_look @ solid.covariance_mm2 @ part_from_look.T,
         covers=(solid.covers - corners.mean(0)) @ part_from_look.T,
+        holes=tuple(replace(one, ring_mm=(one.ring_mm - corners.mean(0)) @ part_from_look.T) for one in solid.holes),
     )

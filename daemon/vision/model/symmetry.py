@@ -13,11 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Hole, Polyhedron, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
+SAME_RIM_MM = 0.15
+"""How far rims of holes may differ that are the same: the corners of a round one need not lie on each other."""
 MOST_AT_ONCE = 2_000_000
 """Distances between corners that are held at once."""
 KEPT_MM, MOST_MIRRORED = 2.0, 12
@@ -35,8 +38,8 @@ class Turns(NamedTuple):
 
 @lru_cache(maxsize=4096)
 def symmetries(solid: Polyhedron) -> Turns:
-    """The turns that take a solid onto itself to EXACT_MM. A solid that was measured has no other than none: what its
-    corners differ by tells its turns apart."""
+    """The turns that take a solid onto itself, its holes onto holes, to EXACT_MM. A solid that was measured has no
+    other than none: what its corners differ by tells its turns apart."""
     return turns_onto_themselves((solid,), EXACT_MM)[0]
 
 
@@ -76,7 +79,8 @@ def mirror_images(solid: Polyhedron) -> tuple[MirrorImage, ...]:
 
 
 def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
-    """Of each solid the turns after which every corner lies within so many mm of one, and every facet on one."""
+    """Of each solid the turns after which every corner lies within so many mm of one, every facet on one, and every
+    hole in one."""
     found: list[Turns | None] = [None] * len(shapes)
     counts = np.array([len(shape.corners_mm) for shape in shapes], np.intp)
     for count in np.unique(counts).tolist():
@@ -85,8 +89,35 @@ def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> lis
         for first in range(0, len(alike), each):
             own = alike[first : first + each]
             for k, turns in zip(own.tolist(), _of_as_many([shapes[k] for k in own.tolist()], within_mm), strict=True):
-                found[k] = turns
+                found[k] = _keeping_holes(shapes[k].holes, turns, max(within_mm, SAME_RIM_MM))
     return [turns for turns in found if turns is not None]
+
+
+def _keeping_holes(holes: Sequence[Hole], turns: Turns, within_mm: float) -> Turns:
+    """Those of the turns that take every hole onto one."""
+    if not holes or len(turns.motions) == 1:
+        return turns
+    kept = [
+        all(
+            any(_same_rim(frames.apply(motion, one.ring_mm), other.ring_mm, within_mm) for other in holes)
+            for one in holes
+        )
+        for motion in turns.motions
+    ]
+    return Turns(turns.corners[kept], turns.motions[kept])
+
+
+def _same_rim(one: Array, other: Array, within_mm: float) -> bool:
+    """Whether the corners of either rim (N, 3), (M, 3) lie on the other."""
+    return max(_off_rim_mm(one, other), _off_rim_mm(other, one)) < within_mm
+
+
+def _off_rim_mm(points: Array, ring: Array) -> float:
+    """How far the farthest of points (N, 3) lies from the sides of a ring (M, 3)."""
+    way = np.roll(ring, -1, 0) - ring
+    to = points[:, None] - ring
+    share = ((to * way).sum(2) / np.maximum((way * way).sum(1), 1e-12)).clip(0, 1)
+    return float(np.linalg.norm(to - share[..., None] * way, axis=2).min(1).max())
 
 
 def _of_as_many(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
