@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, HeldBack, LinkError, NoAnswer, ProcessorHalted
+from drivers.val2.errors import Busy, Garbled, HeldBack, Interleaved, LinkError, NoAnswer, ProcessorHalted
+from drivers.val2.interleaved import typed_behind, typed_beside
 from drivers.val2.location import Location
 from drivers.val2.wire import (
+    LONGEST_LINE,
     ControllerQuestion,
     Echo,
     Error,
@@ -302,7 +304,7 @@ class Conversation:
         while True:
             event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
             if isinstance(event, Garble):
-                await self._refuse_twice(text, event)
+                await self._judge_echo(text, event)
                 raise Garbled(
                     f"typed {event.expected!r}, echoed {event.got!r}", code=None if event.got else "controller_silent"
                 )
@@ -310,20 +312,23 @@ class Conversation:
                 break
         await asyncio.sleep(self.dialect.echo_settle_s)
         if self._reader.state is not ReaderState.TYPED:
-            await self._refuse_twice(text, event)
+            await self._judge_echo(text, event)
             raise Garbled(f"typed {text!r}, echoed with more behind it")
 
-    async def _refuse_twice(self, text: str, first: LineEvent) -> None:
-        """Raises Garbled where what came back, once nothing more comes, is what was typed and that once more."""
-        back, before = b"", None
-        while before != back and len(back) < 2 * len(text):
+    async def _judge_echo(self, text: str, first: LineEvent) -> None:
+        """Raises, once nothing more comes: Garbled where what came back is what was typed and that once more,
+        Interleaved where another's line stands in it."""
+        typed, back, before = text.encode("ascii"), b"", None
+        while before != back and len(back) < 2 * len(text) + LONGEST_LINE:
             await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
             behind = self.unheard()
             for event in behind:
                 self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
-        if _is_twice(text.encode("ascii"), back):
+        if _is_twice(typed, back):
             raise Garbled(TWICE, code="converter_echoes")
+        if typed_beside(typed, back):
+            raise Interleaved(back)
 
     def _put(self, data: bytes) -> None:
         self._check()
@@ -339,12 +344,15 @@ def _in_words(event: LineEvent) -> str:
 
 
 def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
-    """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo."""
+    """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo, Interleaved where
+    another's line did."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
     again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]
     if dialect.echo and again:
         raise Garbled(TWICE, code="converter_echoes")
+    if garbled and typed_behind(said):
+        raise Interleaved(said)
     if garbled:
         raise Garbled(f"the answer to {command!r} did not come through whole")
     tables = [event.where for event in events if isinstance(event, WhereTable)]

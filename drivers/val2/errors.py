@@ -58,6 +58,14 @@ class Garbled(LinkError):  # noqa: N818
     code = "line_noise"
 
 
+class Interleaved(Garbled):
+    """What was echoed holds more than what was typed: another's line between the letters of ours. heard: all of it."""
+
+    def __init__(self, heard: bytes) -> None:
+        self.heard = heard.decode("latin-1").strip()
+        super().__init__(f"somebody else's letters stand between those of ours (echoed {self.heard[:100]!r})")
+
+
 class ControllerError(LinkError):
     """The controller refused, in its own words."""
 

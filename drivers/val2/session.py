@@ -18,18 +18,18 @@ from drivers.val2.errors import (
     Disturbed,
     Garbled,
     HeldBack,
+    Interleaved,
     LinkError,
     NoAnswer,
     PortError,
     Preempted,
     ProcessorHalted,
 )
+from drivers.val2.interleaved import SHORTEST_TYPED
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader
 
-SHORTEST_TYPED = 3
-"""Characters of what stands in an answer of ours and is taken for somebody else's: with fewer it may be noise."""
 QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
 """Of what was heard, at most, in a message."""
 CONFIRMS = "are you sure"
@@ -190,6 +190,8 @@ class LineSession:
                 return answer
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
+            if isinstance(problem, Interleaved):
+                await self._refuse_interleaved(talk, problem)
             once_only = isinstance(problem, HeldBack) or (talk.typed_whole and commands.moves_the_arm(text))
             said = await self.recover(talk, problem)
             if said or once_only:
@@ -263,6 +265,16 @@ class LineSession:
         if heard and not self.line_may_hold_rest:
             self._disturbed()
             raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
+
+    async def _refuse_interleaved(self, talk: Conversation, problem: Interleaved) -> None:
+        """As _refuse_others, once the mixed line was taken back; what is believed is dropped before anything is
+        typed."""
+        try:
+            self._refuse_others([problem.heard])
+        except Disturbed:
+            with suppress(NoAnswer, ControllerError):
+                await self.recover(talk, problem)
+            raise
 
     def _unanswered(self) -> ControllerError:
         return ControllerError(f"the controller asks {self.question!r}: answer that first")

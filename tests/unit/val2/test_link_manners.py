@@ -98,8 +98,7 @@ def test_on_the_slowest_line_allowed_a_stop_is_confirmed_before_its_operator_is_
         clock = asyncio.get_running_loop().time
         link = Link("memory", Dialect(baud=baud), clock, open_port=line.open)
         await link.open()
-        await link.speed(2)
-        controller.receive(b"DO DRIVE 1,90,2\r", clock())
+        controller.machine.drive_by_pendant(np.radians([90.0, 90.0, -90.0, 0.0, -30.0, 0.0]))
         await asyncio.sleep(1.5)
         asked_s = clock()
         with pytest.raises(NoAnswer):
