@@ -12,7 +12,13 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from daemon.vision.evidence import all_accounted_for, checked_for_missing, named_by_edges, without_overlaps
+from daemon.vision.evidence import (
+    all_accounted_for,
+    checked_for_missing,
+    hole_evidence,
+    named_by_edges,
+    without_overlaps,
+)
 from daemon.vision.facets import TablePlane, facets_step_by_step, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
@@ -126,12 +132,13 @@ def _by_facets(
 ) -> _ByFacets:
     """What facets name with some effort; nothing more is asked for once all are named."""
     groups, found, naming = None, tuple[Recognised, ...](), 0.0
+    seen_holes = hole_evidence(known, eyes)
     for seen in facets_step_by_step(eyes, effort):
         start = now()
         view = seen if table is None else without_table(seen, table)
         if seen.groups is not groups:
             groups = seen.groups
-            found = recognise(view.groups, known)
+            found = recognise(view.groups, known, seen_holes)
         naming += now() - start
         if known.labels and all_accounted_for(found, view, known, eyes):
             break

@@ -5,30 +5,35 @@ Not a renderer: no shadows, no shading within a facet. What matters is that ever
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.geometry.rig import Camera, StereoRig
 from tests.fakes.rigs import rig
 from tests.fakes.solids import Body
 
 FINER = 4
+IN_HOLES = 60.0
 GREYS = (95.0, 165.0, 110.0, 185.0, 140.0, 205.0, 125.0)  # one a facet, in turn, so that neighbours differ
 
 
 def paint_pair(
-    bodies: list[tuple[Body, Array]], rng: np.random.Generator, eyes: StereoRig | None = None
+    bodies: Sequence[tuple[Body | Polyhedron, Array]], rng: np.random.Generator, eyes: StereoRig | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Left and right image (480, 640) uint8 of bodies at their cyclopean_from_part, farther ones first."""
+    """Left and right image (480, 640) uint8 of bodies at their cyclopean_from_part, farther ones first; holes of
+    a solid are dark."""
     eyes = eyes or rig()
     return _paint(bodies, eyes.left, eyes.image_size, rng), _paint(bodies, eyes.right, eyes.image_size, rng)
 
 
 def _paint(
-    bodies: list[tuple[Body, Array]], camera: Camera, size: tuple[int, int], rng: np.random.Generator
+    bodies: Sequence[tuple[Body | Polyhedron, Array]], camera: Camera, size: tuple[int, int], rng: np.random.Generator
 ) -> NDArray[np.uint8]:
     image = np.full((size[1] * FINER, size[0] * FINER), 45.0, np.float32)
     for body, pose in bodies:
@@ -39,6 +44,10 @@ def _paint(
             normal /= np.linalg.norm(normal)
             if normal @ (camera.cyclopean_from_camera[:3, 3] - p.mean(0)) > 0:
                 cv2.fillPoly(image, [_border(p, camera)], GREYS[index % len(GREYS)], cv2.LINE_8, 4)
+                for hole in body.holes if isinstance(body, Polyhedron) else ():
+                    if hole.facet == index:
+                        rim = frames.apply(pose, hole.ring_mm)
+                        cv2.fillPoly(image, [_border(rim, camera)], IN_HOLES, cv2.LINE_8, 4)
     small = cv2.resize(cv2.GaussianBlur(image, (0, 0), 0.6 * FINER), size, interpolation=cv2.INTER_AREA)
     noisy = np.asarray(small, float) + rng.normal(0, 2.0, small.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)

@@ -20,10 +20,12 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.evidence.hole_rims import hole_nats
+from daemon.vision.evidence.hole_rivals import by_holes, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.overlaps import covered, lies_on
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
-from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_near
+from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_at, registered_near
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulated_covariance
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron, planarity
@@ -76,6 +78,9 @@ UNDECIDED, MOST_UNDECIDED = (-1.6, 7.4), 3
 """Log odds between which it is not decided by its edges whether a part is there, and how many such are laid anew beside
 where they lie. In a trial fourteen true ones gained 1.3 by it on average, 5 at most; five strangers .5, 1 at most. They
 pay for their tries as turned guesses do: unpaid, a cylinder was taken for a prism."""
+HOLES_APART = 3.0
+"""Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
+for a turn of it that is none."""
 NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
 
@@ -145,7 +150,7 @@ def _proven(
 ) -> tuple[list[RegisteredPart], list[Recognised], tuple[str, ...]]:
     """Of laid parts, the likeliest first, those that are there; those of them that no other could be as well, named;
     and what there was no time for."""
-    taken, found = list[RegisteredPart](), list[Recognised]()
+    taken, found, eyes = list[RegisteredPart](), list[Recognised](), search.eyes
     for k, one in enumerate(laid):
         if spent() > 1:
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
@@ -155,18 +160,27 @@ def _proven(
         if confidence < LEAST_CONFIDENCE:
             continue
         taken.append(one)
+        holes = by_holes(one.label, one.pose, search.model, eyes)
+        confidence = _probability(np.log(confidence / (1 - confidence)) + min(holes.nats, 0.0))
+        if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
+            continue
+        if holes.pose is not one.pose:
+            (one,) = registered_at(search, [EdgeHypothesis(holes.label, holes.pose, one.tries)])
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
-        if all(_ahead_of(one, other) for other in rivals) and _proven_if_cut_off(one, confidence, search):
+        ahead = all(_ahead_of(one, other, holes.nats, search) for other in rivals)
+        if ahead and _proven_if_cut_off(one, confidence, search):
             same = [other for other in laid if other.label == one.label and other.overlaps(one)]
             found.append(placed(one, confidence, same, search))
     return taken, found, ()
 
 
-def _ahead_of(one: RegisteredPart, other: RegisteredPart) -> bool:
-    """Whether of two parts laid at one place it is the first: by the edges that only one of them has, and by whether it
-    lies on the table. The print of a face may be where another part would have its edges."""
+def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:
+    """Whether of two parts laid at one place it is the first: by the edges that only one of them has, by whether it
+    lies on the table, and by nats that its holes have more than those of the other. The print of a face may be where
+    another part would have its edges."""
     edges = by_own_edges(one.seen, other.seen) - LEAST_APART
-    return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] > 0
+    others, _ = turned_by_holes(other.label, other.pose, search.model, search.eyes)
+    return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] + holes - others > 0
 
 
 def _proven_if_cut_off(one: RegisteredPart, confidence: float, search: Search) -> bool:
@@ -260,7 +274,7 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     eyes, model = search.eyes, search.model
     near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
     same = [*same, *registered_near(search, near)]
-    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist())
+    alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), eyes)
     fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
     facets = typed_as(
@@ -271,7 +285,7 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
     why = f"{100 * seen.borne.share:.0f} % of what its edges could show is there in both eyes"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    equivalents = _alike(seen.solid, pose, [f.index for f in laid])
+    equivalents = _alike(seen.solid, pose, [f.index for f in laid], eyes)
     covariance = covariance + _spread(seen, same, alike)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(merge_vertices(list(facets)), part)
@@ -304,11 +318,15 @@ def _spread(best: RegisteredPart, same: Sequence[RegisteredPart], alike: Array) 
     return spread / total
 
 
-def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int]) -> Array:
+def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], eyes: StereoImages) -> Array:
     """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
     or where others of the solid do."""
     turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))
-    return np.array([pose @ frames.inverse(turn) for turn in turns])
+    poses = np.array([pose @ frames.inverse(turn) for turn in turns])
+    if not solid.holes or len(poses) == 1:
+        return poses
+    seen = np.array([hole_nats(solid, one, eyes) for one in poses])
+    return np.asarray(poses[seen > seen[0] - HOLES_APART])
 
 
 def measured_facet(seen: LaidFacet, geometry: Baseline) -> Facet:

@@ -9,6 +9,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.vision.evidence.hole_rims import hole_evidence
 from daemon.vision.geometry import PlanarShape, Polyhedron
 from daemon.vision.hypotheses import COVERED, silhouette
 from daemon.vision.image import StereoImages
@@ -43,7 +44,7 @@ def without_overlaps(
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     before = (*named, *(r for r, _ in new))
-    known = joined((*before, *rest), model)
+    known = joined((*before, *rest), model, hole_evidence(model, eyes))
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 

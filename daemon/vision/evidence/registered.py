@@ -55,10 +55,17 @@ def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterato
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
+    laid = ShapeBatch.of([search.model.metric[one.label].solid for one in likely])
+    tolerance = search.model.parameters.tolerance_mm
+    poses = aligned_to_edges(laid, search.eyes, np.stack([one.pose for one in likely]), tolerance)
+    yield from registered_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
+
+
+def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:
+    """Parts laid where they are said to be."""
     eyes, model, ground = search.eyes, search.model, search.ground
-    solids = [model.metric[one.label].solid for one in likely]
+    solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
     laid, tolerance = ShapeBatch.of(solids), model.parameters.tolerance_mm
-    poses = aligned_to_edges(laid, eyes, np.stack([one.pose for one in likely]), tolerance)
     seen = edge_samples_of(laid, eyes, poses, tolerance)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)

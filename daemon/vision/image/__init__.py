@@ -19,6 +19,7 @@ from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_
 from daemon.vision.image.outlines import Outline, outlined
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
 from daemon.vision.image.regions import Scale
+from daemon.vision.image.rims import STEP_PX, rim_slopes
 from daemon.vision.image.segments import (
     SegmentCorners,
     Segments,
@@ -35,6 +36,7 @@ __all__ = [
     "BLOCK_PX",
     "MODEL_PX",
     "SATURATED",
+    "STEP_PX",
     "CameraImage",
     "Fitted",
     "Grey",
@@ -61,6 +63,7 @@ __all__ = [
     "peaks",
     "probe_sides",
     "ranks",
+    "rim_slopes",
     "runs",
     "segment_corners",
     "slopes_across",

@@ -49,12 +49,12 @@ _BESIDE_PX = 8.5
 _OUTERMOST_PX = np.array([[-REACH_PX], [REACH_PX]])
 _ROWS_PX = np.array([-3.0, -1.5, 0.0, 1.5, 3.0])
 """Where along an edge its level at one place is taken."""
-_ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
+SMOOTHING_ROW_PX = float(np.sqrt(4 * np.pi) * SMOOTHING_PX)
 """How far apart rows of a smoothed image are whose noise is as good as independent."""
-_SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
+SLOPE_NOISE = float(np.sqrt(2 * (1 - np.exp(-0.25 / SMOOTHING_PX**2)) / (4 * np.pi)) / SMOOTHING_PX)
 """Standard deviation of the difference of two points a pixel apart in white unit noise after a Gaussian."""
 
-_SLOPE_OF_ROWS = np.sqrt(2.5) / _SLOPE_NOISE
+_SLOPE_OF_ROWS = np.sqrt(2.5) / SLOPE_NOISE
 """Sigmas of a slope of 1 in the mean of _ROWS_PX, which are as good as half as many that are independent."""
 
 
@@ -157,8 +157,8 @@ def probe_sides(images: Images, start: Array, end: Array, grain: Array | float =
 
 def strengths(slopes: Real, length: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
     """probe_sides of sides (S,) px long across which these are the slopes (S, BLOCKS) over a pixel."""
-    one = grain * _SLOPE_NOISE
-    rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
+    one = grain * SLOPE_NOISE
+    rows = np.clip(length / SMOOTHING_ROW_PX, 1.0, BLOCKS * IN_BLOCK)
     mean = slopes.mean(1)
     sigma = one / np.sqrt(np.maximum(rows / BLOCKS, 1.0))
     slope_z = slopes * np.sign(mean)[:, None] / sigma[:, None]
@@ -174,9 +174,9 @@ def stretch_slopes(smooth: Fine, start: Array, end: Array, reach_px: int) -> Ima
     length, _ = stretches(start, end, _TRIM_PX)
     offsets = np.arange(-reach_px - 0.5, reach_px + 1.0)
     values = stretch_profiles([(smooth, len(start))], start, end, _TRIM_PX, offsets, np.zeros(len(start)))
-    rows = np.clip(length / _ROW_PX / BLOCKS, 1.0, IN_BLOCK)
+    rows = np.clip(length / SMOOTHING_ROW_PX / BLOCKS, 1.0, IN_BLOCK)
     slopes: Image32 = values[:, :, 1:] - values[:, :, :-1]
-    return slopes * (np.sqrt(rows) / _SLOPE_NOISE).astype(np.float32)[:, None, None]
+    return slopes * (np.sqrt(rows) / SLOPE_NOISE).astype(np.float32)[:, None, None]
 
 
 def levels_across(smooth: Fine, at: Array, normal: Array, offsets: Array) -> Image32:
@@ -221,8 +221,8 @@ def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
         level = np.median(slope[:, side], 1)
         spread = 1.4826 * np.median(np.abs(slope[:, side] - level[:, None]), 1)
         shading, grain = np.where(spread < grain, level, shading), np.minimum(spread, grain)
-    rows = np.clip(length / _ROW_PX, 1.0, BLOCKS * IN_BLOCK)
-    noise = 1.25 * _SLOPE_NOISE / np.sqrt(rows)
+    rows = np.clip(length / SMOOTHING_ROW_PX, 1.0, BLOCKS * IN_BLOCK)
+    noise = 1.25 * SLOPE_NOISE / np.sqrt(rows)
     edge = np.abs(slope[:, np.abs(place) < 0.9] - shading[:, None]).max(1)
     return np.asarray(edge / np.hypot(noise, grain))
 

@@ -24,7 +24,7 @@ from daemon.vision.model.model import (
 )
 from daemon.vision.model.regularisation import regularise
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
-from daemon.vision.model.symmetry import EXACT_MM, mirror_images, symmetries, turns_onto_themselves
+from daemon.vision.model.symmetry import EXACT_MM, mirror_images, symmetries, turns_but_for_holes, turns_onto_themselves
 
 __all__ = [
     "EXACT_MM",
@@ -57,6 +57,7 @@ __all__ = [
     "spread",
     "spread_from",
     "symmetries",
+    "turns_but_for_holes",
     "turns_onto_themselves",
     "type_facet",
     "type_number",

@@ -8,6 +8,7 @@ side of one facet and the corner before it; those whose lengths allow it are tri
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -41,6 +42,16 @@ def symmetries(solid: Polyhedron) -> Turns:
     """The turns that take a solid onto itself, its holes onto holes, to EXACT_MM. A solid that was measured has no
     other than none: what its corners differ by tells its turns apart."""
     return turns_onto_themselves((solid,), EXACT_MM)[0]
+
+
+@lru_cache(maxsize=1024)
+def turns_but_for_holes(solid: Polyhedron) -> Turns:
+    """The turns that take a solid onto itself wherever its holes come to lie, one of those that differ by one of its
+    symmetries."""
+    every, own = symmetries(replace(solid, holes=())), symmetries(solid)
+    codes = {tuple(row): k for k, row in reversed(list(enumerate(every.corners.tolist())))}
+    first = [k for k, row in enumerate(every.corners) if min(codes[tuple(row[one])] for one in own.corners) == k]
+    return Turns(every.corners[first], every.motions[first])
 
 
 class MirrorImage(NamedTuple):

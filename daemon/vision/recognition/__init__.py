@@ -1,7 +1,7 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
 from daemon.vision.recognition.confidence import kinds_of
-from daemon.vision.recognition.fits import fitted, places_of
+from daemon.vision.recognition.fits import PoseEvidence, fitted, places_of
 from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
@@ -18,6 +18,7 @@ from daemon.vision.recognition.recall import recalled
 
 __all__ = [
     "CandidatePose",
+    "PoseEvidence",
     "Recognised",
     "fitted",
     "joined",

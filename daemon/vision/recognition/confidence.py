@@ -63,8 +63,9 @@ def weighed(seen: Polyhedron, fits: Sequence[FacetHypothesis], model: Model) -> 
     odds = list[float]()
     for h in fits:
         as_many = len(symmetries(model.metric[h.label].solid).corners)
-        odds.append(as_many * float(np.exp((best.chi2 - h.chi2) / (2 * noise2))))
-    stranger *= STRANGER / (1 - STRANGER)
+        odds.append(as_many * float(np.exp((best.chi2 - h.chi2) / (2 * noise2) + h.nats)))
+    # What pictures show besides tells taught parts apart; something not taught may have it as well.
+    stranger *= STRANGER / (1 - STRANGER) * float(np.exp(max(0.0, *(h.nats for h in fits))))
     total = sum(odds) + stranger
     return [weight / total for weight in odds]
 

@@ -7,8 +7,8 @@ is believed is decided in group_recognition.py; rigid_fit.py fits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -19,6 +19,8 @@ from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses,
 from daemon.vision.model import EXACT_MM, Correspondence, MetricModel, symmetries, turns_onto_themselves
 
 Way = tuple[str, Correspondence]
+PoseEvidence = Callable[[str, Array], float]
+"""Nats by which pictures speak for a label at a pose (4, 4) cyclopean_from_part, besides its facets."""
 SIGMA_SCALE = 1.3  # how much larger than predicted the corner errors may be, taken together
 CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the weighted one is good: depth is what errs
 SURE = 3.0  # how many predicted errors a distance may be off
@@ -31,7 +33,8 @@ class FacetHypothesis:
     """The seen facets are those of `label`, in this pose.
 
     facets: the taught facet behind each seen one, or -1; corners (K,): the taught corner behind each seen one, or -1.
-    tail: probability that a right hypothesis fits this badly or worse. rms_mm: distance of matched corners.
+    tail: probability that a right hypothesis fits this badly or worse. rms_mm: distance of matched corners. nats: how
+    much more the pictures speak for it than its facets do.
     """
 
     label: str
@@ -42,11 +45,17 @@ class FacetHypothesis:
     chi2: float
     dof: int
     rms_mm: float
+    nats: float = 0.0
 
     @property
     def explained(self) -> int:
         """How many seen facets have a taught counterpart."""
         return len(self.facets) - self.facets.count(-1)
+
+    @property
+    def score(self) -> float:
+        """Chi-square, less what the pictures speak for it besides."""
+        return self.chi2 - 2 * self.nats
 
     @property
     def tail(self) -> float:
@@ -68,6 +77,14 @@ def fitted(
     fits = fit_poses(seen_mm, covariance, corners[near], spread[near], used[near], tolerance_mm)
     found = [_hypothesis(ways[k], fits, i) for i, k in enumerate(near)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
+
+
+def with_evidence(fits: tuple[FacetHypothesis, ...], seen: PoseEvidence | None) -> tuple[FacetHypothesis, ...]:
+    """The hypotheses with what pictures speak for each, the best first as `fitted` has them."""
+    if seen is None:
+        return fits
+    found = [replace(one, nats=seen(one.label, one.pose)) for one in fits]
+    return tuple(sorted(found, key=lambda h: (-h.explained, h.score)))
 
 
 def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
@@ -182,7 +199,10 @@ def equivalents(best: FacetHypothesis, others: tuple[FacetHypothesis, ...], taug
     same = [
         h.pose
         for h in others
-        if h is not best and h.label == best.label and h.explained == best.explained and h.chi2 < best.chi2 + EQUAL_CHI2
+        if h is not best
+        and h.label == best.label
+        and h.explained == best.explained
+        and h.score < best.score + EQUAL_CHI2
     ]
     return (np.stack([best.pose, *same])[:, None] @ symmetries(taught).motions).reshape(-1, 4, 4)
 

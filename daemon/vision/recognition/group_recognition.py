@@ -20,11 +20,13 @@ from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise,
 from daemon.vision.recognition.confidence import probability, weighed
 from daemon.vision.recognition.fits import (
     FacetHypothesis,
+    PoseEvidence,
     equivalents,
     facet_poses,
     fitted,
     lone_ways,
     most_likely_corners,
+    with_evidence,
 )
 from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
@@ -68,51 +70,54 @@ class CandidatePose:
     probability: float
 
 
-def recognise(groups: Iterable[Group], model: Model) -> tuple[Recognised, ...]:
-    """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`."""
-    return joined([found for group in groups if group.facets for found in _parts_of(group, model)], model)
+def recognise(groups: Iterable[Group], model: Model, seen: PoseEvidence | None = None) -> tuple[Recognised, ...]:
+    """Name and locate every group of facets, nearest first. Groups that fit nothing taught come back as `unknown`.
+
+    seen: what pictures speak for a label at a pose besides facets.
+    """
+    return joined([found for group in groups if group.facets for found in _parts_of(group, model, seen)], model, seen)
 
 
-def joined(found: Sequence[Recognised], model: Model) -> tuple[Recognised, ...]:
+def joined(found: Sequence[Recognised], model: Model, seen: PoseEvidence | None = None) -> tuple[Recognised, ...]:
     """What was found, nearest first, with those made one that share an edge after all and have a name together."""
     parts = list(found)
     for one, other in combinations(found, 2):
         if one in parts and other in parts and one.label == other.label:
-            whole = _as_one(one.group, other.group, model)
+            whole = _as_one(one.group, other.group, model, seen)
             if whole is not None:
                 parts = [p for p in parts if p not in (one, other)] + [whole]
     return tuple(sorted(parts, key=lambda r: float(np.linalg.norm(r.part.cyclopean_from_part[:3, 3]))))
 
 
-def recognised(group: Group, model: Model) -> Recognised:
+def recognised(group: Group, model: Model, seen: PoseEvidence | None = None) -> Recognised:
     """One group, and what it is taken for."""
-    return Recognised(group, recognise_group(group, model))
+    return Recognised(group, recognise_group(group, model, seen))
 
 
-def _as_one(one: Group, other: Group, model: Model) -> Recognised | None:
+def _as_one(one: Group, other: Group, model: Model, seen: PoseEvidence | None) -> Recognised | None:
     """Two groups as one, where they share an edge and that has a name; else None."""
     whole = merge_vertices(one.facets + other.facets)
     if not whole.touching[: len(one.facets), len(one.facets) :].any():
         return None
-    found = recognised(whole, model)
+    found = recognised(whole, model, seen)
     return found if found.named else None
 
 
-def _parts_of(group: Group, model: Model) -> tuple[Recognised, ...]:
+def _parts_of(group: Group, model: Model, seen: PoseEvidence | None) -> tuple[Recognised, ...]:
     """The group as one part; where that has no name but all its facets except a doubtful one have, those two apart.
 
     A shadow or a neighbour's corner seen as a facet must not hide the part it lies beside. Doubtful is a facet that is
     irregular, or that meets its neighbours in a hollow edge, as the table does.
     """
-    whole = recognised(group, model)
+    whole = recognised(group, model, seen)
     if whole.named or len(group.facets) < 3:
         return (whole,)
     for index, facet in enumerate(whole.part.facets):
         if facet.type_number <= LARGEST_NUMBER and not _hollow(whole.part.facets, group.touching[index], facet):
             continue
-        rest = recognised(group.only([k for k in range(len(group.facets)) if k != index]), model)
+        rest = recognised(group.only([k for k in range(len(group.facets)) if k != index]), model, seen)
         if rest.named:
-            return rest, recognised(group.only([index]), model)
+            return rest, recognised(group.only([index]), model, seen)
     return (whole,)
 
 
@@ -145,11 +150,12 @@ def standing(group: Group, model: Model) -> tuple[CandidatePose, ...]:
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def recognise_group(group: Group, model: Model) -> Part:
+def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = None) -> Part:
     """Name and locate one group of facets."""
     typed = _typed(group, model)
     seen = typed.group
     proposed, fits = _proposed(typed, model)
+    fits = with_evidence(fits, evidence)
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
     chances = probability(seen.polyhedron, standing, model) if standing else {}

@@ -8,12 +8,14 @@ Model. Out: recalled ways, the best first. How well one fits is fits.py's busine
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from daemon.art import RelationalView
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import Correspondence, Model, relational_view, spread_from, symmetries
+from daemon.vision.model import Correspondence, Model, relational_view, spread_from, symmetries, turns_but_for_holes
 
 MOST_RECALLED = 96
 """Nodes under a numbering that are followed, of each question."""
@@ -82,7 +84,16 @@ def _laid(seen: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Co
     if len(solid.facets[onto[first]]) != sides:
         return ()
     places = [(first, (onto[first], (place - edges[0]) % sides)) for place in there]
-    return spread_from(seen, solid, places)
+    ways = spread_from(seen, solid, places)
+    return tuple(turned for way in ways for turned in _turned(way, solid)) if solid.holes else ways
+
+
+def _turned(way: Correspondence, solid: Polyhedron) -> Iterator[Correspondence]:
+    """A way in all turns of a solid that only its holes tell apart: the memory knows facets and no holes."""
+    number = {frozenset(ring): k for k, ring in enumerate(solid.facets)}
+    for corners in turns_but_for_holes(solid).corners:
+        facets = (f if f < 0 else number[frozenset(corners[solid.rings[f]].tolist())] for f in way.facets)
+        yield Correspondence(tuple(facets), np.where(way.corners < 0, -1, corners[way.corners]))
 
 
 def _of_equals(way: Correspondence, solid: Polyhedron) -> tuple[int, ...]:

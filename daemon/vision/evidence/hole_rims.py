@@ -1,0 +1,178 @@
+"""What both pictures show of the holes of a part at a pose: rims that are there, rims that are missing, and where.
+
+A hole seen speaks for a part and for the turn of it that has the hole there; one that should be in view and is not
+speaks against both. Light, blur and the distance may hide a rim: what is too small in the picture says nothing, and no
+rim says more against a part than how seldom one is hidden. In: a solid with holes at a pose, both images. Out: nats.
+Source: a contrario evidence of edge samples as of edge_samples.py, on ellipses; for place and radius the square of what
+is left in sigmas.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array, Flags
+from daemon.vision.geometry import Hole, Polyhedron, hidden, robust_weight, solve
+from daemon.vision.image import STEP_PX, CameraImage, StereoImages, peaks, rim_slopes
+from daemon.vision.model import Model
+from daemon.vision.recognition import PoseEvidence
+from daemon.vision.settings import TOLERANCE_MM
+
+LEAST_FACING, LEAST_PX, ROOM_PX = 0.25, 3.0, 12.0
+"""Cosine at which a face is too oblique for its holes, half of the least width at which a rim is looked for, and how
+far inside the picture it must lie."""
+LEAST_VISIBLE = 0.6
+"""Share of a rim that the part itself must leave in view."""
+REACH_PX, ROUNDS_PX = 7, (2.0, 1.2, 0.8, 0.6)
+LEAST_SIGMAS = 4.0
+ON_RIM_PX, BESIDE_PX = 1.0, 3.5
+"""Within what of the fitted rim an edge is the rim's; from where on what shows is chance."""
+PULLED = 1.34
+MOVES_PX = 1.2
+"""Standard deviation of a rim's place in the picture, of errors of the pose."""
+SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.9, 0.05, 0.6
+SPACING_PX = 3.75
+"""As for straight edges: a stretch so long says something of its own."""
+BY_RIM, HIDDEN_NATS, MOST_NATS = 1.0, -4.0, 12.0
+SHRUNK_PX, RADIUS_PX, OF_TOLERANCE = -0.12, 0.15, 0.35
+"""By how much smoothing draws a rim in, how far its size is off besides, and the share of what naming allows corners to
+be off that a hole's size may be."""
+
+
+class RimSeen(NamedTuple):
+    """One camera's view of one hole: stretches, how many say something of their own; shows, the share of them that has
+    an edge on the fitted rim; chance, how often one is there by chance; larger_px, by how much the rim is larger than
+    the taught one, without what smoothing does; sigma_px of that."""
+
+    stretches: float
+    shows: float
+    chance: float
+    larger_px: float
+    sigma_px: float
+
+    @property
+    def edge_nats(self) -> float:
+        """Log likelihood ratio of a rim's being there against chance."""
+        there, missing = np.log(SHOWS / self.chance), np.log((1 - SHOWS) / (1 - self.chance))
+        return float(self.stretches * (self.shows * there + (1 - self.shows) * missing))
+
+
+def hole_evidence(model: Model, eyes: StereoImages) -> PoseEvidence:
+    """hole_nats of a model's parts."""
+
+    def seen(label: str, pose: Array) -> float:
+        return hole_nats(model.metric[label].solid, pose, eyes, model.parameters.tolerance_mm)
+
+    return seen
+
+
+def hole_nats(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:
+    """How much more both pictures speak for the holes of a part at cyclopean_from_part (4, 4) than for none; 0 where it
+    has none in view."""
+    return sum(rim_nats(both) for both in rims_seen(solid, pose, eyes, tolerance_mm))
+
+
+def rim_nats(both: list[RimSeen]) -> float:
+    """Of one hole, by the cameras that have it in view: how surely a rim is there at all, and whether it has the size.
+    Both cameras see one size; a rim that is there is no more so for being long."""
+    there = min(max(BY_RIM * sum(seen.edge_nats for seen in both), HIDDEN_NATS), MOST_NATS)
+    if there <= 0:
+        return there
+    off = float(np.mean([seen.larger_px / seen.sigma_px for seen in both]))
+    return max(there - off**2 / 2, HIDDEN_NATS)
+
+
+def rims_seen(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float) -> list[list[RimSeen]]:
+    """Of each hole in view what each camera shows that has it in view."""
+    if not solid.holes:
+        return []
+    found = []
+    facing = [solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm]
+    for hole in solid.holes:
+        both = [
+            _seen(solid, hole, pose, view, eye_mm, tolerance_mm)
+            for view, eye_mm, cosines in zip(eyes.views, eyes.geometry.eyes_mm, facing, strict=True)
+            if cosines[hole.facet] > LEAST_FACING
+        ]
+        if kept := [seen for seen in both if seen is not None]:
+            found.append(kept)
+    return found
+
+
+def _seen(
+    solid: Polyhedron, hole: Hole, pose: Array, view: CameraImage, eye_mm: Array, tolerance_mm: float
+) -> RimSeen | None:
+    """What a camera shows of a hole; None where it is too small, or too much of it out of view."""
+    camera = view.eye.camera
+    ring_mm = frames.apply(pose, hole.ring_mm)
+    places = _along(hole, camera.project(ring_mm))
+    px = camera.project(frames.apply(pose, places))
+    normal = _normals(px)
+    room = np.array(view.grey.shape[::-1]) - 1 - ROOM_PX
+    inside: Flags = np.asarray(((px > ROOM_PX) & (px < room)).all(1))
+    if _half_width_px(px) < LEAST_PX or inside.mean() < LEAST_VISIBLE:
+        return None
+    if not solid.convex:
+        inside &= ~hidden(solid, places, frames.apply(frames.inverse(pose), eye_mm[None])[0])
+        if inside.mean() < LEAST_VISIBLE:
+            return None
+    slopes = np.abs(rim_slopes(view.smooth, px, normal, REACH_PX))[inside]
+    px_per_mm = view.eye.focal_px / float(np.linalg.norm(ring_mm.mean(0) - eye_mm))
+    sigma_px = float(np.hypot(RADIUS_PX, OF_TOLERANCE * tolerance_mm * px_per_mm))
+    return _fitted(slopes, normal[inside], sigma_px)
+
+
+def _fitted(slopes: Array, normal: Array, sigma_px: float) -> RimSeen:
+    """The rim moved and grown to where slopes (N, C) have it along normals (N, 2)."""
+    offsets = np.arange(-REACH_PX, REACH_PX + 1.0)
+    edge = np.where(peaks(slopes, LEAST_SIGMAS), slopes[:, 1:-1], 0.0)
+    rows = np.column_stack([normal, np.ones(len(normal))])[:, None, :]
+    prior = np.diag([MOVES_PX**-2.0, MOVES_PX**-2.0, 1.0])
+    weight = np.full(len(normal), STEP_PX / SPACING_PX)
+    here, moved = np.zeros(len(normal)), np.zeros(3)
+    for near in ROUNDS_PX:
+        likely = np.sqrt(edge) * np.exp(-0.5 * ((offsets[1:-1] - here[:, None]) / near) ** 2)
+        best = likely.argmax(1) + 1
+        low, top, high = (np.take_along_axis(slopes, (best + step)[:, None], 1)[:, 0] for step in (-1, 0, 1))
+        bend = np.minimum(low - 2 * top + high, -1e-6)
+        found = offsets[best] + (0.5 * (low - high) / bend).clip(-1, 1)
+        use = weight * (likely.max(1) > 0)
+        trust = use * robust_weight((found - here) ** 2, PULLED * near)
+        answer = solve(
+            rows[None], found[None, :, None], use[None], prior, outlier=PULLED * near, passes=2, trust=trust[None]
+        )
+        moved = answer.unknowns[0]
+        here = rows[:, 0] @ moved
+    away = np.abs(offsets[1:-1] - here[:, None])
+    on, beside = (edge > 0) & (away <= ON_RIM_PX), (edge > 0) & (away > BESIDE_PX)
+    often = beside.sum() / max((away > BESIDE_PX).sum(), 1) * (2 * ON_RIM_PX)
+    chance = float(np.clip(often, LEAST_CHANCE, MOST_CHANCE))
+    stretches = len(normal) * STEP_PX / SPACING_PX
+    return RimSeen(stretches, float(on.any(1).mean()), chance, float(moved[2]) - SHRUNK_PX, sigma_px)
+
+
+def _along(hole: Hole, ring_px: Array) -> Array:
+    """(N, 3) mm places along a rim, about STEP_PX apart in the picture, where its corners are at (M, 2) px."""
+    after = np.roll(hole.ring_mm, -1, 0)
+    lengths = np.linalg.norm(np.roll(ring_px, -1, 0) - ring_px, axis=1)
+    until = np.cumsum(lengths)
+    count = max(round(until[-1] / STEP_PX), 8)
+    at = (np.arange(count) + 0.5) * until[-1] / count
+    side = np.searchsorted(until, at).clip(0, len(lengths) - 1)
+    share = 1 - (until[side] - at) / np.maximum(lengths[side], 1e-9)
+    return np.asarray(hole.ring_mm[side] + share[:, None] * (after - hole.ring_mm)[side])
+
+
+def _normals(px: Array) -> Array:
+    """(N, 2) unit normals of a closed curve at places (N, 2) px on it, out of it."""
+    way = np.roll(px, -1, 0) - np.roll(px, 1, 0)
+    normal = way[:, ::-1] * [1.0, -1.0] / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None]
+    return np.asarray(normal if ((px - px.mean(0)) * normal).sum() > 0 else -normal)
+
+
+def _half_width_px(px: Array) -> float:
+    """Half of the least width of a curve (N, 2), px."""
+    return float(np.linalg.svd(px - px.mean(0))[1][1] * np.sqrt(2 / len(px)))

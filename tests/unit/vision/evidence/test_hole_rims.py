@@ -1,0 +1,156 @@
+"""Holes as evidence: rims seen, missing, of another size or place; turns and twins that only a hole tells apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.store.library import load_facets
+from daemon.vision.evidence import hole_rims
+from daemon.vision.evidence.hole_rims import HIDDEN_NATS, hole_nats, rims_seen
+from daemon.vision.evidence.hole_rivals import by_holes
+from daemon.vision.geometry import Hole, Polyhedron
+from daemon.vision.image import StereoImages, open_stereo
+from daemon.vision.look import look
+from daemon.vision.model import Model, empty_model, learn_solids, symmetries, turns_but_for_holes
+from daemon.vision.values import Part
+from tests.fakes.drawn import block
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import pose
+
+PLAIN = block(64.0, 44.0, 26.0)
+TOP = int(np.argmax(np.linalg.norm(PLAIN.areas_mm2, axis=1)))
+BOTTOM = int(np.argmin(PLAIN.normals @ PLAIN.normals[TOP]))
+WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
+TURNS = 2 * np.pi * np.arange(48) / 48
+
+
+def bored(along_mm: float, radius_mm: float = 7.0) -> Polyhedron:
+    """The block with a bore square to its largest faces that lies so far from their middles."""
+    x, y = PLAIN.laid_flat[TOP, :3, :3][:2]
+    middle = PLAIN.centres_mm[TOP] + along_mm * x
+    ring = middle + radius_mm * (np.cos(TURNS)[:, None] * x + np.sin(TURNS)[:, None] * y)
+    through = (PLAIN.centres_mm[BOTTOM] - PLAIN.centres_mm[TOP]) @ PLAIN.normals[TOP] * PLAIN.normals[TOP]
+    return replace(PLAIN, holes=(Hole(TOP, ring), Hole(BOTTOM, ring + through)))
+
+
+def facing() -> Array:
+    """A pose in which the largest face looks at both cameras."""
+    for turn in symmetries(block(50.0, 50.0, 50.0)).motions:
+        if PLAIN.facing(WHERE @ turn)[TOP] > 0.5:
+            return WHERE @ turn
+    raise AssertionError("no turn shows it")
+
+
+@cache
+def eyes_on(along_mm: float | None, radius_mm: float = 7.0, seed: int = 1) -> StereoImages:
+    """The block, bored or not, in a painted pair."""
+    solid = PLAIN if along_mm is None else bored(along_mm, radius_mm)
+    return open_stereo(*paint_pair([(solid, facing())], np.random.default_rng(seed), rig()), rig())
+
+
+def test_a_hole_that_is_there_speaks_for_the_part_and_one_that_is_not_against_it() -> None:
+    solid = bored(14.0)
+    assert hole_nats(solid, facing(), eyes_on(14.0)) > 5.0
+    assert hole_nats(solid, facing(), eyes_on(None)) == HIDDEN_NATS
+    assert hole_nats(PLAIN, facing(), eyes_on(14.0)) == 0.0
+
+
+def test_a_pose_that_is_off_by_a_pixel_changes_little() -> None:
+    off = facing()
+    off[:3, 3] += [0.4, -0.3, 1.0]
+    assert hole_nats(bored(14.0), off, eyes_on(14.0)) > 5.0
+
+
+@pytest.mark.parametrize("moved_mm", [-28.0, -5.0, 5.0])
+def test_a_hole_in_another_place_is_not_this_one(moved_mm: float) -> None:
+    assert hole_nats(bored(14.0 + moved_mm), facing(), eyes_on(14.0)) < 0.0
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_tenth_of_a_radius_is_told(factor: float, seed: int) -> None:
+    eyes = eyes_on(14.0, 7.0, seed)
+    right, wrong = (hole_nats(bored(14.0, radius), facing(), eyes) for radius in (7.0, 7.0 * factor))
+    assert right > wrong + 3.0
+
+
+def test_how_much_larger_a_hole_is_comes_out_in_pixels() -> None:
+    ((one, _),) = rims_seen(bored(14.0, 6.5), facing(), eyes_on(14.0, 7.0), 0.25)
+    px_per_mm = 700 / np.linalg.norm(frames.apply(facing(), bored(14.0).holes[0].ring_mm).mean(0))
+    assert one.larger_px == pytest.approx(0.5 * px_per_mm, abs=0.3)
+
+
+def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
+    assert hole_nats(bored(14.0, 1.0), facing(), eyes_on(None)) == 0.0
+    away = replace(bored(14.0), holes=bored(14.0).holes[1:])
+    assert hole_nats(away, facing(), eyes_on(None)) == 0.0
+    aside = facing()
+    aside[0, 3] += 400.0
+    assert hole_nats(bored(14.0), aside, eyes_on(None)) == 0.0
+
+
+def test_a_missing_rim_says_no_more_than_how_seldom_one_is_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hole_rims, "HIDDEN_NATS", -50.0)
+    assert hole_nats(bored(14.0), facing(), eyes_on(None)) < -10.0
+
+
+def model(**parts: Polyhedron) -> Model:
+    return learn_solids(empty_model(load_facets()), [(label, solid, label) for label, solid in parts.items()])
+
+
+def named(eyes_along_mm: float | None, known: Model) -> list[Part]:
+    pair = [view.grey.astype(np.uint8) for view in eyes_on(eyes_along_mm).views]
+    return [part for part in look(pair[0], pair[1], rig(), known).parts if part.named]
+
+
+def test_of_two_parts_of_one_shape_the_one_is_named_whose_hole_is_there() -> None:
+    known = model(plain=PLAIN, near=bored(8.0), far=bored(20.0))
+    for label, along_mm in (("plain", None), ("near", 8.0), ("far", 20.0)):
+        assert [part.recognition.label for part in named(along_mm, known)] == [label]
+
+
+def off_mm(solid: Polyhedron, cyclopean_from_part: Array, along_mm: float) -> float:
+    """How far the nearest hole of a part is from the one that is painted."""
+    painted = frames.apply(facing(), bored(along_mm).holes[0].ring_mm).mean(0)
+    return min(
+        float(np.linalg.norm(frames.apply(cyclopean_from_part, one.ring_mm).mean(0) - painted)) for one in solid.holes
+    )
+
+
+def test_a_half_turn_that_only_the_hole_tells_is_told() -> None:
+    known = model(bored=bored(14.0))
+    (part,) = named(14.0, known)
+    assert off_mm(known.metric["bored"].solid, part.cyclopean_from_part, 14.0) < 1.0
+
+
+def test_a_twin_and_a_turn_are_found_from_the_wrong_one() -> None:
+    known = model(near=bored(8.0), far=bored(20.0))
+    eyes = eyes_on(20.0)
+    solid = known.metric["near"].solid
+    drawn_from_part = _laid(solid)
+    for turn in symmetries(replace(solid, holes=())).motions:
+        found = by_holes("near", facing() @ drawn_from_part @ turn, known, eyes)
+        assert found.label == "far"
+        assert found.apart > 3.0
+        assert off_mm(known.metric["far"].solid, found.pose, 20.0) < 1.0
+
+
+def _laid(solid: Polyhedron) -> Array:
+    """drawn_from_part (4, 4) of a part in its own frame."""
+    here, there = (s.laid_flat[TOP] for s in (PLAIN, solid))
+    return np.asarray(frames.inverse(here) @ there)
+
+
+def test_turns_but_for_holes_are_all_turns_of_the_shape_one_of_a_kind() -> None:
+    solid = bored(14.0)
+    assert len(symmetries(solid).motions) == 2
+    assert len(turns_but_for_holes(solid).motions) == 2
+    assert len(turns_but_for_holes(PLAIN).motions) == 1
+    assert np.allclose(turns_but_for_holes(solid).motions[0], np.eye(4))
