@@ -16,6 +16,7 @@ from daemon.pick.settings import Settings
 from daemon.quantities import Coordinate, Name
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
+from daemon.store.job_file import FOLDER as JOBS
 from daemon.store.place_file import FILE as PLACES
 from daemon.store.place_file import CellPlaces, load_places
 from daemon.store.yamlfile import ConfigError, Document, read
@@ -240,6 +241,11 @@ class Config:
     def places_file(self) -> Path:
         """Where each part belongs."""
         return self.state / PLACES
+
+    @property
+    def jobs(self) -> Path:
+        """The folder of job files."""
+        return self.path.resolve().parent / JOBS
 
     @property
     def runs(self) -> Path:

@@ -14,8 +14,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from daemon.arm import Supervisor
 from daemon.calibration.file import Calibration, load_calibration, same_geometry
 from daemon.cell import build as cell
@@ -42,7 +40,6 @@ from daemon.maintenance.metrics import MetricsServer
 from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
-from daemon.pick.order import PickOrder
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
@@ -207,7 +204,7 @@ class Service:
             on_trouble=lambda text: loop.call_soon_threadsafe(troubles.report, "log", text and f"log: {text}"),
             recovery=recovery,
         )
-        auto = None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
+        auto = None if left is None or left.auto is None else left.auto.json()
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
                            label=left.label, auto=auto, fault=left.fault)  # fmt: skip
@@ -216,8 +213,7 @@ class Service:
         await asyncio.shield(self._opening)
         context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
-            pick_order = None if auto is None else PickOrder(**auto)
-            context.cycle.recover(left.state or "an unknown state", left.hand_closed, pick_order)
+            context.cycle.recover(left.state or "an unknown state", left.hand_closed, left.auto)
             troubles.report("restart", as_left(left))
         context.record_start()
         self._started = True

@@ -6,6 +6,7 @@ from daemon.commands import (
     calibrating,
     camera_selection,
     controller_terminal,
+    jobs,
     maintaining,
     models,
     moving,
@@ -24,6 +25,7 @@ def every_command(kind: str = "real") -> list[ConsoleCommand]:
     return [
         *observing.COMMANDS,
         *moving.COMMANDS,
+        *jobs.COMMANDS,
         *camera_selection.COMMANDS,
         *positions.COMMANDS,
         *placing.COMMANDS,

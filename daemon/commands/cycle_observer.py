@@ -70,7 +70,7 @@ class CycleObserver:
             if pick_order is None or supervisor.hold.paused:
                 return
             supervisor.resume(stops)
-            await context.begin_auto(pick_order.count, pick_order.every_s)
+            await context.begin_auto(pick_order)
             context.notices.tell(f"Auto continues with the {left[0]} camera alone (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, end: CycleEnd) -> None:

@@ -23,6 +23,7 @@ from daemon.console.notices import NoticeLevel
 from daemon.console.phrases import NO, YES, cut_off, plural
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
 from daemon.events.outcomes import Outcome
+from daemon.events.pick_order import PickOrder
 from daemon.pick.outcome import CycleEnd
 
 MOST_PICKS = 1_000_000
@@ -127,7 +128,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
     if known and pick_order is not None and frontend.asks and _eyes_on_hand(context):
-        left = cut_off(pick_order.count)
+        left = cut_off(pick_order)
         agreed = await yes_or_no(frontend, f"{left}. Enable the arm and continue? [y/n]")
         if agreed is None:
             raise CommandError(f"not resumed, the fault is still active: {before['fault']}; `resume` asks again")
@@ -141,7 +142,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         supervisor.resume(stops, pauses)
         supervisor.enable(stops)
         try:
-            await context.begin_auto(pick_order.count, pick_order.every_s)
+            await context.begin_auto(pick_order)
         except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
             return CommandResult("\n".join([*lines, f"{left}, and was not resumed: {refused}; then `auto resume`."]))
         lines.append("Auto resumed; `auto off` ends it after the current part.")
@@ -160,7 +161,7 @@ def _cleared(context: CommandContext, lines: list[str], stops: int, pauses: int)
     if supervisor.hold.paused:
         lines.append(HELD)
     if pick_order is not None:
-        lines.append(f"{cut_off(pick_order.count)}: `auto resume` continues it, `auto off` cancels it.")
+        lines.append(f"{cut_off(pick_order)}: `auto resume` continues it, `auto off` cancels it.")
     return CommandResult("\n".join(lines))
 
 
@@ -200,16 +201,11 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
     auto on       start, at most N parts; with `every S` look again every S seconds when the table is empty
     auto off      end after the current part; after an interruption: cancel what is left
     auto wait     show each part as it is picked, until the end
-    auto resume   continue an auto that a stop, a fault or a restart interrupted
+    auto resume   continue an auto that a stop, a fault or a restart interrupted, or a job that lacked a part
     """
     word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
     if word in ("on", "resume"):
-        count, every_s = _auto_words(words[1:]) if word == "on" else _cut_off(context, words)
-        await context.begin_auto(count, every_s)
-        what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
-        what += "" if every_s is None else f", looking again every {every_s:g} s when it is empty"
-        told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
-        return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
+        return await begin(context, _auto_words(words[1:]) if word == "on" else _cut_off(context, words))
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
         was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
@@ -225,6 +221,18 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
     said = describe_end(ends[-1]) + "\n" if ends and not done else ""
     data = {"picked": picked, "ends": [end_json(e) for e in ends]}
     return CommandResult(f"{said}{context.auto_end(ends)}", data, DONE if done else NOT_DONE)
+
+
+async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult:
+    """Start picking in the background: an auto, or a job."""
+    await context.begin_auto(pick_order)
+    count, every_s = pick_order.count, pick_order.every_s
+    what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
+    what = what if pick_order.job is None else f"job {pick_order.job}, {what.removeprefix('at most ')}"
+    missing = "when it is empty" if pick_order.job is None else "when a part is missing"
+    what += "" if every_s is None else f", looking again every {every_s:g} s {missing}"
+    told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
+    return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
 
 
 async def _auto_told(context: CommandContext, frontend: Frontend) -> list[CycleEnd]:
@@ -346,7 +354,7 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
     }
 
 
-def _auto_words(words: list[str]) -> tuple[int | None, float | None]:
+def _auto_words(words: list[str]) -> PickOrder:
     """[N] [every S] -> how many, and after how many seconds an empty table is looked at again."""
     count = every_s = None
     if words and words[0] != "every":
@@ -357,16 +365,16 @@ def _auto_words(words: list[str]) -> tuple[int | None, float | None]:
             raise CommandError(f"S is missing: {AUTO_USAGE}", NOT_UNDERSTOOD)
         every_s = number(words[1], "S", 1, 3600)
         no_more(words, 2, AUTO_USAGE)
-    return count, every_s
+    return PickOrder(count, every_s)
 
 
-def _cut_off(context: CommandContext, words: list[str]) -> tuple[int | None, float | None]:
-    """What is left of an auto that was cut off. Raises CommandError."""
+def _cut_off(context: CommandContext, words: list[str]) -> PickOrder:
+    """What is left of an auto or job that was cut off. Raises CommandError."""
     no_more(words, 1, AUTO_USAGE)
     pick_order = context.cycle.pick_order
     if pick_order is None:
         raise CommandError("no interrupted auto to resume; `auto on` starts one")
-    return pick_order.count, pick_order.every_s
+    return pick_order
 
 
 def _on_or_off(words: list[str], usage: str) -> bool | None:

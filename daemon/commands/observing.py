@@ -49,7 +49,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     ]
     pick_order = context.cycle.pick_order
     if pick_order is not None and not state["auto"]:
-        lines.insert(2, f"auto      {cut_off(pick_order.count)}: `auto resume` continues it, `auto off` cancels it")
+        lines.insert(2, f"auto      {cut_off(pick_order)}: `auto resume` continues it, `auto off` cancels it")
     candidate = frontend.shown = model_store.candidate
     if candidate is not None:
         lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
@@ -111,8 +111,11 @@ def _counted(state: dict[str, Any]) -> str:
 
 def _doing(context: CommandContext, state: dict[str, Any]) -> str:
     text = f"{state['doing'] or 'nothing'} ({state['state']})"
-    if state["auto"] and context.cycle.pick_order is not None and context.cycle.pick_order.count is not None:
-        text += f", {plural(context.cycle.pick_order.count, 'part')} still to pick"
+    order = context.cycle.pick_order
+    if state["auto"] and order is not None and order.count is not None:
+        left_s = state["left_s"]
+        text += f", {plural(order.count, 'part')} still to pick" + (f" of job {order.job}" if order.job else "")
+        text += "" if left_s is None else f", about {duration(left_s)}"
     if state["target"]:
         text += f", {state['target']}, look {state['stop']}"
     if state["pending"]:

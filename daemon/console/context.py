@@ -9,8 +9,9 @@ import asyncio
 import importlib.metadata
 import socket
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Protocol
@@ -24,7 +25,8 @@ from daemon.config import Config
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
-from daemon.events.outcomes import Outcome
+from daemon.events.outcomes import BROUGHT, Outcome
+from daemon.events.pick_order import ALL, PickOrder, auto_record
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
@@ -75,8 +77,8 @@ class CommandContext:
     one_camera_allowed: bool = False
     """An operator permitted picking with one camera after a fault of the other."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
-    _auto_count: int | None = None
-    """How many parts were requested; None: all."""
+    _begun: PickOrder = ALL
+    """What the last auto was to bring."""
 
     @property
     def parts(self) -> list[str]:
@@ -105,12 +107,12 @@ class CommandContext:
         self.log.record("eyes", alone=alone, why=why)
         self.troubles.report("eyes", None if alone is None else f"using the {alone} camera alone: {why}")
 
-    async def begin_auto(self, count: int | None, every_s: float | None = None) -> None:
+    async def begin_auto(self, pick_order: PickOrder = ALL) -> None:
         """Start `auto` in the background. Raises RefusedError where it may not start; `auto_ends` then still waits for
         the one that is on."""
-        auto = asyncio.create_task(self.cycle.begin_auto(count, every_s), name="auto")
+        auto = asyncio.create_task(self.cycle.begin_auto(pick_order), name="auto")
         auto.add_done_callback(self._auto_ended)
-        self._auto_count = count
+        self._begun = pick_order
         self._auto = auto
 
     def _auto_ended(self, auto: asyncio.Task[list[CycleEnd]]) -> None:
@@ -119,12 +121,12 @@ class CommandContext:
 
     def auto_end(self, ends: list[CycleEnd]) -> str:
         """How the last auto ended, such as `2 parts picked; the table is empty.`."""
-        picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._auto_count
+        picked, count = sum(end.outcome == Outcome.PICKED for end in ends), self._begun.count
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
         if (fault := self.cycle.supervisor.fault) is not None:
             reason = fault
         elif count is not None and picked >= count:
-            reason = "that is as many as requested"
+            reason = "that is as many as requested" if self._begun.job is None else "that is all of the job"
         elif outcome == Outcome.EMPTY:
             reason = "the table is empty"
         elif outcome in (Outcome.PICKED, Outcome.EMPTIED):
@@ -133,7 +135,9 @@ class CommandContext:
             reason = "stopped before the first pick"
         else:
             reason = f"the last one ended as {outcome}" + (f": {why}" if why else "")
-        return f"{plural(picked, 'part')} picked; {reason}."
+        lacking = self._begun.missing(Counter(end.label for end in ends if end.label and end.outcome in BROUGHT))
+        still = ", ".join(f"{count} {label}" for label, count in lacking.items())
+        return f"{plural(picked, 'part')} picked; {reason}." + (f" Still missing: {still}." if still else "")
 
     async def auto_ends(self) -> list[CycleEnd]:
         """Wait for the last auto to end: the end of each pick. Empty where there was no auto."""
@@ -152,7 +156,7 @@ class CommandContext:
         self.record_start(continues=before.name)
         pick_order = self.cycle.pick_order
         if pick_order is not None:
-            self.log.record("auto", on=True, **asdict(pick_order))
+            self.log.record("auto", **auto_record(pick_order))
         if self.cycle.belief.holds_part is not False:
             self.log.record("holding", held=self.cycle.belief.holds_part)
 

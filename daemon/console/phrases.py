@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from daemon.events.pick_order import PickOrder
 from daemon.store.recovery_state import RecoveryState
 
 
@@ -30,11 +31,12 @@ def millimetres(lengths: Iterable[float]) -> str:
     return " ".join(f"{length:.0f}" for length in lengths) + " mm"
 
 
-def cut_off(count: int | None) -> str:
-    """The auto that a stop or restart interrupted; count: parts still to pick, None for all."""
-    if count is None:
+def cut_off(pick_order: PickOrder) -> str:
+    """The auto or job that a stop, a restart or a missing part interrupted."""
+    if pick_order.count is None:
         return "`auto on` was interrupted before the table was empty"
-    return f"`auto on` was interrupted with {plural(count, 'part')} still to pick"
+    left = f"{plural(pick_order.count, 'part')} still to pick"
+    return f"`auto on` was interrupted with {left}" if pick_order.job is None else f"Job {pick_order.job} has {left}"
 
 
 def as_left(left: RecoveryState) -> str:
@@ -49,7 +51,7 @@ def as_left(left: RecoveryState) -> str:
     if left.hand_closed:
         what += f", possibly with {f'the {left.label}' if left.label else 'a part'} in the gripper"
     if left.auto is not None:
-        what += f"; {cut_off(left.auto.count)}"
+        what += f"; {cut_off(left.auto)}"
     return f"{what}: check the cell, then `resume`"
 
 

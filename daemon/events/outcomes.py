@@ -28,6 +28,8 @@ class Outcome(StrEnum):
     FAULT = "fault"
 
 
+BROUGHT = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.OFF})
+"""The part was put down where it was to go, or near it."""
 UNFINISHED = "unfinished"
 """The outcome of a pick without a record of its end: the end of its run interrupted it."""
 GOING_ON = "going on"

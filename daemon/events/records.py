@@ -177,6 +177,7 @@ class AutoSet(EventRecord, kw_only=True):
     on: Annotated[Flag, meaning("false: done, or given up")] = None
     count: Annotated[Count, meaning("parts still to pick; null: until the table is empty")] = None
     every_s: Annotated[Number, meaning("pause before the next look at an empty table", "s")] = None
+    order: Annotated[dict[str, Any] | None, meaning("of a job: its name, and the steps that are left")] = None
 
 
 class LeftBehind(EventRecord, kw_only=True):
@@ -187,7 +188,7 @@ class LeftBehind(EventRecord, kw_only=True):
     state: Annotated[Text, meaning("of that pick")] = None
     hand_closed: Annotated[Flag, meaning("whether a part may be in the gripper")] = None
     label: Annotated[Text, meaning("the part")] = None
-    auto: Annotated[dict[str, Any] | None, meaning("count and every_s still to be picked")] = None
+    auto: Annotated[dict[str, Any] | None, meaning("what is still to be picked, as `order` of `auto`")] = None
     fault: Annotated[Text, meaning("the active fault")] = None
 
 

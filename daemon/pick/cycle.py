@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import statistics
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 from daemon import frames
@@ -30,11 +32,11 @@ from daemon.arm import (
 )
 from daemon.arrays import Array
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
-from daemon.events.outcomes import Outcome, tally
+from daemon.events.outcomes import BROUGHT, Outcome, tally
+from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looking import Look
-from daemon.pick.order import PickOrder
 from daemon.pick.outcome import CycleEnd, Observer, Skipped, tell
 from daemon.pick.placing import Goal, PlaceTable
 from daemon.pick.recogniser import PartRecogniser
@@ -63,6 +65,8 @@ LETTING_GO = {PickState.BIN, PickState.SET_DOWN}
 CUT_OFF = (PickEvent.STOP, PickEvent.ERROR, PickEvent.ABORT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
+LATEST = 20
+"""How many of the last picks say how long the next ones will take."""
 KEPT_ENDS = 1000
 """How many ended picks are kept in memory (the run log has all): a daemon runs for years."""
 
@@ -115,7 +119,8 @@ class PickCycle:
             "state": self.state,
             **self.supervisor.status(),
             "auto": self._auto,
-            "left": None if order is None else asdict(order),
+            "left": None if order is None else order.json(),
+            "left_s": self._seconds_left(),
             "cycle": self._cycles,
             "target": None if target is None else target.label,
             "stop": None if target is None else target.looks,
@@ -158,19 +163,18 @@ class PickCycle:
         self._may_pick()
         return await self.supervisor.run("pick", self._only(label))
 
-    async def auto(self, count: int | None = None, wait_s: float | None = None) -> list[CycleEnd]:
-        """Pick until the table is empty, count is reached or auto_off(); wait_s: an empty table is looked at again at
-        that interval instead of ending."""
-        return await self.begin_auto(count, wait_s)
+    async def auto(self, pick_order: PickOrder = ALL) -> list[CycleEnd]:
+        """Pick until the order is done, nothing that it wants is there, or auto_off()."""
+        return await self.begin_auto(pick_order)
 
-    def begin_auto(self, count: int | None = None, wait_s: float | None = None) -> Coroutine[Any, Any, list[CycleEnd]]:
+    def begin_auto(self, pick_order: PickOrder = ALL) -> Coroutine[Any, Any, list[CycleEnd]]:
         """The same, on in this very moment: an auto_off() that comes next ends it. Gives what waits for its end."""
         self._may_pick()
-        task = self.supervisor.begin("auto", self._many(wait_s))
+        task = self.supervisor.begin("auto", self._many())
         task.add_done_callback(self._auto_over)
         self._auto, self.skipped = True, []
         self._told_off.clear()
-        self._order(PickOrder(count, wait_s))
+        self._order(pick_order)
         return self.supervisor.end_of("auto", task)
 
     def auto_off(self) -> None:
@@ -318,7 +322,8 @@ class PickCycle:
             self.beliefs.void(VoidingEvent.CUT_OFF)
         before, self.state = self.state, then
         if event in (PickEvent.BINNED, PickEvent.SET_DOWN) and self.pick_order is not None:
-            self.pick_order = self.pick_order.one_less()
+            target = None if self._world is None else self._world.target
+            self.pick_order = self.pick_order.brought(None if target is None else target.label)
         if event is not PickEvent.PAUSE:
             self._held = then
         if (before, then) != (PickState.IDLE, PickState.IDLE):
@@ -409,23 +414,34 @@ class PickCycle:
         if pick_order == self.pick_order is None:
             return
         self.pick_order = pick_order
-        self.cell.log.record("auto", on=pick_order is not None, **asdict(pick_order or PickOrder()))
+        self.cell.log.record("auto", **auto_record(pick_order))
+
+    def _seconds_left(self) -> float | None:
+        """How long what is left of auto will take: as each of the last parts took (s). None: nobody knows."""
+        took = [end.seconds for end in islice(reversed(self.ends), LATEST) if end.outcome in BROUGHT]
+        count = None if self.pick_order is None else self.pick_order.count
+        return None if count is None or not took else count * statistics.median(took)
 
     def _auto_over(self, _: asyncio.Task[list[CycleEnd]]) -> None:
         """Also of one that was stopped before it began."""
         self._auto = False
 
-    async def _many(self, every_s: float | None) -> list[CycleEnd]:
+    async def _many(self) -> list[CycleEnd]:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
-                ends.append(await self._one(None, stay=self.pick_order.count != 1))
+                ends.append(await self._one(self.pick_order))
+                every_s = self.pick_order.every_s
                 if self._auto and ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break
-                if ends[-1].outcome in (*take.BROUGHT, Outcome.EMPTIED):
+                if ends[-1].outcome in (*BROUGHT, Outcome.EMPTIED):
                     self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
+                elif self._auto and self.pick_order.skip:
+                    self._order(self.pick_order.without_wanted())
+                elif self._auto and every_s is None and self.pick_order.job is not None:
+                    return list(ends)  # its part is missing: once it is there, the job can be resumed
                 else:
                     if every_s is None or not self._auto:
                         break
@@ -440,17 +456,17 @@ class PickCycle:
 
     async def _only(self, label: str | None) -> CycleEnd:
         self.skipped = []
-        return await self._one(label, stay=False)
+        return await self._one(PickOrder(1, steps=() if label is None else (OrderStep(label),)))
 
-    async def _one(self, label: str | None, stay: bool) -> CycleEnd:
+    async def _one(self, order: PickOrder) -> CycleEnd:
         """Run the machine from idle back to idle, or to fault."""
         assert self.recogniser is not None
         supervisor, mover = self.supervisor, self.supervisor.mover
         self._cycles += 1
         mover.cycle = self._cycles
         before, started_s = len(self.skipped), self.cell.clock()
-        self.cell.log.record("cycle_start", cycle=self._cycles, target=label)
-        context = replace(self._context(self.recogniser), cycle=self._cycles, wanted=label, stay=stay)
+        self.cell.log.record("cycle_start", cycle=self._cycles, target=order.only)
+        context = replace(self._context(self.recogniser), cycle=self._cycles, order=order)
         world = self._world = WorldModel(self.skipped, began_s=started_s)
         try:
             await self._through(context, world)

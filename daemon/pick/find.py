@@ -46,6 +46,7 @@ from daemon.pick.world import (
     skip,
     travel,
 )
+from daemon.store.place_file import BIN
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.health import cause_of_nothing
 from daemon.vision.look import outlines
@@ -188,10 +189,11 @@ def _destination(context: PickContext, world: WorldModel, part: ObservedPart) ->
     """Where a named part belongs; None: over the bin; in words why it cannot go anywhere. A place where something shows
     that nobody brought is left alone."""
     table = context.placing
-    if not table.has(part.label):
+    ordered = context.order.place(part.label)
+    if ordered == BIN or not table.has(part.label):
         return None
     free = []
-    for goal in table.free(part.label):
+    for goal in table.free(part.label, ordered):
         off = deviation(goal, part.world_from_part)
         if off.off_mm < LIES_THERE_MM and off.off_deg < LIES_THERE_DEG:
             return f"it lies at place {goal.place.name} already: `place check {goal.place.name}`"

@@ -238,11 +238,12 @@ class PlaceTable:
         """Whether parts of this label go to places, and not to the bin."""
         return any(place.part == label for place in self.places.places)
 
-    def free(self, label: str) -> list[Goal]:
-        """Goals that a part may be brought to, in the order in which they are filled. Raises PlaceStatusError."""
+    def free(self, label: str, name: str | None = None) -> list[Goal]:
+        """Goals that a part may be brought to, in the order in which they are filled; name: only this place, or those
+        of this pattern. Raises PlaceStatusError."""
         return [
             self.goals[place.name]
-            for place in self.places.of(label)
+            for place in self.places.of(label, name)
             if place.name in self.goals
             and self.status(place.name) in FILLABLE
             and (place.on_top_of is None or self.status(place.on_top_of) is PlaceStatus.RIGHT)

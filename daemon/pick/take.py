@@ -9,7 +9,7 @@ from typing import Literal
 from daemon import frames
 from daemon.arm import BeliefSource, NotSettledError, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
-from daemon.events.outcomes import Outcome
+from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick import viewpoints
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
 from daemon.pick.grasp import GripperGeometry
@@ -24,7 +24,6 @@ from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, 
 
 HAND_REACH_MM = 70.0
 """What is seen within this of the tool's centre point is in the hand, and not on the table."""
-BROUGHT = (Outcome.PICKED, Outcome.RELEASED, Outcome.OFF)
 SEEN_OFF_MM = 20.0
 """How far off a part may be seen from the side on which it was grasped."""
 
@@ -214,6 +213,6 @@ async def _open_gripper(context: PickContext) -> None:
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
     world.target = None
-    if not (context.stay and world.outcome in BROUGHT):
+    if context.order.count == 1 or world.outcome not in BROUGHT:
         await travel(context, world, context.settings.home.pose(), "home")
     return PickEvent.THERE

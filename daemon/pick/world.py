@@ -17,6 +17,7 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
+from daemon.events.pick_order import PickOrder
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
 from daemon.pick.fused_objects import ONE_MM, known
@@ -60,8 +61,8 @@ class SuspectError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class PickContext:
-    """What a pick works with. cycle: its number; wanted: the label asked for (None: any); stay: do not go home at the
-    end; placing: where parts belong."""
+    """What a pick works with. cycle: its number; order: what is still to be picked, this part included; placing: where
+    parts belong."""
 
     cell: Workcell
     mover: Mover
@@ -69,8 +70,7 @@ class PickContext:
     settings: Settings
     observer: Observer | None
     cycle: int = 0
-    wanted: str | None = None
-    stay: bool = False
+    order: PickOrder = field(default_factory=lambda: PickOrder(1))
     placing: PlaceTable = field(default_factory=PlaceTable)
 
     def decide(self, text: str, why: str, code: CauseCode | DecisionCode, **figures: object) -> None:
@@ -235,7 +235,7 @@ class WorldModel:
         return [
             part
             for part in ordered(self.found, context.settings.order)
-            if (context.wanted in (None, part.label) or not part.named)
+            if (context.order.wants(part.label) or not part.named)
             and not any(same_place(s.centre, part.centre) for s in self.skipped)
             and not any(same_place(goal.centre, part.centre, AT_PLACE_MM) for goal in context.placing.taken())
         ]

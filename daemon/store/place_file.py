@@ -30,6 +30,8 @@ from daemon.store.yamlfile import Document, Key, read
 FILE = "places.yaml"
 """Its name in the state folder."""
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
+BIN = "bin"
+"""What a job calls the place of parts that have none."""
 MOST_PLACES = 1000
 RESIDUAL_MM = 2.0
 """How far a pattern's fourth corner may be from where the other three have it."""
@@ -194,9 +196,10 @@ class CellPlaces:
     fixtures: tuple[Fixture, ...] = ()
     residuals: tuple[Residual, ...] = ()
 
-    def of(self, label: str) -> tuple[Place, ...]:
-        """The places of a part; none: it goes to the bin."""
-        return tuple(place for place in self.places if place.part == label)
+    def of(self, label: str, name: str | None = None) -> tuple[Place, ...]:
+        """The places of a part; none: it goes to the bin. name: only the place or pattern of that name."""
+        of_part = (place for place in self.places if place.part == label)
+        return tuple(p for p in of_part if name is None or name in (p.name, p.name.partition(".")[0]))
 
     def named(self, name: str) -> Place | None:
         """The place of that name."""
@@ -270,6 +273,8 @@ def _check_names(document: Document, file: PlacesFile) -> None:
             if not NAME.fullmatch(name):
                 problem = "expected a name of small letters, digits and _, as in nest_2"
                 raise document.error((section, name), problem)
+            if name == BIN:
+                raise document.error((section, name), "expected another name: parts without a place go to the bin")
             if section == "patterns" and name in file.places:
                 raise document.error((section, name), "a place has this name already")
     for name, fixture in file.fixtures.items():

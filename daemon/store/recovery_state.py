@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from daemon.errors import spelt
+from daemon.events.pick_order import PickOrder, read_order
 from daemon.store.files import OpenFile, naming
 from daemon.store.outside import FileError, read_file
 
@@ -25,19 +26,6 @@ SLOT = 4096
 LONGEST_TEXT = 200
 FILE = "standing"
 """Name of the file in the state folder."""
-
-
-class Auto(msgspec.Struct, frozen=True):
-    """What an `auto on` has still to pick; count None: until the table is empty."""
-
-    count: int | None
-    every_s: float | None
-
-    def one_less(self) -> Auto | None:
-        """The rest after a part was put into the bin; None: nothing is left."""
-        if self.count is None:
-            return self
-        return Auto(self.count - 1, self.every_s) if self.count > 1 else None
 
 
 class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -52,7 +40,7 @@ class RecoveryState(msgspec.Struct, frozen=True, omit_defaults=True):
     state: str | None = None
     hand_closed: bool = False
     label: str | None = None
-    auto: Auto | None = None
+    auto: PickOrder | None = None
     fault: str | None = None
     in_doubt: bool = False
     ended: bool = False
@@ -79,7 +67,7 @@ def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Recove
             change = {name: fields.get(name) for name in ("cycle", "state", "label", "fault")}
             auto = fields.get("auto")
             change |= {"run": fields.get("run") or before.run, "in_doubt": True,
-                       "hand_closed": bool(fields.get("hand_closed")), "auto": auto and Auto(**auto)}  # fmt: skip
+                       "hand_closed": bool(fields.get("hand_closed")), "auto": auto and read_order(auto)}  # fmt: skip
         case "cycle_start" | "cycle_end":
             begins = kind == "cycle_start"
             change = {"cycle": fields.get("cycle"), "label": fields.get("target")} if begins else {}
@@ -92,10 +80,14 @@ def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Recove
             change = {"state": fields.get("to")}
             if fields.get("from") == "fault" and fields.get("event") == "resume":
                 change |= {"cycle": None, "in_doubt": False, "fault": None}
-            if fields.get("event") in ("binned", "set_down") and before.auto is not None:
-                change["auto"] = before.auto.one_less()
+            elif fields.get("event") == "full_hand":
+                change |= {"label": None}
+            elif fields.get("event") in ("binned", "set_down") and before.auto is not None:
+                left = before.auto.brought(before.label)
+                change["auto"] = None if left.done else left
         case "auto":
-            change = {"auto": Auto(fields.get("count"), fields.get("every_s")) if fields.get("on") else None}
+            told = fields.get("order") or {name: fields.get(name) for name in ("count", "every_s")}
+            change = {"auto": read_order(told) if fields.get("on") else None}
         case "hand" if fields.get("sent") is not False:
             change = {"hand_closed": bool(fields.get("closed"))}
         case "holding":

@@ -40,7 +40,7 @@ def test_an_eye_frozen_in_mid_auto_stops_the_arm_and_after_a_yes_the_other_clear
     async def story() -> Any:
         async with cell_in_time(32, model) as here:
             here.cell.scatter(["cube", "pentagonal_prism"], np.random.default_rng(2))
-            await here.context.begin_auto(None)
+            await here.context.begin_auto()
             await asyncio.sleep(6.0)
             here.cell.camera.set_fault("right", "frozen")
             first = await here.context.auto_ends()

@@ -19,8 +19,8 @@ from daemon.arm.operators import RefusedError
 from daemon.arm.permit import Grant
 from daemon.arm.workcell import StopRefusedError
 from daemon.console.notices import Notices
+from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
-from daemon.pick.order import PickOrder
 from daemon.pick.placing import PlaceTable
 from daemon.pick.settings import Settings as PickSettings
 from tests.fakes.checked_record import checked
@@ -80,8 +80,9 @@ class FakeCycle:
         return {
             "state": "fault" if self.fault else "idle", "doing": self.doing, "fault": self.fault, "enabled": True,
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
-            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "holding": self.held,
-            "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0, "skipped": self.skipped, "last": None,
+            "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
+            "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,
+            "skipped": self.skipped, "last": None,
         }  # fmt: skip
 
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:

@@ -16,7 +16,7 @@ from tests.bench.readability import pages
 from tests.manuals.readability import ASTRAY, WORDS, measured, sentences
 
 CODE = sorted(f for root in ("daemon", "drivers") for f in (HOUSE / root).rglob("*.py"))
-OLD_NAMES = {"hall", "doors", "upkeep", "live", "jobs", "worlds", "turns", "sentry", "judge", "things", "mover", "laid"}
+OLD_NAMES = {"hall", "doors", "upkeep", "live", "worlds", "turns", "sentry", "judge", "things", "mover", "laid"}
 """Names of packages and modules that were, and are none any more."""
 GONE_FROM_MESSAGES = {"upkeep", r"borne(?: out)?", "twins?|rivals?", "sentry", "night of misses", "the judge"}
 """Of the words that lead astray, those that no message has."""

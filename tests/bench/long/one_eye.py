@@ -94,7 +94,7 @@ async def broken(seed: int, model: Model) -> dict[str, Any]:
     async with cell_in_time(seed, model) as here:
         labels = [str(label) for label in rng.choice(TAUGHT, 2, replace=False)]
         here.cell.scatter(labels, rng)
-        await here.context.begin_auto(None)
+        await here.context.begin_auto()
         wait_s = float(rng.uniform(0.5, 14.0))
         await asyncio.sleep(wait_s)
         here.cell.camera.cover(eye) if how == "black" else here.cell.camera.set_fault(eye, how)  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ from daemon.commands.moving import resume
 from daemon.commands.observing import look
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
-from daemon.pick.order import PickOrder
+from daemon.events.pick_order import ALL, PickOrder
 from daemon.service import Service
 from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.fake_context import FakeFrontend
@@ -231,7 +231,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
             here.cycle.supervisor.hold.pause() if hindrance == "paused" else here.cycle.auto_off()
         await going
         assert here.cycle.supervisor.hold.paused is (hindrance == "paused")
-        assert begun == ([] if hindrance else [(3, None)])
+        assert begun == ([] if hindrance else [(PickOrder(3, None),)])
         assert (here.cycle.supervisor.fault is None) == (hindrance is None)
 
     lived(story)
@@ -318,14 +318,14 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
         here.context.one_camera_allowed = True
         here.cell.camera.set_fault("right", "away")
         supervisor = here.cycle.supervisor
-        pick = supervisor.begin("pick", here.cycle._one(None, stay=True))
+        pick = supervisor.begin("pick", here.cycle._one(ALL))
         while not (supervisor.stopping or pick.done()):
             await asyncio.sleep(0.01)
         await supervisor.abort()
         assert (await pick).outcome == "fault"
         assert started == []
         supervisor.resume()
-        assert (await supervisor.begin("pick", here.cycle._one(None, stay=True))).outcome == "fault"
+        assert (await supervisor.begin("pick", here.cycle._one(ALL))).outcome == "fault"
         assert started == ["one eye"]
 
     lived(story)
@@ -334,4 +334,4 @@ def test_auto_degrade_lets_no_pick_go_on_that_was_aborted_as_it_was_being_stoppe
 async def _end(here: Hours) -> Any:
     here.cycle.supervisor.resume()
     here.cell.clear()
-    return await here.cycle._one(None, stay=True)
+    return await here.cycle._one(ALL)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from daemon.arm import RefusedError
 from daemon.commands import every_command
 from daemon.console.interpreter import CommandResult, Interpreter
-from daemon.pick.order import PickOrder
+from daemon.events.pick_order import PickOrder
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
 
@@ -83,10 +83,10 @@ def test_only_a_yes_or_a_no_says_what_is_in_the_gripper_after_a_restart(
 def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
     context: Any, answers: list[str], goes_on: bool
 ) -> None:
-    begun: list[tuple[int | None, float | None]] = []
+    begun: list[PickOrder] = []
 
-    async def begin_auto(count: int | None, every_s: float | None = None) -> None:
-        begun.append((count, every_s))
+    async def begin_auto(order: PickOrder) -> None:
+        begun.append(order)
 
     context.begin_auto = begin_auto
     context.cycle.fault, context.cycle.held, context.cycle.pick_order = (
@@ -96,7 +96,7 @@ def test_resume_goes_on_with_an_auto_that_was_cut_off_only_after_a_plain_yes(
     )
     frontend = FakeFrontend(answers=list(answers))
     text = say(context, "resume", frontend).text
-    assert begun == ([(13, None)] if goes_on else [])
+    assert begun == ([PickOrder(13)] if goes_on else [])
     assert ("enable" in context.cycle.told) is goes_on
     answered = answers != ["n", "status"]
     assert ("resume" in context.cycle.told) is answered, "a no clears the fault, and no answer does not"

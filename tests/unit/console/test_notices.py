@@ -16,6 +16,7 @@ from daemon.commands.moving import tell_end
 from daemon.commands.step_mode import tell_what_waits, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
+from daemon.events.pick_order import PickOrder
 from tests.fakes.waiting import until_so
 
 HOME = Waiting("home: joints", Mock(), 0.0)
@@ -131,7 +132,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
         frontend = Frontend()
         context.notices.listen(frontend)
-        await CommandContext.begin_auto(context, None)
+        await CommandContext.begin_auto(context)
         await context._auto
         await asyncio.sleep(0)
         return frontend.heard
@@ -151,7 +152,9 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
     ],
 )
 def test_each_end_of_an_auto_says_why(outcomes: list[str], count: int | None, fault: str | None, told: str) -> None:
-    context: Any = SimpleNamespace(_auto_count=count, cycle=SimpleNamespace(supervisor=SimpleNamespace(fault=fault)))
+    context: Any = SimpleNamespace(
+        _begun=PickOrder(count), cycle=SimpleNamespace(supervisor=SimpleNamespace(fault=fault))
+    )
     assert CommandContext.auto_end(context, [end(outcome) for outcome in outcomes]) == told
 
 
@@ -174,9 +177,9 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
         context.cycle.supervisor = SimpleNamespace(fault=None)
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
         context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
-        await CommandContext.begin_auto(context, None)
+        await CommandContext.begin_auto(context)
         with pytest.raises(RefusedError, match="busy"):
-            await CommandContext.begin_auto(context, None)
+            await CommandContext.begin_auto(context)
         waiting = asyncio.ensure_future(CommandContext.auto_ends(context))
         await asyncio.sleep(0)
         assert not waiting.done()

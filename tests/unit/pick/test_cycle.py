@@ -8,6 +8,7 @@ import pytest
 
 from daemon import frames
 from daemon.arm.operators import RefusedError
+from daemon.events.pick_order import PickOrder
 from daemon.pick import find
 from daemon.pick.settings import Settings
 from daemon.vision.values import Cause, Polygon, Recognition, Rejected
@@ -17,7 +18,7 @@ from tests.fakes.fake_cell import World, build, cycle_of, one_part
 
 def cleared(world: World, settings: Settings | None = None, **options):
     cycle = cycle_of(world, settings)
-    return cycle, asyncio.run(cycle.auto(**options))
+    return cycle, asyncio.run(cycle.auto(PickOrder(**options)))
 
 
 def picked(world: World, label=None, settings: Settings | None = None):
@@ -91,7 +92,7 @@ def test_an_empty_table_is_looked_at_again_at_the_interval():
     cycle = cycle_of(world)
 
     async def wait_then_lay_a_part():
-        task = asyncio.create_task(cycle.auto(count=1, wait_s=0.01))
+        task = asyncio.create_task(cycle.auto(PickOrder(1, 0.01)))
         while not world.said("cycle_end"):
             await asyncio.sleep(0.005)
         world.put("cube", 520, 0, 0.3)

@@ -9,6 +9,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.motion import MoveRefusedError
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.events.codes import CauseCode, FaultCause
+from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
@@ -551,7 +552,7 @@ def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_furthe
 
         acting = []
         world.before = lambda name: name == "moving" and not acting and acting.append(asyncio.create_task(end_it()))
-        (end,) = await cycle.auto(wait_s=3600.0)
+        (end,) = await cycle.auto(PickOrder(every_s=3600.0))
         await asyncio.gather(*acting)
         return end
 

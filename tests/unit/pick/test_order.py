@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 import pytest
 
-from daemon.pick.order import PickOrder
+from daemon.events.pick_order import PickOrder
 from drivers.simcell import parts
 from tests.fakes.fake_cell import World, cycle_of
 
@@ -27,7 +26,7 @@ def cut_off(world: World, cycle: Any, after: int, how: str, **options: Any) -> N
     """Begin auto, and cut it off when so many parts are in the bin."""
 
     async def scene() -> None:
-        task = asyncio.create_task(cycle.auto(**options))
+        task = asyncio.create_task(cycle.auto(PickOrder(**options)))
         while sum(r["event"] == "binned" for r in world.said("state")) < after:
             await asyncio.sleep(0)
         await getattr(cycle.supervisor, how)()
@@ -42,12 +41,12 @@ def test_what_is_left_of_an_auto_that_was_stopped_is_known_and_taking_it_up_brin
     cycle = cycle_of(world)
     cut_off(world, cycle, 1, how, count=3)
     assert cycle.pick_order == PickOrder(2, None)
-    assert cycle.status()["left"] == {"count": 2, "every_s": None}
+    assert cycle.status()["left"] == PickOrder(2).json()
     assert not cycle.status()["auto"]
     cycle.supervisor.resume()
     cycle.supervisor.enable()
     cycle.holding(False)
-    ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
+    ends = asyncio.run(cycle.auto(cycle.pick_order))
     assert sum(end.outcome == "picked" for end in ends) == 2
     assert cycle.pick_order is None
 
@@ -58,7 +57,7 @@ def test_a_part_that_was_in_the_hand_counts_once_it_is_in_the_bin() -> None:
     cycle.recover("bin", True, PickOrder(2, None))
     cycle.supervisor.resume()
     cycle.holding(True)
-    ends = asyncio.run(cycle.auto(*astuple(cycle.pick_order)))
+    ends = asyncio.run(cycle.auto(cycle.pick_order))
     assert [end.outcome for end in ends] == ["emptied", "picked"]
 
 
@@ -66,7 +65,7 @@ def test_an_auto_that_came_to_its_end_leaves_nothing() -> None:
     for options in ({"count": 1}, {}):
         world = some(2)
         cycle = cycle_of(world)
-        asyncio.run(cycle.auto(**options))
+        asyncio.run(cycle.auto(PickOrder(**options)))
         assert cycle.pick_order is None
         assert [record["on"] for record in world.said("auto")] == [True, False]
 
@@ -97,7 +96,7 @@ def test_an_auto_that_waits_for_parts_is_over_as_soon_as_it_is_told_off() -> Non
     cycle = cycle_of(world)
 
     async def scene() -> None:
-        task = asyncio.create_task(cycle.auto(wait_s=3600.0))
+        task = asyncio.create_task(cycle.auto(PickOrder(every_s=3600.0)))
         while not world.said("cycle_end"):
             await asyncio.sleep(0)
         cycle.auto_off()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.events.pick_order import PickOrder
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.placing import Goal, PlaceTable
@@ -230,7 +231,7 @@ def test_places_are_looked_at_on_demand(tmp_path: Path) -> None:
 
 def test_auto_counts_what_it_set_down(tmp_path: Path) -> None:
     story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0),))
-    ends = asyncio.run(story.cycle.auto(1))
+    ends = asyncio.run(story.cycle.auto(PickOrder(1)))
     assert [end.outcome for end in ends] == ["picked"]
     assert story.cycle.pick_order is None
     assert story.cycle.status()["picked"] == 1

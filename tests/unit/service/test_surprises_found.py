@@ -887,7 +887,7 @@ def test_an_auto_that_was_stopped_before_it_began_is_not_on(story: Story) -> Non
     context = story._service.context
     assert context is not None
     state = context.cycle.status()
-    assert (state["auto"], state["doing"], state["left"]) == (False, None, {"count": 2, "every_s": None})
+    assert (state["auto"], state["doing"], state["left"]["count"]) == (False, None, 2)
     assert story.violations() == ()
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from daemon.events.pick_order import PickOrder
 from daemon.store.recovery_state import RecoveryFile, RecoveryState
 from daemon.store.recovery_state import left_behind as left_in
 from daemon.store.runlog import RunLog
@@ -126,24 +127,24 @@ AUTO: tuple[Record, ...] = (START, ("auto", {"on": True, "count": 20, "every_s":
 BINNED: Record = ("state", {"from": "bin", "event": "binned", "to": "home"})
 
 
-def left_of_auto(runs: Path) -> dict[str, Any] | None:
+def left_of_auto(runs: Path) -> PickOrder | None:
     left = left_behind(runs)
-    return None if left is None or left.auto is None else msgspec.structs.asdict(left.auto)
+    return None if left is None else left.auto
 
 
 def test_an_auto_cut_off_is_told_with_the_parts_that_are_left_of_it(runs: Path) -> None:
     ran(runs, *AUTO, *[BINNED] * 7, ("cycle_start", {"cycle": 8}))
-    assert left_of_auto(runs) == {"count": 13, "every_s": None}
+    assert left_of_auto(runs) == PickOrder(13, None)
     came_back(runs)
     came_back(runs, *resumed(("holding", {"held": True})))
-    assert left_of_auto(runs) == {"count": 13, "every_s": None}
+    assert left_of_auto(runs) == PickOrder(13, None)
     came_back(runs, *resumed(("holding", {"held": True}), BINNED))
-    assert left_of_auto(runs) == {"count": 12, "every_s": None}
+    assert left_of_auto(runs) == PickOrder(12, None)
 
 
 def test_an_auto_that_waited_for_parts_when_it_was_cut_off_is_told_though_no_pick_was_under_way(runs: Path) -> None:
     ran(runs, START, ("auto", {"on": True, "count": None, "every_s": 30}), ("cycle_end", {"cycle": 8}))
-    assert left_of_auto(runs) == {"count": None, "every_s": 30}
+    assert left_of_auto(runs) == PickOrder(None, 30)
 
 
 @pytest.mark.parametrize("end", [("auto", {"on": False}), BINNED], ids=["ended", "the last part binned"])

@@ -11,7 +11,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from daemon.store.recovery_state import SLOT, Auto, RecoveryFile, RecoveryState, after, left_behind
+from daemon.events.pick_order import OrderStep, PickOrder
+from daemon.store.recovery_state import SLOT, RecoveryFile, RecoveryState, after, left_behind
 from daemon.store.runlog import RunLog
 
 HELD = RecoveryState("a", cycle=4, state="retreat", hand_closed=True, label="cube")
@@ -219,7 +220,7 @@ def test_what_was_begun_and_killed_before_anything_happened_is_not_asked_about(p
     assert left.fault == "x", "what stands there is not written over"
 
 
-PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=Auto(3, 2.5), fault="x", in_doubt=True)
+PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=PickOrder(3, 2.5), fault="x", in_doubt=True)
 
 
 @pytest.mark.parametrize(
@@ -233,8 +234,11 @@ PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=Auto(3
         ("state", {"from": "fault", "to": "idle", "event": "stop"}, {"state": "idle"}),
         ("state", {"from": "fault", "to": "idle", "event": "resume"},
          {"state": "idle", "cycle": None, "in_doubt": False, "fault": None}),
-        ("state", {"from": "bin", "to": "home", "event": "binned"}, {"state": "home", "auto": Auto(2, 2.5)}),
-        ("auto", {"on": True, "count": None, "every_s": 9.0}, {"auto": Auto(None, 9.0)}),
+        ("state", {"from": "bin", "to": "home", "event": "binned"}, {"state": "home", "auto": PickOrder(2, 2.5)}),
+        ("auto", {"on": True, "count": None, "every_s": 9.0}, {"auto": PickOrder(None, 9.0)}),
+        ("auto", {"on": True, "count": 2, "order": {"count": 2, "job": "kit", "steps": [{"part": "a"}]}},
+         {"auto": PickOrder(2, job="kit", steps=(OrderStep("a"),))}),
+        ("state", {"from": "idle", "to": "bin", "event": "full_hand"}, {"state": "bin", "label": None}),
         ("auto", {"on": False, "count": 3}, {"auto": None}),
         ("hand", {"closed": True}, {"hand_closed": True}),
         ("hand", {"closed": False}, {"hand_closed": False}),
@@ -248,7 +252,7 @@ PICKING = RecoveryState("a", cycle=4, state="retreat", label="cube", auto=Auto(3
         ("left", {"run": "b", "cycle": 1, "state": "s", "label": "l", "fault": "f", "hand_closed": True,
                   "auto": {"count": 1, "every_s": None}},
          {"run": "b", "cycle": 1, "state": "s", "label": "l", "fault": "f", "hand_closed": True,
-          "auto": Auto(1, None)}),
+          "auto": PickOrder(1, None)}),
         ("left", {}, {"cycle": None, "state": None, "label": None, "fault": None, "auto": None}),
         ("look", {"cycle": 9, "label": "z"}, {}),
     ],
@@ -265,13 +269,15 @@ def test_a_doubt_of_before_is_not_settled_by_an_end_in_order_and_a_part_in_the_h
 
 
 def test_an_auto_counts_down_to_nothing() -> None:
-    assert [Auto(count, 1.0).one_less() for count in (None, 3, 2, 1)] == [
-        Auto(None, 1.0),
-        Auto(2, 1.0),
-        Auto(1, 1.0),
+    binned = {"event": "binned", "to": "home"}
+    orders = [RecoveryState("a", auto=PickOrder(count, 1.0)) for count in (None, 3, 2, 1)]
+    assert [after(state, "state", binned).auto for state in orders] == [
+        PickOrder(None, 1.0),
+        PickOrder(2, 1.0),
+        PickOrder(1, 1.0),
         None,
     ]
-    assert after(RecoveryState("a"), "state", {"event": "binned", "to": "home"}) == RecoveryState("a", state="home")
+    assert after(RecoveryState("a"), "state", binned) == RecoveryState("a", state="home")
 
 
 @pytest.mark.parametrize(
@@ -280,7 +286,7 @@ def test_an_auto_counts_down_to_nothing() -> None:
         (RecoveryState("a"), False),
         (RecoveryState("a", cycle=1), True),
         (RecoveryState("a", hand_closed=True), True),
-        (RecoveryState("a", auto=Auto(1, None)), True),
+        (RecoveryState("a", auto=PickOrder(1, None)), True),
         (RecoveryState("a", cycle=1, ended=True), False),
         (RecoveryState("a", fault="x", ended=True), True),
         (RecoveryState("a", in_doubt=True, ended=True), True),
