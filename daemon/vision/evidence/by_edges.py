@@ -49,7 +49,7 @@ from daemon.vision.hypotheses import (
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
-from daemon.vision.refine import SCALE, Fit, LaidFacet, best_fitted, facets_in_view, facets_laid
+from daemon.vision.refine import SCALE, Fit, LaidFacet, best_fitted, facets_laid, facets_shown
 from daemon.vision.values import Facet, Group, NearestGuess, Part, Recognition
 
 BY_SIZE, MOST_SIZE = 12.0, 3.0
@@ -207,7 +207,9 @@ def _undecided(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -
         odds = one.odds - np.log(tests)
         if odds < UNDECIDED[0] or len(places) == MOST_UNDECIDED:
             break
-        if facets_in_view(one.solid, eyes, one.pose) < FEWEST_IN_VIEW or any(one.overlaps(there) for there in places):
+        if facets_shown(one.solid, eyes, one.pose, one.seen) < FEWEST_IN_VIEW or any(
+            one.overlaps(there) for there in places
+        ):
             continue
         places.append(one)
         if odds < UNDECIDED[1]:
@@ -232,7 +234,7 @@ def _confidence(one: RegisteredPart, search: Search, tests: int) -> float:
     odds = one.odds - np.log(tests)
     if (
         _probability(odds + MOST_EXPLAINED) < LEAST_CONFIDENCE
-        or facets_in_view(one.solid, search.eyes, one.pose) < FEWEST_IN_VIEW
+        or facets_shown(one.solid, search.eyes, one.pose, one.seen) < FEWEST_IN_VIEW
     ):
         return 0.0
     for term, yet in _for_and_against(one, search):

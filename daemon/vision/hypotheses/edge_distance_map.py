@@ -166,10 +166,11 @@ def evidence(
 ) -> tuple[Array, Array]:
     """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
     were found."""
-    pose, ends = posed.edges()
     left, right = (
-        _of_one_eye(len(posed.part), pose, ends, corners, seen, _ALONG)
-        for corners, seen in zip(ideal(posed.corners_mm(geometry), geometry), maps, strict=True)
+        _of_one_eye(len(posed.part), *posed.edges(camera_mm), corners, seen, _ALONG)
+        for camera_mm, corners, seen in zip(
+            geometry.eyes_mm, ideal(posed.corners_mm(geometry), geometry), maps, strict=True
+        )
     )
     return left[0] + right[0], left[1] + right[1]
 
@@ -179,7 +180,8 @@ def promising(
 ) -> tuple[Index, Array]:
     """Which (Q,) of many poses a few places of the left eye already speak for, and how many nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
-    nats, _ = _of_one_eye(len(posed.part), *posed.edges(), left, maps[0], np.array(GLANCED, np.float32))
+    edges = posed.edges(geometry.eyes_mm[0])
+    nats, _ = _of_one_eye(len(posed.part), *edges, left, maps[0], np.array(GLANCED, np.float32))
     good = np.flatnonzero(nats > GLANCE_NATS)
     return good, nats[good]
 
@@ -213,7 +215,7 @@ def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Ed
     """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
     they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
     one = PoseBatch(SolidBatch.of([""], [solid]), np.zeros(1, np.intp), pose[None])
-    _, ends = one.edges()
+    _, ends = one.edges(geometry.eyes_mm[0])
     corners = ideal(one.corners_mm(geometry), geometry)[0]
     steps = np.arange(-FAR_ASIDE, FAR_ASIDE + 1, ASIDE)
     shift = np.stack(np.meshgrid(steps, steps), 2).reshape(-1, 2).astype(np.float32)

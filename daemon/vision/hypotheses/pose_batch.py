@@ -99,9 +99,10 @@ class PoseBatch:
         turned = (self.poses[:, :3, :3] @ self.solids.middles_mm[self.part, :, None])[..., 0]
         return np.asarray(turned + self.poses[:, :3, 3])
 
-    def in_view(self) -> Flags:
-        """(G, F) which facets are turned to the cameras."""
-        eye = -(self.poses[:, None, :3, 3] @ self.poses[:, :3, :3])[:, 0].astype(np.float32)  # where each part has it
+    def in_view(self, camera_mm: Array) -> Flags:
+        """(G, F) which facets are turned to a camera at (3,) mm, cyclopean."""
+        way = (camera_mm - self.poses[:, :3, 3])[:, None]
+        eye = (way @ self.poses[:, :3, :3])[:, 0].astype(np.float32)  # where each part has it
         planes = self.solids.planes
         facets = planes.shape[1] // 2
         normals, middles = planes[:, :facets], planes[:, facets:]
@@ -110,11 +111,17 @@ class PoseBatch:
         away2 = (eye * eye).sum(1)[:, None] - 2 * along[:, facets:] + (middles * middles).sum(2)[self.part]
         return np.asarray(towards > LEAST_FACING * np.sqrt(away2))
 
-    def edges(self) -> tuple[Index, Index]:
-        """The edges that show, pose after pose: of which (N,), and their ends (N, 2) among all corners of all poses."""
+    def in_either_view(self, geometry: Baseline) -> Flags:
+        """(G, F) which facets are turned to either camera."""
+        left, right = (self.in_view(camera_mm) for camera_mm in geometry.eyes_mm)
+        return left | right
+
+    def edges(self, camera_mm: Array) -> tuple[Index, Index]:
+        """The edges that a camera at (3,) mm sees, pose after pose: of which (N,), and their ends (N, 2) among all
+        corners of all poses."""
         facets, corners = self.solids.rings.shape[1:]
         view = np.zeros((len(self.part), facets + 1), bool)
-        view[:, :facets] = self.in_view()
+        view[:, :facets] = self.in_view(camera_mm)
         first = (np.arange(len(self.part)) * (facets + 1))[:, None]
         one, other = (view.reshape(-1)[first + self.solids.beside[self.part, :, k]] for k in (0, 1))
         pose, edge = np.nonzero(one | other)

@@ -161,7 +161,7 @@ def _likeliest(
     good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
     nats, _ = evidence(posed, geometry, maps)
-    good = (nats > LEAST_NATS / 3) & (posed.in_view().sum(1) >= FEWEST_IN_VIEW)
+    good = (nats > LEAST_NATS / 3) & (posed.in_either_view(geometry).sum(1) >= FEWEST_IN_VIEW)
     if search.named:
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
@@ -231,7 +231,7 @@ def distinct(guesses: ScoredPoses, eyes: StereoImages) -> Iterator[tuple[int, Ar
     posed = guesses.posed
     if not len(posed.part):
         return
-    shows = np.asarray((posed.in_view()[:, :, None] & posed.solids.rings[posed.part]).any(1))
+    shows = np.asarray((posed.in_either_view(eyes.geometry)[:, :, None] & posed.solids.rings[posed.part]).any(1))
     corners_mm, own = posed.corners_mm(eyes.geometry), posed.solids.own[posed.part]
     count = shows.sum(1)
     middle_mm = (corners_mm * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]

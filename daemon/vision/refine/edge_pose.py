@@ -17,7 +17,7 @@ from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import adjusted
-from daemon.vision.refine.edge_samples import edge_samples_of
+from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.following import Fit
 from daemon.vision.refine.poses import SCALE, across, moved, off_places
@@ -55,6 +55,10 @@ LEAST_SIGMAS = 4.0
 """Of the slope across an edge against what lies beside it, where the edge is to prove a facet."""
 MOSTLY_IN = 0.5
 """Of a facet, that must be in a picture for it to be in view."""
+LEAST_SHOWN = 0.8
+"""Of what the own edges of facets could show that one camera alone has in view, what they must: nothing in the other
+camera speaks for these or against them. Of 80 parts named rightly by such facets alone in looks at look-alikes 67 have
+it; of five strangers that can be told from the part there two."""
 FOUND_PX = 0.1
 """How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
@@ -200,14 +204,39 @@ def edges_gone(shape: Polyhedron, before: StereoImages, after: StereoImages, nea
     return _share(found.observed, [was & ~stays for was, stays in zip(then, still, strict=True)])
 
 
-def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> int:
-    """How many facets of a part at cyclopean_from_part (4, 4) both eyes see, none of them edge-on, nor mostly outside
-    the picture."""
+def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> Flags:
+    """(2, F) which facets of a part at cyclopean_from_part (4, 4) the left and the right camera see, not edge-on, nor
+    mostly outside the picture."""
     points = frames.apply(pose, shape.corners_mm)
-    px = [view.eye.camera.project(points) for view in eyes.views]
-    laid = ShapeBatch.of([shape])
-    shown = np.flatnonzero(np.all([laid.thickness(seen) >= THIN_PX[1] for seen in px], axis=0))
-    return sum(all(_mostly_in(seen[shape.rings[k]], eyes) for seen in px) for k in shown.tolist())
+    laid, found = ShapeBatch.of([shape]), np.zeros((2, len(shape.facets)), bool)
+    for own, view in zip(found, eyes.views, strict=True):
+        px = view.eye.camera.project(points)
+        for k in np.flatnonzero(laid.thickness(px) >= THIN_PX[1]).tolist():
+            own[k] = _mostly_in(px[shape.rings[k]], eyes)
+    return found
+
+
+def facets_shown(shape: Polyhedron, eyes: StereoImages, pose: Array, both: Sequence[EdgeSamples]) -> int:
+    """How many facets of a part at cyclopean_from_part (4, 4) the pictures show, by what either camera has along its
+    edges: those in view of both, and beside these those in view of one camera, where their own edges show there."""
+    in_view = facets_in_view(shape, eyes, pose)
+    of_both: Flags = np.asarray(in_view.all(0))
+    if not of_both.any():
+        return 0
+    own = [
+        _sides_of(shape, here, seen) & ~_sides_of(shape, of_both, seen)
+        for here, seen in zip(in_view, both, strict=True)
+    ]
+    alone = EdgeEvidence.of(both, own).share > LEAST_SHOWN
+    return int((in_view.any(0) if alone else of_both).sum())
+
+
+def _sides_of(shape: Polyhedron, facets: Flags, seen: EdgeSamples) -> Flags:
+    """(E,) which of the edges that one camera should see are sides of some facets (F,)."""
+    found = np.zeros(len(seen.edges.ends) + 1, bool)  # the last is that of sides that it should not see
+    for facet in np.flatnonzero(facets).tolist():
+        found[seen.edges.of_ring(shape.facets[facet])[0]] = True
+    return found[:-1]
 
 
 def _mostly_in(ring_px: Array, eyes: StereoImages) -> bool:

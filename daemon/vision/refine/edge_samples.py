@@ -101,10 +101,11 @@ class EdgeEvidence(NamedTuple):
     share: float
 
     @classmethod
-    def of(cls, both: Sequence[EdgeSamples]) -> EdgeEvidence:
-        """By the stretches of both eyes along the edges of one placement."""
-        nats = sum(float(seen.nats.sum()) for seen in both)
-        most = sum(float(seen.weight.sum()) for seen in both) * (MOST_SURPRISE - 1)
+    def of(cls, both: Sequence[EdgeSamples], own: Sequence[Flags] | None = None) -> EdgeEvidence:
+        """By the stretches of both eyes along the edges of one placement, or along some of them, (E,) in either eye."""
+        which = own or [np.ones(len(seen.surprise), bool) for seen in both]
+        nats = sum(float(seen.nats[one].sum()) for seen, one in zip(both, which, strict=True))
+        most = sum(float(seen.weight[one].sum()) for seen, one in zip(both, which, strict=True)) * (MOST_SURPRISE - 1)
         return cls(nats, nats / max(most, 1e-9))
 
 

@@ -143,7 +143,7 @@ def best_fitted(
     sizes = np.rint(np.log(np.maximum(areas, 1.0)) / np.log(MORE))
     unlike = np.unique(sizes, return_index=True)[1].tolist()  # turns of what is known whole show the same
     others = [k for k in unlike if sizes[k] != sizes[0]]
-    asked = [0, *(k for k in others if facets_in_view(solid, eyes, poses[k]) >= FEWEST_IN_VIEW)]
+    asked = [0, *(k for k in others if facets_in_view(solid, eyes, poses[k]).all(0).sum() >= FEWEST_IN_VIEW)]
     if len(asked) == 1:
         return fit_at(solid, eyes, poses[0], tolerance_mm)
     laid, middle = ShapeBatch.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)

@@ -90,8 +90,8 @@ def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_
 
 def test_a_facet_that_is_mostly_outside_the_picture_is_not_in_view() -> None:
     whole, most_gone = both(END_ON, 0.0), both(END_ON, 0.7)
-    assert facets_in_view(BOX, whole, END_ON) == 2
-    assert facets_in_view(BOX, most_gone, END_ON) == 0
+    assert facets_in_view(BOX, whole, END_ON).all(0).sum() == 2
+    assert not facets_in_view(BOX, most_gone, END_ON).all(0).any()
 
 
 def test_print_outside_the_picture_says_nothing() -> None:
