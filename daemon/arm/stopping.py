@@ -12,7 +12,10 @@ from typing import Any
 from daemon.arm.workcell import Robot, StopRefusedError
 
 ABORT_S = 4.0
-"""How long it may take until the arm was seen at rest before the operator is sent to the emergency stop."""
+"""How long it may take until the arm was seen at rest before the operator is sent to the emergency stop; longer only
+where the controller answers, and the stop took long as `enable` tried it."""
+TRIES = 2
+"""Of a stop as long as the one that was tried: noise may spoil one."""
 AGAIN_S = 0.5
 """Between two rounds of telling the arm to stop (each types the word several times)."""
 UNCONFIRMED = "NOT CONFIRMED"
@@ -24,7 +27,7 @@ class Stopping:
 
     def __init__(self, robot: Callable[[], Robot], alarmed: Callable[[str | None], None]) -> None:
         self._robot, self._alarmed = robot, alarmed
-        self._why = ""
+        self._why, self._answered_before = "", 0
         self._telling: asyncio.Task[None] | None = None
         self._alarm: asyncio.Future[str] | None = None
 
@@ -38,6 +41,16 @@ class Stopping:
         """Whether the stop under way was not confirmed in time, or was refused."""
         return self.under_way and self._alarm is not None and self._alarm.done()
 
+    @property
+    def answered(self) -> bool:
+        """Whether the controller has said something to the stop under way, and did not confirm it yet."""
+        return self.under_way and not self.alarm and self._robot().permit.stop_answered > self._answered_before
+
+    @property
+    def within_s(self) -> float:
+        """How long it may take until the arm was seen at rest; then the alarm sounds."""
+        return max(ABORT_S, TRIES * self._robot().permit.stop_took_s)
+
     def tell(self, why: str) -> bool:
         """Begin to tell the arm, or join in: whether it was begun. why: what is told with the alarm."""
         self._why = why
@@ -45,6 +58,7 @@ class Stopping:
             return False
         self._alarm = asyncio.get_running_loop().create_future()
         permit = self._robot().permit
+        self._answered_before = permit.stop_answered
         permit.stop_begins()
         self._telling = asyncio.create_task(self._until_at_rest(self._alarm), name="stop")
         self._telling.add_done_callback(lambda _: permit.stop_ends())
@@ -67,9 +81,11 @@ class Stopping:
             await asyncio.wait({self._telling})
 
     async def _until_at_rest(self, alarm: asyncio.Future[str]) -> None:
-        """However long it takes. The alarm sounds at once where the controller refuses, and after ABORT_S."""
-        problem = "no answer"
-        late = asyncio.get_running_loop().call_later(ABORT_S, lambda: self._sound(alarm, problem))
+        """However long it takes. The alarm sounds at once where the controller refuses, after ABORT_S where it says
+        nothing, and after within_s."""
+        problem, loop = "no answer", asyncio.get_running_loop()
+        silent = loop.call_later(ABORT_S, lambda: None if self.answered else self._sound(alarm, problem))
+        late = loop.call_later(self.within_s, lambda: self._sound(alarm, problem))
         try:
             while True:
                 try:
@@ -81,6 +97,7 @@ class Stopping:
                     problem = str(error) or type(error).__name__
                 await asyncio.sleep(AGAIN_S)
         finally:
+            silent.cancel()
             late.cancel()
         if alarm.done():
             self._alarmed(None)

@@ -76,6 +76,11 @@ class Supervisor:
         return self.permit.stopping
 
     @property
+    def awaits_confirmation_s(self) -> float | None:
+        """Of a stop that the controller has answered and not confirmed yet: how long that may take in all, s."""
+        return self._stopping.within_s if self._stopping.answered else None
+
+    @property
     def fault(self) -> str | None:
         """What is active until resume."""
         return self.permit.fault

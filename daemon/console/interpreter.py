@@ -270,6 +270,11 @@ class Interpreter:
         """How often the arm was stopped or disabled: a command typed before the last of these is void."""
         return self.context.cycle.supervisor.stops
 
+    @property
+    def awaits_confirmation_s(self) -> float | None:
+        """See Supervisor."""
+        return self.context.cycle.supervisor.awaits_confirmation_s
+
     def complete(self, typed: str) -> list[str]:
         """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a
         stop perhaps."""

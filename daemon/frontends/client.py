@@ -36,7 +36,8 @@ PIECE = 32 * 1024
 LONGEST_FILE = 8_000_000
 """Bytes that an operator sends at most."""
 STOP_ANSWER_S = 2.0
-"""A stop that is not answered by then sends its operator to the emergency stop."""
+"""A stop that is not answered by then, nor said to wait for the controller, sends its operator to the emergency
+stop: the daemon says by itself when the controller has not confirmed it in time."""
 ALIVE_S = 0.5
 """So long after that a daemon may take to answer anything at all; one that does not hangs, and is not waited for."""
 LATE_ANSWER_S = 5.0
@@ -169,7 +170,13 @@ class DaemonLink:
         """What control-C does: stop the arm; gives what the daemon says. Raises StopUnansweredError."""
         try:
             self._stop()
-            told = next((str(m["stopped"]) for m in self._messages(say) if "stopped" in m), None)
+            told = None
+            for message in self._messages(say):
+                if "say" in message:
+                    say(message["say"])
+                if "stopped" in message:
+                    told = str(message["stopped"])
+                    break
         except DaemonUnreachableError as error:
             raise stop_unanswered(error) from None
         if told is None:
@@ -218,7 +225,10 @@ class DaemonLink:
         StopUnansweredError where the answer does not come later either."""
         while True:
             while self._lines:
-                yield json.loads(self._lines.popleft())
+                message = json.loads(self._lines.popleft())
+                if "stopping" in message and self._unanswered_s is not None:
+                    self._unanswered_s = time.monotonic()
+                yield message
             self._wait(say)
             try:
                 data = self.socket.recv(LONGEST_PIECE)

@@ -32,6 +32,10 @@ MOST_BESIDE = 1000
 CROWDED = "too many commands are waiting; wait for their answers"
 STOPPED_SINCE = "the arm was stopped after you typed it"
 NOT_IN_BLOCK = "an earlier line of the same paste was not done"
+SIGN_S = 0.5
+"""Between two signs of life to who waits for the confirmation of a stop: a good part of a client's patience with a
+daemon that says nothing (client.py, STOP_ANSWER_S)."""
+AWAITED = "stop sent; the controller answers; waiting up to {:.0f} s until it confirms that the arm is at rest"
 TOO_SOON = "ignored, too soon for an answer"
 
 
@@ -44,8 +48,11 @@ class CommandQueue:
         frontend: Frontend,
         interrupt: Interrupt,
         show_question: Callable[[str | None], None],
+        sign: Callable[[], None] = lambda: None,
     ) -> None:
-        """show_question: puts a question before the operator; None takes it away again."""
+        """show_question: puts a question before the operator; None takes it away again. sign: called again and again
+        while a stop that the controller has answered waits to be confirmed."""
+        self._sign = sign
         self._interpreter, self._frontend, self._interrupt, self._show_question = (
             interpreter,
             frontend,
@@ -83,7 +90,7 @@ class CommandQueue:
         elif not self.busy:
             self._begin(text, answered, block)
         elif block is None and self._interpreter.at_once(text):
-            self.beside(lambda: self._do(self._interpreter.interpret(text, self._frontend), answered))
+            self.beside(lambda: self._do(self._interpreted(text), answered))
             if self._interpreter.withdraws(text):
                 self._unasked()
         else:
@@ -171,7 +178,7 @@ class CommandQueue:
         self._start(self._in_turn(text, answered, block))
 
     async def _in_turn(self, text: str, answered: Answered, block: Block) -> None:
-        answer = await self._interpreter.interpret(text, self._frontend)
+        answer = await self._interpreted(text)
         self.busy = False
         if block is not None and answer.status != DONE:
             self._ended_block = block
@@ -197,11 +204,35 @@ class CommandQueue:
         self._ahead.clear()
         try:
             with self._interpreter.context.notices.stopping(self._frontend, who):
-                return await work
+                return await self._with_signs(work)
         finally:
             self._unasked()
             if dropped:
                 self._start(_tell_dropped(dropped))
+
+    async def _interpreted(self, text: str) -> CommandResult:
+        work = self._interpreter.interpret(text, self._frontend)
+        return await (self._with_signs(work) if self._interpreter.withdraws(text) else work)
+
+    async def _with_signs(self, work: Awaitable[T]) -> T:
+        """What comes of it; a stop in it that the controller has answered is told as long as it is not confirmed."""
+        signs = asyncio.create_task(self._give_signs())
+        try:
+            return await work
+        finally:
+            signs.cancel()
+
+    async def _give_signs(self) -> None:
+        told = False
+        while True:
+            await asyncio.sleep(SIGN_S)
+            within_s = self._interpreter.awaits_confirmation_s
+            if within_s is None:
+                continue
+            self._sign()
+            if not told:
+                told = True
+                await self._frontend.say(AWAITED.format(within_s))
 
     def _unasked(self) -> None:
         if self._asked is not None and not self._asked.done():

@@ -206,6 +206,13 @@ class ConsolePrompt:
         """Sends to the emergency stop, unless it is cancelled in time."""
         return asyncio.get_running_loop().call_later(client.STOP_ANSWER_S, self._emergency, client.UNANSWERED)
 
+    def _wait_anew(self) -> None:
+        """The daemon answers, and waits for the controller: it says by itself when that takes too long."""
+        for clock in (*self._stops, *self._stop_words.values()):
+            clock.cancel()
+        self._stops = deque(self._clock() for _ in self._stops)
+        self._stop_words = {number: self._clock() for number in self._stop_words}
+
     def _emergency(self, told: str) -> None:
         self._status = STOP_UNANSWERED
         self._show(told)
@@ -302,6 +309,8 @@ class ConsolePrompt:
             return
 
     async def _heard(self, message: dict[str, Any]) -> None:
+        if "stopping" in message:
+            self._wait_anew()
         if "stopped" in message and self._stops:
             self._stops.popleft().cancel()
         for key in ("say", "notice", "stopped"):

@@ -9,7 +9,8 @@ a fetch; {"keys": TEXT} {"leave": true} at a terminal.
 Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
 {"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
 {"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
-{"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for.
+{"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for; {"stopping": true} again and
+again before that, while the controller has answered the stop and not confirmed it.
 Who is speaking is what the kernel says of the other end, not what it says of itself (rights.py: and what they may).
 
 Whoever comes after too many others may still say one thing: stop. Room is kept for that.
@@ -209,7 +210,7 @@ class SocketFrontend:
         self.columns: int = COLUMNS
         self.rows: int | None = None
         self._spoke = self._listens = False
-        self._queue = CommandQueue(interpreter, self, interrupt, self._show_question)
+        self._queue = CommandQueue(interpreter, self, interrupt, self._show_question, self._give_sign)
         self._file: asyncio.Future[bytes] | None = None
         self._content = bytearray()
         self._typed: Callable[[bytes], None] | None = None
@@ -371,6 +372,9 @@ class SocketFrontend:
 
     async def _stopped(self, answer: CommandResult) -> None:
         await self._send({"stopped": answer.text})
+
+    def _give_sign(self) -> None:
+        self._write({"stopping": True})
 
     def _show_question(self, question: str | None) -> None:
         number = self._queue.question

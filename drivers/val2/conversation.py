@@ -41,12 +41,16 @@ TWICE = (
 
 
 class LinePermit(Protocol):
-    """Whether what moves may be sent; one object, held by whoever permits it and by the line. stop_seen is written
-    here, all else there."""
+    """Whether what moves may be sent; one object, held by whoever permits it and by the line. What is of the stop is
+    written here, all else there."""
 
     stop_seen: int
     """How often it has come to be seen that the controller takes the word that stops the arm; 0 where it was not since
     the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
+    stop_answered: int
+    """How often something was heard behind the word that stops the arm: it went out, and somebody is there."""
+    stop_took_s: float
+    """How long the stop took until rest was proven as it was tried; 0 where it was not since the port was opened."""
 
     @property
     def withheld(self) -> bool: ...
@@ -56,7 +60,8 @@ class Unconditional:
     """The permit of a line that nobody withholds motion from."""
 
     def __init__(self) -> None:
-        self.stop_seen = 0
+        self.stop_seen = self.stop_answered = 0
+        self.stop_took_s = 0.0
 
     @property
     def withheld(self) -> bool:

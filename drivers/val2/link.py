@@ -138,6 +138,7 @@ class Link:
 
     def _let_go(self) -> None:
         self._unsee_the_stop()
+        self.permit.stop_took_s = 0.0
         self.program_may_run = False
         if self._session is not None:
             self._session.close()
@@ -295,9 +296,11 @@ class Link:
         return await asyncio.shield(self._aborting)
 
     async def prove_stop(self) -> None:
-        """See that the stop works: by the very bytes and the very rule of `abort`, for that is what it is. Raises as
-        abort, and ControllerError where the controller asks instead."""
+        """See that the stop works, and how long that takes: by the very bytes and the very rule of `abort`, for that is
+        what it is. Raises as abort, and ControllerError where the controller asks instead."""
+        began_s = self.clock()
         await self.abort()
+        self.permit.stop_took_s = self.clock() - began_s
         if self.question is not None:
             raise ControllerError(f"the controller asks {self.question!r}: answer that first")
 
@@ -445,7 +448,7 @@ class Link:
         async with session.preemption() as talk:
             for _ in range(ABORT_ATTEMPTS):
                 try:
-                    last = await self._type_abort(talk, before)
+                    last = await self._type_abort(session, talk, before)
                     if isinstance(last, ControllerQuestion):
                         switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
@@ -462,7 +465,7 @@ class Link:
                     before, problem = b"", failed
         raise problem
 
-    async def _type_abort(self, talk: Conversation, before: bytes) -> LineEvent:
+    async def _type_abort(self, session: LineSession, talk: Conversation, before: bytes) -> LineEvent:
         """The word at once, and once more at once, apart: one spoiled byte spoils one of them only. What is half typed
         is taken back first: a Y, as an answer, is one whatever follows it. Nothing is before an answer of ours: where
         the controller takes nothing back, that key would spoil it."""
@@ -470,6 +473,7 @@ class Link:
         word = self.dialect.abort_word.encode("ascii") + end
         talk.unheard()
         await talk.type_raw((before or self.dialect.cancel_line) + POISON + end + word + end + word)
+        session.stop_typed = True
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
     async def _stopped(self, session: LineSession, talk: Conversation) -> Where:

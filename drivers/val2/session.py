@@ -62,6 +62,8 @@ class LineSession:
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
+        self.stop_typed = False
+        """Whether the word that stops the arm went out, and nothing was heard since."""
         self.recoveries = 0
         """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
@@ -284,6 +286,8 @@ class LineSession:
 
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()
+        self._permit.stop_answered += self.stop_typed
+        self.stop_typed = False
         if self._listener is not None:
             self._listener(data)
         self._deliver(self._reader.receive(data))

@@ -10,9 +10,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from daemon.arm.stopping import ABORT_S, TRIES
+from daemon.frontends.client import STOP_ANSWER_S
+from daemon.frontends.command_queue import SIGN_S
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
@@ -24,9 +28,11 @@ from drivers.val2.errors import LinkError
 from drivers.val2.link import Link, Start
 from drivers.val2.location import Location
 from tests.fakes.paced_line import paced
+from tests.fakes.strange_controllers import draw, in_simulated_time, stop_of_a_drawn_one
 
 BAUDS = (1200, 2400, 4800, 9600, 19200)
 STOPS = 16
+DRAWN = 30
 PERCENT = 30.0
 NEAR, FAR = Location(520.0, -250.0, -100.0, 0.0, 80.0, 0.0), Location(520.0, 250.0, -100.0, 0.0, 80.0, 0.0)
 LINES = {
@@ -68,6 +74,25 @@ async def stopped_after(manners: Manners, dialect: Dialect, wait_s: float) -> tu
     return (braked_s - said_s, rest_s - said_s) if at_work else None
 
 
+def drawn_ones() -> None:
+    """Print, of controllers drawn at random at 9600 baud, when a stop is answered and confirmed, and when the alarm
+    would sound."""
+    print(f"\n{'controllers drawn, 9600 baud':<40}{'answered s':>11}{'confirmed s':>12}{'alarm s':>9}{'tried s':>9}")
+    found = [in_simulated_time(partial(stop_of_a_drawn_one, replace(draw(k), baud=9600))) for k in range(DRAWN)]
+    alarm_s = [max(ABORT_S, TRIES * stop.tried_s) for stop in found]
+    times = np.array(
+        [(stop.answered_s, stop.confirmed_s, s, stop.tried_s) for stop, s in zip(found, alarm_s, strict=True)]
+    )
+    for name, row in (("median", np.median(times, axis=0)), ("worst", times.max(axis=0))):
+        print(f"{name:<40}{row[0]:>11.2f}{row[1]:>12.2f}{row[2]:>9.1f}{row[3]:>9.2f}")
+    silent = sum(stop.answered_s + SIGN_S > STOP_ANSWER_S for stop in found)
+    early = sum(stop.confirmed_s > s for stop, s in zip(found, alarm_s, strict=True))
+    late = sum(stop.confirmed_s > STOP_ANSWER_S for stop in found)
+    print(
+        f"of {DRAWN}: confirmed after {STOP_ANSWER_S:g} s: {late}; no sign before: {silent}; after the alarm: {early}"
+    )
+
+
 def main() -> int:
     """Measure and print."""
     print(
@@ -87,6 +112,7 @@ def main() -> int:
             print(
                 f"{name:<28}{baud:>6}{len(seen):>7}{brake:>20.3f}{brakes:>9.3f}{rest:>17.3f}{rests:>9.3f}", flush=True
             )
+    drawn_ones()
     return 0
 
 

@@ -26,6 +26,8 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.acquaintance import Acquaintance, Consult
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
+from drivers.val2.introduction import PACES_S
+from drivers.val2.link import Link
 
 BAUDS = (9600, 9600, 9600, 4800, 1200)
 START_DEG = np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0])
@@ -92,6 +94,64 @@ def draw(seed: int) -> Strange:
         seed, drawn(rng), geometry, START_DEG + rng.uniform(-8, 8, 6), bool(rng.random() < 0.4),
         BAUDS[int(rng.integers(len(BAUDS)))], published.name,
     )  # fmt: skip
+
+
+def dialect_of(strange: Strange) -> Dialect:
+    """What a first contact finds."""
+    how = strange.manners
+    return Dialect(
+        baud=strange.baud,
+        echo=how.echo,
+        line_end=b"\n" if how.line_ends == "lf" else b"\r",
+        cancel_line=b"\x15" if how.line_editing else b"",
+        character_pause_s=next(p for p in PACES_S if p == how.lost_within_s == 0.0 or p > how.lost_within_s),
+        prompt_late_s=how.prompt_late_s,
+        resync_s=max(1.0, 2 * how.prompt_late_s + 0.5),
+        prompt_after_move=how.prompt_after_move,
+        break_after_move=how.knows_break,
+        abort_word="ABORT" if how.stops_at_once else "PANIC",
+        joint_signs=how.joint_signs,
+        joint_zeros_deg=how.joint_zeros_deg,
+        joint_3_against_horizon=how.against_horizon,
+        same_place_mm=max(0.03, 2 * how.unit_mm * 10.0 ** -how.decimals[0]),
+        unit_mm=how.unit_mm,
+    )
+
+
+@dataclass(frozen=True)
+class StopTimes:
+    """Of one stop, seconds from when it was asked for: until something was heard behind its word, until rest was
+    proven; tried_s: what it took as it was tried before."""
+
+    answered_s: float
+    confirmed_s: float
+    tried_s: float
+
+
+async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
+    """The stop of an arm that its pendant moves, on the line of one that was drawn."""
+    loop = asyncio.get_running_loop()
+    controller = Controller(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
+    line = PacedLine(controller, loop, strange.baud)
+    link = Link("memory", dialect_of(strange), loop.time, open_port=line.open)
+    await link.open()
+    await link.prove_stop()
+    turned = controller.machine.joints().copy()
+    turned[0] += np.radians(60.0)
+    controller.machine.drive_by_pendant(turned)
+    await asyncio.sleep(0.5)
+    before, tried_s, asked_s = link.permit.stop_answered, link.permit.stop_took_s, loop.time()
+    stop = asyncio.create_task(link.abort())
+    while link.permit.stop_answered == before:
+        await asyncio.sleep(0.005)
+    answered_s = loop.time() - asked_s
+    await stop
+    confirmed_s = loop.time() - asked_s
+    assert controller.machine.at_rest()
+    await link.close()
+    assert link.permit.stop_took_s == 0, "behind another line there may be another controller"
+    line.stop()
+    return StopTimes(answered_s, confirmed_s, tried_s)
 
 
 @dataclass(eq=False)

@@ -10,6 +10,7 @@ import pytest
 from daemon.arm.permit import MotionPermit
 from daemon.arm.stopping import Stopping
 from daemon.arm.workcell import StopRefusedError
+from tests.fakes.in_time import lived
 
 UNSURE = "jog; NOT CONFIRMED: {}: press the emergency stop"
 
@@ -82,3 +83,31 @@ def test_one_that_is_not_seen_at_rest_in_time_is_told_of_once_by_its_last_proble
     assert outcome == UNSURE.format("no prompt") + "; the arm goes on being told to stop"
     assert said == [UNSURE.format("no prompt")]
     assert arm.told > 2
+
+
+@pytest.mark.parametrize(("answers", "within_s"), [(True, 0.8), (False, 0.05)])
+def test_where_the_stop_took_long_as_it_was_tried_the_alarm_waits_for_two_of_it_only_where_the_controller_answers(
+    answers: bool, within_s: float
+) -> None:
+    """Controllers whose prompts come late sent their operators to the emergency stop, their arms at rest for long."""
+
+    async def story() -> tuple[float, list[str | None]]:
+        arm, said = Arm(OSError("no prompt")), list[str | None]()
+        arm.permit.stop_took_s, arm.permit.stop_answered = 0.4, 3
+        loop = asyncio.get_running_loop()
+        stopping = Stopping(lambda: arm, said.append)
+        began_s = loop.time()
+        stopping.tell("jog")
+        assert not stopping.answered, "what was heard before was no answer to this stop"
+        arm.permit.stop_answered += answers
+        assert stopping.answered is answers
+        await stopping.outcome()
+        took_s = loop.time() - began_s
+        assert not stopping.answered, "the alarm has sounded: nobody is told to wait"
+        arm.answers = iter([None])
+        await stopping.over()
+        return took_s, said
+
+    took_s, said = lived(story())
+    assert took_s == pytest.approx(within_s, abs=0.02)
+    assert said == [UNSURE.format("no prompt"), None]

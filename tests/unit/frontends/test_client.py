@@ -28,6 +28,7 @@ class Scripted:
         self.path, self.heard = path, list[dict[str, Any]]()
         self.answers: dict[str, list[dict[str, Any]]] = {}
         self.before_answering: Callable[[], object] = lambda: None
+        self.before_each: Callable[[], object] = lambda: None
         self.gone = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(path))
@@ -53,8 +54,10 @@ class Scripted:
                     told = self.answers.get(str(message[key]), self.answers.get(key, []))
                     if told is None:
                         break
-                    file.write(b"".join(json.dumps(one).encode() + b"\n" for one in told))
-                    file.flush()
+                    for one in told:
+                        self.before_each()
+                        file.write(json.dumps(one).encode() + b"\n")
+                        file.flush()
             self.gone.set()
 
     def close(self) -> None:
@@ -318,6 +321,30 @@ def test_a_daemon_that_hangs_is_not_waited_for_as_long_as_one_that_works_on_the_
     with DaemonLink(hung.path) as link:
         assert link.do("stop", "here", said.append)["status"] == ctl.STOP_UNANSWERED
     assert said == [client.UNANSWERED, "it works"]
+
+
+@pytest.mark.parametrize("by", ["a word", "control-C"])
+def test_a_daemon_that_waits_for_the_controller_is_waited_for_and_one_that_then_falls_silent_is_not(
+    hung: Scripted, by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock is about the daemon's silence: controllers whose prompts come late need longer than that."""
+
+    def stop(link: DaemonLink) -> Any:
+        return link.do("stop", "here", said.append) if by == "a word" else link.interrupt(said.append)
+
+    monkeypatch.setattr(client, "STOP_ANSWER_S", 1.0)
+    said, asked = list[str](), "stop" if by == "a word" else "interrupt"
+    signs = [{"stopping": True}, {"say": "waiting"}, *[{"stopping": True}] * 4]
+    hung.answers[asked] = [*signs, {"stopped": "at rest"} if by == "control-C" else DONE]
+    waited = threading.Event()
+    hung.before_each = lambda: waited.wait(client.STOP_ANSWER_S / 4)
+    with DaemonLink(hung.path) as link:
+        assert stop(link) == ("at rest" if by == "control-C" else DONE["done"])
+    assert said == ["waiting"]
+    hung.answers[asked] = signs
+    with DaemonLink(hung.path) as link, pytest.raises(StopUnansweredError, match="PRESS THE EMERGENCY STOP"):
+        stop(link)
+    assert said == ["waiting", "waiting", client.UNANSWERED]
 
 
 def test_a_command_that_is_no_stop_may_take_its_time(hung: Scripted) -> None:

@@ -6,12 +6,15 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
 from daemon.console.interpreter import CommandResult, ConsoleCommand, Interpreter
 from daemon.console.notices import Notices
-from daemon.frontends.command_queue import MOST_BESIDE, CommandQueue
+from daemon.frontends.client import STOP_ANSWER_S
+from daemon.frontends.command_queue import MOST_BESIDE, SIGN_S, CommandQueue
+from tests.fakes.in_time import lived
 
 
 class Operator:
@@ -25,7 +28,9 @@ class Operator:
         self.done: list[str] = []
         self.interrupts: list[tuple[str, bool]] = []
         self.may_end = asyncio.Event()
-        self.stops = 0
+        self.stops = self.signs = 0
+        self.said: list[str] = []
+        self.awaits_confirmation_s: float | None = None
 
         async def slow(_: Any, words: list[str], __: Any) -> CommandResult:
             await self.may_end.wait()
@@ -51,11 +56,18 @@ class Operator:
             cycle=SimpleNamespace(supervisor=self),
             notices=Notices(),
         )
-        self.turns = CommandQueue(Interpreter(context, commands), self, self.interrupt, self.shown.append)  # type: ignore[arg-type]
+        interpreter = Interpreter(context, commands)
+        self.turns = CommandQueue(interpreter, self, self.interrupt, self.shown.append, self.sign)  # type: ignore[arg-type]
 
     async def interrupt(self, who: str, about_to_move: bool) -> str:
         self.interrupts.append((who, about_to_move))
         return "stopped"
+
+    def sign(self) -> None:
+        self.signs += 1
+
+    async def say(self, text: str) -> None:
+        self.said.append(text)
 
     async def answered(self, answer: CommandResult) -> None:
         self.answers.append(answer.text)
@@ -352,3 +364,42 @@ def test_a_flood_of_stops_while_one_is_under_way_takes_no_more_room_than_a_thous
         assert operator.answers == ["now", "done 1"], "once they are over all is heard"
 
     play(script)
+
+
+@pytest.mark.parametrize("way", ["stop", "disable", "control-C"])
+def test_who_waits_for_a_stop_is_told_once_that_it_was_sent_and_hears_signs_of_life_until_it_is_confirmed(
+    way: str,
+) -> None:
+    """From the moment that the controller has answered: a daemon that has sent nothing, or hangs, gives none."""
+
+    async def script() -> Operator:
+        operator = Operator()
+        confirmed = asyncio.Event()
+
+        async def stop(*_: object) -> Any:
+            await confirmed.wait()
+            return "stopped" if way == "control-C" else CommandResult("stopped")
+
+        operator.turns._interrupt = stop
+        with patch.object(Interpreter, "interpret", stop):
+            if way == "control-C":
+                stopping = asyncio.ensure_future(operator.turns.stop("ann"))
+            else:
+                operator.turns.take(way, operator.answered)
+            await asyncio.sleep(3.0)
+            assert (operator.signs, operator.said) == (0, [])
+            operator.awaits_confirmation_s = 12.0
+            await asyncio.sleep(5.0)
+            assert operator.signs == pytest.approx(5.0 / SIGN_S, abs=1)
+            assert operator.said == [
+                "stop sent; the controller answers; waiting up to 12 s until it confirms that the arm is at rest"
+            ]
+            confirmed.set()
+            await (stopping if way == "control-C" else operator.turns.end())
+        signs = operator.signs
+        await asyncio.sleep(5.0)
+        assert operator.signs == signs
+        return operator
+
+    assert SIGN_S < STOP_ANSWER_S / 2
+    assert lived(script()).answers == ([] if way == "control-C" else ["stopped"])

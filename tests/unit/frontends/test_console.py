@@ -212,6 +212,27 @@ def test_at_the_prompt_a_stop_that_is_answered_sends_nobody_anywhere(place: Path
     assert person.leaves() == 0
 
 
+def test_at_the_prompt_a_daemon_that_waits_for_the_controller_sends_nobody_anywhere_until_it_falls_silent(
+    place: Path,
+) -> None:
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(place))
+        listening.listen(1)
+        person = Person(place.parent, "console")
+        with listening.accept()[0] as line, line.makefile("rwb") as file:
+            person.sees("facetd>")
+            person.types("stop\r")
+            while "do" not in json.loads(file.readline()):
+                pass
+            for _ in range(5):
+                file.write(b'{"stopping": true}\n')
+                file.flush()
+                assert "EMERGENCY" not in person.sees_for(client.STOP_ANSWER_S / 4)
+            person.sees("PRESS THE EMERGENCY STOP: no answer to the stop for 2 s")
+            person.types("quit\r")
+            assert person.leaves() == ctl.STOP_UNANSWERED
+
+
 class Asking:
     """A daemon's socket, at which questions come and go."""
 

@@ -11,43 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.arm.stopping import ABORT_S, TRIES
 from daemon.cell.arm_on_link import belongs_together
 from daemon.frontends.client import STOP_ANSWER_S
+from daemon.frontends.command_queue import SIGN_S
 from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.errors import NoAnswer
-from drivers.val2.introduction import PACES_S
 from drivers.val2.link import Link
 from drivers.val2.location import apart, location_from_matrix
-from tests.fakes.strange_controllers import PacedLine, Strange, draw, in_simulated_time
+from tests.fakes.strange_controllers import PacedLine, dialect_of, draw, in_simulated_time, stop_of_a_drawn_one
 
 HEARD_WITHIN_S = 1.0
 """Of the stop, at most: the half line that may stand before it, and the word, at the slowest pace and speed."""
-
-
-def dialect(strange: Strange) -> Dialect:
-    """What a first contact finds."""
-    how = strange.manners
-    return Dialect(
-        baud=strange.baud,
-        echo=how.echo,
-        line_end=b"\n" if how.line_ends == "lf" else b"\r",
-        cancel_line=b"\x15" if how.line_editing else b"",
-        character_pause_s=next(p for p in PACES_S if p == how.lost_within_s == 0.0 or p > how.lost_within_s),
-        prompt_late_s=how.prompt_late_s,
-        resync_s=max(1.0, 2 * how.prompt_late_s + 0.5),
-        prompt_after_move=how.prompt_after_move,
-        break_after_move=how.knows_break,
-        abort_word="ABORT" if how.stops_at_once else "PANIC",
-        joint_signs=how.joint_signs,
-        joint_zeros_deg=how.joint_zeros_deg,
-        joint_3_against_horizon=how.against_horizon,
-        same_place_mm=max(0.03, 2 * how.unit_mm * 10.0 ** -how.decimals[0]),
-        unit_mm=how.unit_mm,
-    )
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -60,7 +39,7 @@ def test_it_is_asked_moved_and_stopped_on_its_way(seed: int) -> None:
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
         clock = asyncio.get_running_loop().time
         whole = partial(belongs_together, strange.geometry)
-        link = Link("memory", dialect(strange), clock, belongs_together=whole, open_port=line.open)
+        link = Link("memory", dialect_of(strange), clock, belongs_together=whole, open_port=line.open)
         await link.open()
         here = await link.where()
         np.testing.assert_allclose(here.joints_deg, strange.joints_deg, atol=0.02)
@@ -120,7 +99,7 @@ def test_a_pace_that_is_too_quick_is_no_stop_and_is_told() -> None:
     async def story() -> None:
         controller = Controller(SimulatedArm(strange.geometry, np.radians(strange.joints_deg)), strange.manners)
         line = PacedLine(controller, asyncio.get_running_loop(), strange.baud)
-        quick = replace(dialect(strange), character_pause_s=0.0)
+        quick = replace(dialect_of(strange), character_pause_s=0.0)
         link = Link("memory", quick, asyncio.get_running_loop().time, open_port=line.open)
         with pytest.raises(Exception, match=r"no prompt|no answer"):
             await link.open()
@@ -160,3 +139,11 @@ def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_o
         line.stop()
 
     in_simulated_time(story)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_at_9600_baud_a_stop_is_answered_within_a_clients_patience_and_confirmed_before_the_alarm(seed: int) -> None:
+    """Of these controllers 15 take longer than a client waits for a daemon that says nothing, 8 longer than 4 s."""
+    stop = in_simulated_time(partial(stop_of_a_drawn_one, replace(draw(seed), baud=9600)))
+    assert stop.answered_s + SIGN_S < STOP_ANSWER_S
+    assert stop.confirmed_s < max(ABORT_S, TRIES * stop.tried_s)
