@@ -1,25 +1,94 @@
-"""What recall is worth: rendered scenes named as usual, without recall, and with nodes that stand for other labels.
+"""What recall, and each step and term of recognition, is worth: looks as usual and with one of them left out.
 
 If recall proposes, then without it the parts that facets name lose their names or fall to the edges, and where its
 nodes are mislabelled names go wrong with them or fall silent. Once on the scenes kept here, four parts taught from
 drawings; once on all of them, taught from their train views, where FACETD_SHARED says they are.
+
+Each step or term is left out of looks at rendered scenes, at parts of the look-alike families' even seeds taught alone
+and as strangers, and at real pairs of a printed cube: what pays in none of these sets is to be deleted. Names and
+poses are counted, as rendered names alone do not show what a step does to the covariance of a real part.
+
+usage: python -m tests.bench.ablation [COMPONENT ...]
+COMPONENT: only these of COMPONENTS, after "nothing"; without any: recall, and all of them.
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+from unittest import mock
 
 import cv2
 import numpy as np
 
 from daemon.main import tame_malloc
+from daemon.vision import look as look_module
+from daemon.vision.evidence import by_edges, missing, rivals
+from daemon.vision.facets import reconstruct
+from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
+from daemon.vision.refine import edge_adjustment, edge_pose, refined
+from tests.bench import poses
+from tests.bench.look_alikes import MODES, answers
 from tests.bench.recognise import matched, test_folders, trained
 from tests.fakes import rendered
 from tests.fakes.ablated import by_facets, four_drawn, instead, misled, without_recall
+
+
+class Without(NamedTuple):
+    """A stand-in for a function of a module, by its name."""
+
+    module: ModuleType
+    name: str
+    instead: Callable[..., Any]
+
+
+FAMILY_SEEDS = range(0, 24, 2)
+"""Of each family: a pair of every kind."""
+COMPONENTS: dict[str, Without] = {
+    "facets seen by one camera": Without(reconstruct, "complete", lambda *_: []),
+    "the fine pass": Without(look_module, "_worth_a_closer_look", lambda _: False),
+    "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
+    "the pose that shows most": Without(refined, "most_in_view", lambda *_: 0),
+    "another pose where edges hold less": Without(refined, "_believed", lambda *_: True),
+    "the pose that edges hold best": Without(
+        by_edges, "best_fitted", lambda solid, alike, *rest: edge_pose.fit_at(solid, rest[0], alike[0], rest[1])
+    ),
+    "wear": Without(edge_adjustment, "_wear", lambda _, variance_mm2: (0.0, 0.0)),
+    "parts put on the table": Without(look_module, "snapped_to_support", lambda parts, *_: tuple(parts)),
+    "hypotheses from facets": Without(by_edges, "hypotheses_from_facets", lambda *_: search.RankedHypotheses([], 0)),
+    "hypotheses on the table": Without(by_edges, "hypotheses_on_support", lambda *_: search.RankedHypotheses([], 0)),
+    "hypotheses turned": Without(search, "best_turned", lambda guesses, *_: _likeliest(guesses)),
+    "undecided ones registered anew": Without(by_edges, "_undecided", lambda *_: []),
+    "doubt by other poses": Without(by_edges, "_spread", lambda *_: np.zeros((6, 6))),
+    "groups that contradict": Without(by_edges, "_contradicts", lambda *_: False),
+    "other sizes": Without(by_edges, "other_sizes", lambda *_: 1.0),
+    "share of inliers": Without(by_edges, "edge_inlier_share", lambda *_: None),
+    "self-similarity": Without(by_edges, "self_similarity", lambda *_: 0.0),
+    "photo-consistency": Without(by_edges, "face_consistency", lambda *_: None),
+    "what leaves the picture": Without(by_edges, "cut_off", lambda *_: False),
+    "all that speaks against": Without(look_module, "checked_for_missing", lambda found, *_: tuple(found)),
+    "missing edges": Without(missing, "missing_share", lambda _: 0.0),
+    "missing in both": Without(missing, "missing_in_both_px", lambda _: 0.0),
+    "off the faces": Without(missing, "off_faces_px", lambda *_: 0.0),
+    "near-duplicates": Without(missing, "untaught_rival", lambda *_: rivals.UntaughtRival()),
+    "occlusion": Without(missing, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
+}
+
+
+def _likeliest(guesses: search.ScoredPoses) -> tuple[search.ScoredPoses, Any]:
+    kept = search.thinned(guesses)
+    kept = kept[np.argsort(guesses.against[kept], kind="stable")[: search.MOST_TURNED]]
+    return guesses.chosen(kept), np.ones(len(kept))
 
 
 @dataclass
@@ -32,14 +101,76 @@ class Named:
     ms: list[float] = field(default_factory=list)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="ablation", description="What recall and each component is worth.")
+    parser.add_argument("component", nargs="*", choices=[*COMPONENTS, []], help="these alone")
+    chosen = parser.parse_args(sys.argv[1:] if arguments is None else arguments).component
     cv2.setNumThreads(1)
     tame_malloc()
+    if not chosen:
+        _recall()
+    _components(chosen or list(COMPONENTS))
+
+
+def _recall() -> None:
     print("the scenes kept here, taught from drawings")
     table(rendered.HERE, four_drawn())
     if rendered.ALL.is_dir():
         print(f"\n{rendered.ALL}, taught from views")
         table(rendered.ALL, trained(rendered.rig(rendered.ALL, "B")))
+
+
+def _components(chosen: Sequence[str]) -> None:
+    """A row for each component left out, each set in its columns."""
+    print(f"\n{'left out':<36}{'scenes: right':>14}{'wrong':>6}{'mm':>7}{'in 95 %':>8}{'ms':>6}"
+          f"{'families: right':>17}{'strangers':>10}{'real pairs':>12}{'mm':>7}{'in 95 %':>8}"
+          f"{'any two':>9}{'mm':>7}{'in 95 %':>8}{'> 3 s':>6}{'ms':>6}")  # fmt: skip
+    for name in ("nothing", *chosen):
+        with ExitStack() as stack:
+            if name in COMPONENTS:
+                module, function, instead_of = COMPONENTS[name]
+                stack.enter_context(mock.patch.object(module, function, instead_of))
+            print(f"{name:<36}{_of_scenes()}{_of_families()}{_of_real()}", flush=True)
+
+
+def _of_scenes() -> str:
+    if not rendered.ALL.is_dir():
+        return f"{'-':>41}"
+    model, right, wrong = trained(rendered.rig(rendered.ALL, "B")), 0, 0
+    measured, ms = list[poses.Measured | None](), list[float]()
+    for folder in test_folders(rendered.ALL):
+        told = rendered.truth(folder)
+        scene = look(*rendered.pair(folder), rendered.rig(rendered.ALL, told["rig"]), model, clock=time.process_time)
+        bodies, ghosts = matched(scene, told)
+        named = [(body, part) for body, part in bodies if part is not None and part.named]
+        good = [(body, part) for body, part in named if part.recognition.label == body["label"]]
+        right, wrong = right + len(good), wrong + len(named) - len(good) + len(ghosts)
+        measured += [poses.measured_as_drawn(body, part, model) for body, part in good]
+        ms.append(1000 * sum(scene.seconds.values()))
+    return f"{right:>14}{wrong:>6}{_places(measured)}{np.median(ms):>6.0f}"
+
+
+def _of_families() -> str:
+    found = [a for family, seed in product(poses.FAMILIES, FAMILY_SEEDS) for a in answers(family, seed, MODES[1:])]
+    tell = [a for a in found if a.tells]
+    return f"{sum(a.right for a in tell):>17}{sum(a.wrong for a in tell):>10}"
+
+
+def _of_real() -> str:
+    if not poses.REAL.is_dir():
+        return f"{'-':>12}"
+    taken = list(poses._frames())
+    pairs, any_two = (poses._real(each) for each in (zip(taken[::2], taken[1::2], strict=True), poses._any_two(taken)))
+    far = sum(one is not None and one.chi_square > poses.WITHIN_3_SIGMAS for one, _ in any_two)
+    named = [sum(one is not None for one, _ in looks) for looks in (pairs, any_two)]
+    first, second = (_places([one for one, _ in looks]) for looks in (pairs, any_two))
+    return f"{named[0]:>12}{first}{named[1]:>9}{second}{far:>6}{np.median([ms for _, ms in any_two]):>6.0f}"
+
+
+def _places(measured: Sequence[poses.Measured | None]) -> str:
+    found = [one for one in measured if one is not None]
+    inside = np.mean([one.chi_square < poses.WITHIN_95 for one in found])
+    return f"{np.mean([one.off_mm for one in found]):>7.3f}{inside:>8.1%}"
 
 
 def table(home: Path, model: Model) -> None:

@@ -18,7 +18,7 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -118,11 +118,11 @@ def _arguments(given: list[str]) -> argparse.Namespace:
     return told
 
 
-def answers(family: str, seed: int) -> Iterator[Answer]:
+def answers(family: str, seed: int, modes: Sequence[str] = MODES) -> Iterator[Answer]:
     """The looks at one pair of a family, one a mode."""
     pair, lies, photo = shown(family, seed)
     tells = telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part) >= TELLS_MM
-    for mode in MODES:
+    for mode in modes:
         scene, ms = _looked(pair, lies, mode, photo)
         yield _judged(pair, lies, mode, photo, scene, tells, ms)
 

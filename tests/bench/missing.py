@@ -52,7 +52,7 @@ RIDGE = 0.05
 end."""
 LOST = 0.02
 """The share of right names at whose loss kinds of evidence are compared."""
-KINDS = ("missing", "missed by both", "off its faces", "a look-alike")
+KINDS = ("missing", "missed by both", "off its faces", "a near-duplicate")
 TOLD_S = 20.0
 
 

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import permutations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -156,16 +156,20 @@ def _real(pairs: Iterator[tuple[Frame, Frame]]) -> list[tuple[Measured | None, f
 
 def _rendered() -> Iterator[tuple[Measured | None, float]]:
     model = trained(rendered.rig(rendered.ALL, "B"))
-    doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
     for folder in test_folders(rendered.ALL):
         told = rendered.truth(folder)
         parts, ms = _named(*rendered.pair(folder), rendered.rig(rendered.ALL, told["rig"]), model)
         for body in told["objects"]:
-            corners = np.unique(np.vstack([f["corners_mm"] for f in body["facets"]]).round(3), axis=0)
-            own = [p for p in parts if p.recognition.label == body["label"]]
-            true = [_onto(corners, p.cyclopean_from_part, model.metric[body["label"]].solid) for p in own]
-            good = [(p, pose) for p, pose in zip(own, true, strict=True) if pose is not None]
-            yield (_measured(good[0][0], model, good[0][1], doubt) if good else None), ms
+            own = (measured_as_drawn(body, p, model) for p in parts if p.recognition.label == body["label"])
+            yield next((one for one in own if one is not None), None), ms
+
+
+def measured_as_drawn(body: dict[str, Any], part: Part, model: Model) -> Measured | None:
+    """How near a named part is to a rendered scene's true body; None where it is not near."""
+    corners = np.unique(np.vstack([f["corners_mm"] for f in body["facets"]]).round(3), axis=0)
+    true = _onto(corners, part.cyclopean_from_part, model.metric[part.recognition.label].solid)
+    doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
+    return None if true is None else _measured(part, model, true, doubt)
 
 
 def _families(seeds: range) -> Iterator[tuple[Measured | None, float]]:

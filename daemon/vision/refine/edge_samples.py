@@ -19,7 +19,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import hidden, robust_weight, solve
 from daemon.vision.image import StereoImages, peaks, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import ExpectedEdges, ShapeBatch, expected
+from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.poses import moved
 
 REACH_PX = 8
@@ -62,7 +62,7 @@ class EdgeSamples:
     @property
     def shows(self) -> Flags:
         """(E,) which edges show, more than by chance."""
-        return np.asarray(self._mean_surprise > SHOWS)
+        return np.asarray(self._mean_surprise(self.visible) > SHOWS)
 
     @property
     def weight(self) -> Array:
@@ -73,12 +73,17 @@ class EdgeSamples:
     @property
     def nats(self) -> Array:
         """(E,) evidence of each edge against chance."""
-        return np.asarray(self.weight * (np.minimum(self._mean_surprise, MOST_SURPRISE) - 1))
+        return self.nats_of(np.ones_like(self.visible))
 
-    @property
-    def _mean_surprise(self) -> Array:
-        """(E,) over the visible stretches."""
-        return np.asarray((self.surprise * self.visible).sum(1) / np.maximum(self.visible.sum(1), 1))
+    def nats_of(self, which: Flags) -> Array:
+        """(E,) evidence of some of the stretches (E, S) of each edge against chance, those that are visible."""
+        some = which & self.visible
+        share = some.sum(1) / np.maximum(self.visible.sum(1), 1)
+        return np.asarray(self.weight * share * (np.minimum(self._mean_surprise(some), MOST_SURPRISE) - 1))
+
+    def _mean_surprise(self, which: Flags) -> Array:
+        """(E,) over some of the stretches (E, S)."""
+        return np.asarray((self.surprise * which).sum(1) / np.maximum(which.sum(1), 1))
 
     def information(self, sigma_px: float) -> Array:
         """(6, 6) of the pose, in edges of which either end is off by sigma_px, as far as they show."""
@@ -109,10 +114,13 @@ class EdgeEvidence(NamedTuple):
         return cls(nats, nats / max(most, 1e-9))
 
 
-def edge_samples_of(laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> list[EdgeSamples]:
-    """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part."""
+def edge_samples_of(
+    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+) -> list[EdgeSamples]:
+    """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for expected."""
     found = []
-    for (edges, sigmas), eye_mm in zip(_slopes(laid, eyes, poses, tolerance_mm), eyes.geometry.eyes_mm, strict=True):
+    slopes = _slopes(laid, eyes, poses, tolerance_mm, thin_px)
+    for (edges, sigmas), eye_mm in zip(slopes, eyes.geometry.eyes_mm, strict=True):
         size = np.abs(sigmas)
         edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
         own = edge[..., _OFF <= ON_PLACE_PX].max(2)
@@ -142,12 +150,12 @@ def _visible(laid: ShapeBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array
 
 
 def _slopes(
-    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float
+    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
     """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
     wanted = np.ones(len(poses), bool)
     for view in eyes.views:
-        edges = expected(laid, view, poses, wanted, tolerance_mm)
+        edges = expected(laid, view, poses, wanted, tolerance_mm, thin_px)
         yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
 
 

@@ -149,13 +149,20 @@ class EdgeObservation:
         return EdgeObservation(edges, self.off[own], self.doubt[own], self.there[own], sides)
 
 
-def expected(laid: ShapeBatch, view: CameraImage, poses: Array, wanted: Flags, tolerance_mm: float) -> ExpectedEdges:
+def expected(
+    laid: ShapeBatch,
+    view: CameraImage,
+    poses: Array,
+    wanted: Flags,
+    tolerance_mm: float,
+    thin_px: tuple[float, float] = THIN_PX,
+) -> ExpectedEdges:
     """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
-    placements at poses (P, 4, 4)."""
+    placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one another."""
     px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
     thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
-    facing = (thick_px >= THIN_PX[1]).sum(1)
-    clear = np.asarray(~((thick_px > THIN_PX[0]) & (thick_px < THIN_PX[1])).any(1))
+    facing = (thick_px >= thin_px[1]).sum(1)
+    clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(1))
     which = np.flatnonzero((facing > 0) & wanted[laid.owner])
     a, b = laid.ends[which].T
     first, last = _inside(px[a], px[b], view.grey.shape)

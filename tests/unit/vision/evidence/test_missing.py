@@ -11,11 +11,10 @@ import pytest
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import missing
+from daemon.vision.evidence.edge_places import EdgePlaces, edge_places
 from daemon.vision.evidence.missing import (
     Against,
-    EdgePlaces,
     checked_for_missing,
-    edge_places,
     missing_in_both_px,
     missing_share,
     speaks_against,
@@ -42,13 +41,16 @@ WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
 L_BLOCK = prism(L_BASE, 40.0)
 INTO_THE_L = pose(np.array([-0.8, 0.35, 0.5]), 0.3, 330.0)
 """A leg of the L stands before some of the edges in its hollow."""
-MIRRORED = 14
-"""A seed of which the mirror image alone is taught."""
+ONE_SIDE_MORE = 32
+"""A seed of which the prism with another number of sides alone is taught."""
 STRANGERS = [
     ("mirror", 46, "stepped_wedge_b"),
     ("mirror", 30, "cut_block_a"),
     ("cut", 6, "corner_cut_a"),
     ("dihedral", 46, "cap_or_pit_b"),
+    ("dihedral", 28, "cap_or_pit_b"),
+    ("cut", 26, "corner_cut_a"),
+    ("cut", 46, "corner_cut_b"),
 ]
 """Looks at parts whose twin alone is taught, which their facets or edges name: a family, its seed, and the twin."""
 
@@ -112,10 +114,10 @@ def test_what_has_no_name_is_left_as_it_is() -> None:
     assert checked_for_missing([nameless], model(), eyes_on("cut")) == (nameless,)
 
 
-def test_a_mirror_image_is_left_unnamed_for_what_is_missing_and_for_nothing_else(
+def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_and_for_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    pair, lies, photo = shown("mirror", MIRRORED)
+    pair, lies, photo = shown("sides", ONE_SIDE_MORE)
     other = taught((pair.parts[1 - lies],))
     pictures = photo.left, photo.right
     scene = look(*pictures, true_rig(cell()), other)
@@ -191,7 +193,7 @@ def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
 def test_it_is_said_what_speaks_most_against_a_part() -> None:
     assert str(Against(0.1, 30.0, 0.0, 3.0)) == "10% of what that should show is in neither picture"
     assert str(Against(0.01, 0.0, 80.0, 0.0)) == "edges of 80 px inside it lie before or behind its faces"
-    assert str(Against(0.03, 0.0, 0.0, 30.0)) == "its mirror image, or one with a tip the other way, fits better"
+    assert str(Against(0.03, 0.0, 0.0, 30.0, "mirrored")) == "a part like it mirrored fits better"
 
 
 @pytest.mark.parametrize(("family", "seed", "name"), STRANGERS)

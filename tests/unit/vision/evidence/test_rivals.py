@@ -7,21 +7,22 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon.vision.evidence import missing
+from daemon.vision.evidence import missing, rivals
+from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.evidence.missing import RIVAL_NATS
-from daemon.vision.evidence.rivals import by_own_edges, inverted_corners, untaught_rival
-from daemon.vision.geometry import exact
+from daemon.vision.evidence.near_duplicates import without_corner
+from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival
+from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
-from daemon.vision.model import mirror_images
 from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of
-from daemon.vision.refine.expected_edges import ShapeBatch
+from daemon.vision.refine.expected_edges import THIN_PX, ShapeBatch
 from tests.bench import look_alikes
 from tests.bench.simulated_looks import true_rig
 from tests.fakes.many_parts import taught
 from tests.fakes.photographed import cell
 from tests.fakes.printed import print_pair, straight_rig
-from tests.fakes.solids import KNOWN, Body, pose
+from tests.fakes.solids import KNOWN, Body, pose, prism
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 CUBE = KNOWN["cube"]
@@ -35,6 +36,10 @@ def eyes() -> StereoImages:
 
 def shown(corners_mm: np.ndarray, facets) -> list[EdgeSamples]:
     return edge_samples_of(ShapeBatch.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
+
+
+def rival_of(solid: Polyhedron, where: np.ndarray, eyes_on: StereoImages) -> UntaughtRival:
+    return untaught_rival(solid, where, eyes_on, edge_places(solid, where, eyes_on))
 
 
 def longer(body: Body, share: float) -> np.ndarray:
@@ -58,23 +63,6 @@ def test_an_edge_that_is_not_there_speaks_against_the_part_that_has_it() -> None
     assert by_own_edges(whole, other) > 10.0
 
 
-def test_a_mirror_image_and_a_raised_tip_are_held_against_a_part_and_what_is_its_own_mirror_image_has_none() -> None:
-    assert not mirror_images(exact(CUBE.corners_mm, CUBE.facets))
-    assert untaught_rival(exact(CUBE.corners_mm, CUBE.facets), WHERE, eyes()) == 0.0
-    assert [len(inverted_corners(exact(*one))) for one in (_block_with_tip(12.0), _block_with_tip(-12.0))] == [1, 1]
-    sunk = inverted_corners(exact(*_block_with_tip(12.0)))[0]
-    assert sunk.corners_mm == pytest.approx(_block_with_tip(-12.0)[0])
-
-
-def _block_with_tip(mm: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """A block of 40 mm with a pyramid on it, or taken out of it."""
-    square = np.array([[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]])
-    low, high = (np.column_stack([square, np.full(4, z)]) for z in (0.0, 30.0))
-    sides = [(k, (k + 1) % 4, (k + 1) % 4 + 4, k + 4) for k in range(4)]
-    tip = [(k + 4, (k + 1) % 4 + 4, 8) for k in range(4)]
-    return np.vstack([low, high, [0.0, 0.0, 30.0 + mm]]), [(3, 2, 1, 0), *sides, *tip]
-
-
 @pytest.mark.parametrize("seed", [6, 26, 46])
 def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the part that lies there, and of its mirror image as the same look takes it to lie there."""
@@ -84,6 +72,47 @@ def test_edges_that_only_a_mirror_image_has_speak_against_a_part(seed: int, monk
     for part in (pair.parts[lies], pair.parts[1 - lies]):
         model = taught((part,))
         (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
-        nats.append(untaught_rival(model.metric[part.label].solid, found.cyclopean_from_part, eyes_on))
+        nats.append(rival_of(model.metric[part.label].solid, found.cyclopean_from_part, eyes_on).nats)
     assert nats[0] == 0.0
     assert nats[1] > RIVAL_NATS
+
+
+BLOCK = prism(np.array([[0.0, 0], [60, 0], [60, 45], [0, 45]]), 40.0)
+NEAR_BLOCK = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
+
+
+@cache
+def cut_block() -> Polyhedron:
+    """The block without the corner that is seen best."""
+    whole = exact(BLOCK.corners_mm, BLOCK.facets)
+    corner = int(np.argmin((whole.corners_mm @ NEAR_BLOCK[:3, :3].T)[:, 2]))
+    beside = {k for edge in whole.edges if corner in edge for k in edge} - {corner}
+    return without_corner(whole, corner, dict.fromkeys(beside, 0.4))
+
+
+@cache
+def eyes_on_block(cut: bool) -> StereoImages:
+    shown = cut_block() if cut else exact(BLOCK.corners_mm, BLOCK.facets)
+    body = Body(shown.corners_mm, shown.facets)
+    return open_stereo(*print_pair(body, NEAR_BLOCK, 3, printed=False, patterned=False), straight_rig())
+
+
+@pytest.mark.parametrize(("taught_cut", "how"), [(False, "with a corner cut off"), (True, "with a cut corner whole")])
+def test_a_corner_cut_off_and_one_that_is_whole_speak_against_the_other(taught_cut: bool, how: str) -> None:
+    solid = cut_block() if taught_cut else exact(BLOCK.corners_mm, BLOCK.facets)
+    assert rival_of(solid, NEAR_BLOCK, eyes_on_block(taught_cut)).nats == 0.0
+    rival = rival_of(solid, NEAR_BLOCK, eyes_on_block(not taught_cut))
+    assert rival.how == how
+    assert rival.nats > RIVAL_NATS / 2
+
+
+def test_a_tip_that_is_seen_from_the_side_alone_tells_by_the_outline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its facets are too thin to be measured by themselves; what they stick out shows."""
+    pair, lies, photo = look_alikes.shown("dihedral", 28)
+    eyes_on, model = open_stereo(photo.left, photo.right, true_rig(cell())), taught((pair.parts[1 - lies],))
+    monkeypatch.setattr(missing, "MOST_LIKELY_TWIN", 1.0)
+    (found,) = (one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named)
+    solid = model.metric[found.recognition.label].solid
+    assert rival_of(solid, found.cyclopean_from_part, eyes_on).nats > RIVAL_NATS / 2
+    monkeypatch.setattr(rivals, "BY_OUTLINE_PX", THIN_PX)
+    assert rival_of(solid, found.cyclopean_from_part, eyes_on).nats == 0.0
