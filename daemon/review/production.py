@@ -15,6 +15,7 @@ import numpy as np
 from daemon.events.codes import BY_SUMMARY
 from daemon.events.outcomes import UNFINISHED, is_success, tally
 from daemon.review.digest import Cycle, Digest, repeated_faults
+from daemon.review.downtime import use_of_time
 from daemon.review.not_counted import picks_not_counted
 from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 
@@ -33,6 +34,7 @@ def production(runs: Sequence[Digest]) -> Json:
     picked = [c for c in cycles if is_success(c.outcome)]
     timed = [run for run in runs if run.times_life == 1]
     seconds = [c.seconds for run in timed for c in run.cycles if is_success(c.outcome)]
+    times = use_of_time(timed)
     worked_s = sum(filter(None, map(_worked_s, timed)))
     by_part = {
         label: [sum(is_success(c.outcome) for c in of), len(of)]
@@ -58,6 +60,8 @@ def production(runs: Sequence[Digest]) -> Json:
         "stops": dict(Counter(chain.from_iterable(map(_stops, runs))).most_common()),
         "nameless": sum(map(_nameless, cycles)),
         "interventions": sum(map(interventions, runs)),
+        "oee": times["oee"],
+        "times": times,
     }
 
 
@@ -146,6 +150,7 @@ PLAIN = (
     ("picks per hour", "hourly", "", False),
     ("cycle time, median", "median_s", "s", True),
     ("cycle time, 95th percentile", "p95_s", "s", True),
+    ("OEE", "oee", "", False),
     ("looks per pick", "looks", "", True),
     ("predicted error at the grasp", "grasp_mm", "mm", True),
     ("true error at the grasp", "true_mm", "mm", True),

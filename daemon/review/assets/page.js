@@ -42,6 +42,7 @@ by("tiles").append(
     done.aborted ? `${done.aborted} ended by a person` : null, done.interrupted ? `${done.interrupted} interrupted` : null, beside((p) => share([p.picked, p.tried]))].filter(Boolean).join(" · "), failed ? "bad" : done.uncounted || done.released ? "warn" : "", data.definition),
   tile("picks per hour", number(done.hourly), paceOf(done) || beside((p) => number(p.hourly))),
   tile("cycle time, median", duration(done.median_s), paceOf(done) || [`95th percentile: ${duration(done.p95_s)}`, beside((p) => duration(p.median_s))].filter(Boolean).join(" · ")),
+  tile("OEE", percent(done.oee), paceOf(done) || oeeOf(done.times), "", OEE),
   tile("interventions by people", done.interventions, beside((p) => `${p.interventions}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.interventions ? "warn" : ""),
   tile("unidentified parts", done.nameless, beside((p) => `${p.nameless}${p.runs > 1 ? ` in ${p.runs} runs` : ""}`), done.nameless ? "warn" : ""),
   tile("error at the grasp", known(done.grasp_mm) ? `${number(done.grasp_mm)} mm` : "–",
@@ -262,6 +263,7 @@ const most = Math.max(0, ...approached.map((c) => c.length)), limit = (data.stri
 const atLook = Array.from({ length: most }, (_, i) => approached.filter((c) => c.length > i).map((c) => c[i]).sort((a, b) => a - b));
 const quantile = (sorted, q) => sorted[Math.min(sorted.length - 1, Math.floor(q * sorted.length))];
 by("plot-list").append(...[
+  downtime(done.times),
   chart("Predicted error at the grasp, look by look", [
     { name: "median", points: atLook.map((v, i) => [i + 1, quantile(v, 0.5), `of ${v.length} picks`]) },
     { name: "95 %", points: atLook.map((v, i) => [i + 1, quantile(v, 0.95), `of ${v.length} picks`]) },

@@ -50,6 +50,19 @@ const paceOf = (p) => (p.paces.some((pace) => pace !== 1) ? (known(p.median_s) ?
 const stoppedBy = (stops) => (stops.length ? `. Causes of stops: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
 const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "causes of stops"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "none")]));
 
+// ---- how the time was used: OEE with its factors, and what each stop cost, the costliest first
+const percent = (value) => (known(value) ? `${Math.round(100 * value)} %` : "–");
+const oeeOf = (times) => (known(times.oee) ? `availability ${percent(times.availability)} × performance ${percent(times.performance)} × quality ${percent(times.quality)}` : "too few picks in real time");
+const OEE = "Availability: time picking, of the time in which parts were wanted (a pick, an auto, a job, with its stops). Performance: against the fastest tenth of the good picks. Quality: picked of tried. Waiting for parts does not count.";
+const downtime = ({ stops, picking_s, down_s, waiting_s }) => {
+  if (!(picking_s + down_s + waiting_s)) return null;
+  let sum = 0;
+  const bar = (s) => `background: linear-gradient(to right, color-mix(in srgb, var(--c0) 35%, transparent) ${100 * s / stops[0].s}%, transparent 0)`;
+  const rows = stops.map(({ cause, count, s }) => { sum += s; return el("tr", {}, el("td", { style: bar(s) }, cause), ...[duration(s), count, percent(sum / down_s)].map((text) => el("td", { class: "num" }, text))); });
+  return el("figure", { class: "chart" }, el("figcaption", {}, `Downtime ${duration(down_s)}, picking ${duration(picking_s)}, waiting for parts ${duration(waiting_s)}`),
+    stops.length ? el("div", { class: "wide" }, el("table", {}, el("thead", {}, el("tr", {}, ...["stopped by", "downtime", "stops", "cumulative"].map((name, k) => el("th", { class: k ? "num" : null }, name)))), el("tbody", {}, ...rows))) : null);
+};
+
 // ---- times: the cell's own, UTC under the pointer
 const cellTime = (t, offset) => new Date(Date.parse(t) + 1000 * (offset || 0)).toISOString();
 const clock = (t, offset) => (t ? cellTime(t, offset).slice(11, 19) : "–");

@@ -10,7 +10,7 @@ by("summary").append(...[data.cell.kind === "simulated" ? el("b", { class: "tag"
 const tile = (name, value, under) => el("div", { class: "tile" }, el("span", {}, name), el("b", {}, value), under ? el("small", {}, under) : null);
 by("tiles").append(
   tile("success", share([done.picked, done.tried]), `${done.picked} of ${done.tried}`), tile("cycle time, median", duration(done.median_s), paceOf(done) || `95th percentile: ${duration(done.p95_s)}`),
-  tile("interventions by people", done.interventions), tile("unidentified parts", done.nameless),
+  tile("OEE", percent(done.oee), paceOf(done) || oeeOf(done.times)), tile("interventions by people", done.interventions), tile("unidentified parts", done.nameless),
   el("div", { class: "tile list" }, el("span", {}, "success by part"), ...Object.entries(done.parts).map(([label, of]) => el("div", {}, el("i", { class: of[0] < of[1] ? "bad" : "good" }, share(of)), ` ${label} `, el("small", {}, `${of[0]} of ${of[1]}`)))),
   stoppedList(stops, data.remedies));
 by("tiles").after(el("p", { class: "dim" }, data.definition));
@@ -21,11 +21,13 @@ const days = [...new Set(at.map((d) => Math.floor(d)))].sort((a, b) => a - b).ma
 const open = (i) => { window.location.href = runs[i].link; };
 const trend = (title, y, lines, limit, fit) => chart(title, lines.map(([name, of]) => ({ name, points: runs.map((r, i) => [at[i], of(r), dayAndTime(r.t, offset)]) })),
   { x: "day", y, limit, fit, on: open, xs: days, xName: (d) => new Date(Math.floor(d) * 86400000).toISOString().slice(5, 10) });
-const percent = (of) => (of && of[1] ? 100 * of[0] / of[1] : null);
+const success = (of) => (of && of[1] ? 100 * of[0] / of[1] : null);
 const labels = Object.keys(done.parts);
 by("trends").append(...[
-  trend("Success", "% of tried", [["all", (r) => percent([r.production.picked, r.production.tried])]], null, [0, 100]),
-  trend("Success by part", "% of tried", labels.map((label) => [label, (r) => percent(r.production.parts[label])]), null, [0, 100]),
+  downtime(done.times),
+  trend("OEE", "%", [["", (r) => (known(r.production.oee) ? 100 * r.production.oee : null)]], null, [0, 100]),
+  trend("Success", "% of tried", [["all", (r) => success([r.production.picked, r.production.tried])]], null, [0, 100]),
+  trend("Success by part", "% of tried", labels.map((label) => [label, (r) => success(r.production.parts[label])]), null, [0, 100]),
   trend("Predicted error at the grasp, median", "mm", [["predicted", (r) => r.production.grasp_mm], ["true (simulated)", (r) => r.production.true_mm]].filter(([, of]) => runs.some((r) => known(of(r))))),
   trend("Cycle time", "s", [["median", (r) => r.production.median_s], ["95th percentile", (r) => r.production.p95_s]]),
   trend("Stereo rotation drift", "degrees", ["pitch", "roll", "vergence"].map((axis) => [axis, (r) => r.drift[axis]]), data.stop_deg),

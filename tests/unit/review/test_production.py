@@ -129,7 +129,15 @@ def test_times_of_a_run_at_another_pace_are_no_times_of_the_cell(tmp_path: Path)
 
 
 def test_a_difference_matters_where_chance_would_not_make_it() -> None:
-    plain = {"hourly": 100.0, "median_s": 10.0, "p95_s": 12.0, "looks": 3.0, "grasp_mm": 0.6, "true_mm": None}
+    plain = {
+        "hourly": 100.0,
+        "median_s": 10.0,
+        "p95_s": 12.0,
+        "oee": 0.8,
+        "looks": 3.0,
+        "grasp_mm": 0.6,
+        "true_mm": None,
+    }
     rest = {"nameless": 0, "interventions": 0, "parts": {}}
     before = {"picked": 95, "tried": 100, **plain, **rest}
     some = compared(before, {**before, "picked": 92, "median_s": 10.4})
