@@ -146,7 +146,7 @@ def _works_without_daemon(words: list[str]) -> bool:
     if words[0] == "train":
         return len(words) > 1
     if words[0] == "calibrate":
-        return "--left" in words or words[1:2] in ([], ["quick"], ["import"], ["export"])
+        return "--left" in words or words[1:2] in ([], ["quick"], ["board"], ["import"], ["export"])
     if words[0] == "cameras":
         return not {*words[1:]} & {"left", "right", "both"}
     if words[0] == "model":

@@ -7,7 +7,7 @@ import argparse
 
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `calibrate` and its kinds to facetctl."""
-    from daemon.calibration import interchange, quick, recorded
+    from daemon.calibration import board_pdf, interchange, quick, recorded
 
     parser = subparsers.add_parser(
         "calibrate",
@@ -15,6 +15,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         epilog="With a running daemon: calibrate stereo|by-hand|hand-eye|verify|touch (`facetctl help calibrate`).",
     )
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    board_pdf.register(kinds)
     recorded.register(kinds)
     quick.register(kinds)
     interchange.register(kinds)
