@@ -13,6 +13,7 @@ from daemon.commands import (
     observing,
     placing,
     positions,
+    run_notes,
     simulated_parts,
     teaching,
 )
@@ -33,6 +34,7 @@ def every_command(kind: str = "real") -> list[ConsoleCommand]:
         *models.COMMANDS,
         *calibrating.COMMANDS,
         *controller_terminal.COMMANDS,
+        *run_notes.COMMANDS,
         *maintaining.COMMANDS,
         *hand.get(kind, ()),
     ]

@@ -171,6 +171,20 @@ class CommandGiven(EventRecord, kw_only=True):
     text: Annotated[Text, meaning("the line")] = None
 
 
+class NoteTaken(EventRecord, kw_only=True):
+    """A person's comment."""
+
+    who: Annotated[Text, meaning("the person")] = None
+    text: Annotated[Text, meaning("the comment")] = None
+
+
+class OperatorNamed(EventRecord, kw_only=True):
+    """Somebody said who works at a terminal from now on."""
+
+    who: Annotated[Text, meaning("the person, and the account or terminal")] = None
+    before: Annotated[Text, meaning("who it was before")] = None
+
+
 class AutoSet(EventRecord, kw_only=True):
     """`auto` was switched on or off."""
 
@@ -416,6 +430,8 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
     "run_start": RunStart,
     "model": ModelInUse,
     "command": CommandGiven,
+    "note": NoteTaken,
+    "operator": OperatorNamed,
     "auto": AutoSet,
     "left": LeftBehind,
     "holding": HoldingSeen,

@@ -208,10 +208,10 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """Faults, refusals, gaps, clock jumps, model changes and picks not counted, each once, with the record before
-    it."""
+    """What people want to know of beside the picks, each once: kind, in words, the record before it, and who cleared a
+    fault after how long."""
     found: list[Json] = []
-    before, cycle = None, None
+    before, cycle, last = None, None, None
     zero = float(digest.records[0]["mono_s"]) if digest.records else 0.0
     again = repeated_faults(digest.records)
     uncounted = {
@@ -224,13 +224,15 @@ def events(digest: Digest) -> list[Json]:
         kind = record["kind"]
         if kind == "cycle_start":
             cycle = record.get("cycle")
-        if kind in ("fault", "refusal", "gap", "clock", "model", "eyes", "gained", "uncounted", "run_end"):
+        if kind in EVENT_KINDS:
             event = {
                 "t": record.get("t"),
                 "s": round(float(record["mono_s"]) - zero, 2),
                 "kind": kind,
+                "what": EVENT_KINDS[kind],
                 "cycle": cycle,
                 "text": _event_text(record),
+                "cleared": None,
                 "after": None if before is None else _event_text(before),
             }
             same = kind != "fault" and found and all(found[-1][k] == event[k] for k in ("kind", "cycle", "text"))
@@ -238,11 +240,22 @@ def events(digest: Digest) -> list[Json]:
                 found.append(event)
         elif kind in ("move", "hand", "held_back", "decision", "command", "state"):
             before = record
+            last = record if kind == "command" else last
+            if kind == "state" and record.get("from") == "fault" and record.get("to") != "fault":
+                now = float(record["mono_s"]) - zero
+                for one in (e for e in found if e["kind"] == "fault" and e["cleared"] is None):
+                    one["cleared"] = {"by": (last or {}).get("who"), "s": round(now - one["s"], 1)}
         if kind == "cycle_end":
             cycle = None
     return found
 
 
+EVENT_KINDS = {
+    "fault": "fault", "refusal": "refusal", "note": "note", "operator": "operator", "model": "model",
+    "eyes": "cameras", "gained": "second look", "uncounted": "not counted", "gap": "records missing",
+    "clock": "clock", "run_end": "end",
+}  # fmt: skip
+"""Kinds of records in the table of events, and their names for people."""
 EVENTS = {
     "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
     "held_back": "withdrawn before it was sent",
@@ -253,6 +266,8 @@ def _event_text(record: Json) -> str:
     kind = record["kind"]
     if kind == "eyes":
         return f"cameras in use: {record.get('alone') or 'both'}: {record.get('why')}"
+    if kind in ("note", "operator"):
+        return f"{record.get('text')} ({record.get('who')})" if kind == "note" else f"from now on {record.get('who')}"
     if kind == "gained":
         return (
             f"look {record.get('look')} at {record.get('about')}: was {record.get('before')}; now {record.get('after')}"

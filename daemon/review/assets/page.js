@@ -241,9 +241,21 @@ function lookView(stop) {
 }
 
 // ---- events, other looks
-by("event-list").append(data.events.length ? el("ul", {}, ...data.events.map((e) => el("li", { class: ["fault", "refusal", "gap", "uncounted"].includes(e.kind) ? "warn" : null },
-  time(e.t, offset), " ", e.cycle === null ? null : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle} `), e.text,
-  e.after && ["fault", "refusal"].includes(e.kind) ? el("span", { class: "dim" }, ` — after: ${e.after}`) : null))) : el("p", { class: "dim" }, "none"));
+const WARNED = ["fault", "refusal", "gap", "uncounted"];
+const eventRows = data.events.map((e) => el("tr", {},
+  el("td", {}, time(e.t, offset)), el("td", {}, e.cycle === null ? "" : el("a", { href: "#cycle", onclick: () => open(e.cycle) }, `cycle ${e.cycle}`)),
+  el("td", { class: WARNED.includes(e.kind) ? "o" : null }, e.what),
+  el("td", { class: "k-cause" }, el("b", {}, e.text), e.after && ["fault", "refusal"].includes(e.kind) ? ` after: ${e.after}` : null),
+  el("td", {}, e.kind !== "fault" ? "" : e.cleared ? `${e.cleared.by || "somebody"}, after ${duration(e.cleared.s)}` : "not cleared")));
+const whats = [...new Set(data.events.map((e) => e.what))];
+const showEvents = (what) => by("event-table").tBodies[0].replaceChildren(...eventRows.filter((_, k) => what === "all" || data.events[k].what === what));
+if (data.events.length) {
+  by("event-filters").append(...["all", ...whats].map((what) => el("button", { type: "button", "aria-pressed": what === "all",
+    onclick: (e) => { for (const b of by("event-filters").children) b.setAttribute("aria-pressed", b === e.currentTarget); showEvents(what); } },
+    what === "all" ? "all" : `${what} ${data.events.filter((e) => e.what === what).length}`)));
+  by("event-table").tHead.append(el("tr", {}, ...["at", "cycle", "kind", "what happened", "cleared by"].map((name) => el("th", {}, name))));
+  showEvents("all");
+} else by("events").append(el("p", { class: "dim" }, "none"));
 const inAll = (parts) => {
   const count = {};
   for (const p of parts) count[p.label] = (count[p.label] || 0) + 1;

@@ -54,6 +54,26 @@ def test_a_person_filters_opens_a_cycle_and_goes_to_the_next_stop(browser: Any, 
     assert browser.get_log("browser") == []
 
 
+def test_events_are_filtered_by_their_kind_and_lead_to_their_cycle(browser: Any, tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
+    made.write("note", who="ann", text="lamp replaced")
+    made.write("cycle_start", cycle=1, target=None)
+    made.write("fault", cycle=1, code="camera_lost", text="left camera is gone")
+    made.write("cycle_end", cycle=1, outcome="fault", code="camera_lost", why="left camera is gone")
+    made.write("command", who="bob", door="console", text="resume")
+    made.write("state", cycle=1, event="resume", to="idle", **{"from": "fault"})
+    open_page(browser, write_page(made.close(), tmp_path / "page.html"))
+    told = [row.text for row in browser.find_elements("css selector", "#event-table tbody tr")]
+    assert len(told) == 3
+    assert "lamp replaced (ann)" in told[0]
+    assert "bob, after 0.3 s" in told[1]
+    browser.find_element("xpath", "//div[@id='event-filters']/button[text()='fault 1']").click()
+    (row,) = browser.find_elements("css selector", "#event-table tbody tr")
+    row.find_element("tag name", "a").click()
+    assert "Cycle 1" in browser.find_element("id", "cycle").text
+    assert browser.get_log("browser") == []
+
+
 def test_what_an_unnamed_part_came_nearest_to_is_drawn_into_both_eyes(browser: Any, tmp_path: Path) -> None:
     edges = np.array([[[10.0, 20], [60, 20]], [[60, 20], [60, 70]]])
     shows = np.array([True, False])

@@ -212,6 +212,24 @@ def test_a_fault_is_told_by_its_cause_and_a_persons_stop_is_no_fault() -> None:
     ]  # fmt: skip
 
 
+def test_a_fault_says_who_cleared_it_and_after_how_long_and_notes_are_events_too() -> None:
+    found = [
+        line("operator", 0, who="ann: operator at /dev/ttyS0", before="operator at /dev/ttyS0", seq=0),
+        line("fault", 10, code="camera_lost", text="left camera is gone", seq=1),
+        line("note", 20, who="ann: operator at /dev/ttyS0", text="cable plugged in", seq=2),
+        line("command", 39, who="bob", text="resume", seq=3),
+        line("state", 40, to="idle", event="resume", seq=4, **{"from": "fault"}),
+        line("fault", 50, code="gripper", text="no air", seq=5),
+    ]
+    told = events(digest("x", found))
+    assert [(e["what"], e["text"], e["cleared"]) for e in told] == [
+        ("operator", "from now on ann: operator at /dev/ttyS0", None),
+        ("fault", "fault: camera cable: left camera is gone", {"by": "bob", "s": 30.0}),
+        ("note", "cable plugged in (ann: operator at /dev/ttyS0)", None),
+        ("fault", "fault: gripper: no air", None),
+    ]
+
+
 def test_the_figures_of_a_run(run: Digest) -> None:
     assert run.statistics() == {
         "run": "20260102T030401Z", "started": "2026-01-02T03:04:01.000Z", "seconds": 13.0, "cycles": 2, "tried": 1,
