@@ -5,7 +5,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import ARM, Capsule, FixtureBox, ball_of, body_like, capsule_around, carried_part
-from daemon.arm.guard import Limits, Point, SupportContact
+from daemon.arm.guard import Limits, MoveCommand, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
@@ -46,6 +46,7 @@ __all__ = [
     "Kinematics",
     "Limits",
     "MotionPermit",
+    "MoveCommand",
     "MoveRefusedError",
     "Mover",
     "NotSentError",

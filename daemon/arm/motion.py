@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -212,15 +213,15 @@ class Mover:
         assert self.here is not None
         return Reach(self.cell.robot.kinematics, self.here, self.bounds, self.arrival)
 
-    async def go(self, command: MoveCommand) -> Reading:
-        """One move, to rest; one that is held as it is being typed is checked and sent anew. Raises MoveRefusedError
-        before, NotAtTargetError after, or what the robot raises."""
+    async def go(self, command: MoveCommand, then: MoveCommand | None = None) -> Reading:
+        """One move, to rest; one that is held as it is being typed is checked and sent anew. then: the move that is to
+        follow at once. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
         while True:
-            reading = await self._sent(command)
+            reading = await self._sent(command, then)
             if reading is not None:
                 return reading
 
-    async def _sent(self, command: MoveCommand) -> Reading | None:
+    async def _sent(self, command: MoveCommand, then: MoveCommand | None) -> Reading | None:
         """Check, wait out a hold, check again, send; None where it was held before its last byte left."""
         self.check(command)
         await self._held(_in_words(command), self._way_in_words(command))
@@ -243,6 +244,7 @@ class Mover:
                 straight=command.straight,
                 speed_pct=command.speed_pct,
                 timeout_s=longest_s,
+                then=then,
             )
         except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
             self._log_held_back("move")
@@ -269,9 +271,14 @@ class Mover:
         speed_pct(world_from_tool of a step) is cut to the limit; contact: see MoveCommand. Raises OutOfReachError
         before anything is sent, and what `go` raises.
         """
-        for leg in self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact)):
-            speed = min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct)
-            await self.go(MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s, contact))
+        way = self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact))
+        speeds = [min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct) for leg in way]
+        moves = [
+            MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s, contact)
+            for leg, speed in zip(way, speeds, strict=True)
+        ]
+        for move, then in zip_longest(moves, moves[1:]):
+            await self.go(move, then)
 
     def check_through(self, poses: Iterable[Array], contact: SupportContact | None = None) -> None:
         """Raise what `travel` would where straight ways through these poses (4, 4), one after the other from here,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm.belief import Beliefs, Reading
+from daemon.arm.guard import MoveCommand
 from daemon.arm.permit import MotionPermit
 from daemon.arrays import Array
 from daemon.compute.calls import Compute
@@ -84,12 +85,14 @@ class Robot(Protocol):
         straight: bool,
         speed_pct: float,
         timeout_s: float,
+        then: MoveCommand | None = None,
     ) -> Reading:
         """Send one move and return when the arm is at rest (two WHERE that agree), with the last WHERE.
 
         In one turn of the line, whatever was said before: SPEED, the location, WHERE, the move. starts: called with
         that WHERE; what it raises comes out of here, and nothing has moved. straight: DO SET + DO MOVES, otherwise DO
-        MOVE. Whether it arrived is for the caller to judge.
+        MOVE. Whether it arrived is for the caller to judge. then: the move that is expected to follow at once: what
+        is said before it may be said before the last WHERE of this one.
         """
 
     async def hand(self, closed: bool) -> None:

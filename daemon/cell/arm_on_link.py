@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from daemon.arm import Beliefs, BeliefSource, HeldBackError, MotionPermit, Reading, StopRefusedError, VoidingEvent
+from daemon.arm import (
+    Beliefs,
+    BeliefSource,
+    HeldBackError,
+    MotionPermit,
+    MoveCommand,
+    Reading,
+    StopRefusedError,
+    VoidingEvent,
+)
 from daemon.arrays import Array
 from daemon.cell.no_arm import CellError
 from drivers import puma560
@@ -19,8 +28,8 @@ from drivers.val2.commands import turns_over as turns_over
 from drivers.val2.commands import works_the_hand as works_the_hand
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
-from drivers.val2.link import Link, Start
-from drivers.val2.location import apart, location_from_matrix, matrix_from_location
+from drivers.val2.link import Link, Start, Then
+from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
 WireListener = Callable[[dict[str, Any]], None]
@@ -122,6 +131,7 @@ class ArmOnLink:
         straight: bool,
         speed_pct: float,
         timeout_s: float,
+        then: MoveCommand | None = None,
     ) -> Reading:
         """One move; returns the reading at rest, at the target or not. Raises LinkError, and what starts raises."""
         location = location_from_matrix(world_from_tool, self._o_deg)
@@ -129,11 +139,17 @@ class ArmOnLink:
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
             try:
-                return self._reading(await self.link.rest(location, timeout_s))
+                return self._reading(await self.link.rest(location, timeout_s, self._ahead(then, location)))
             except Elsewhere as elsewhere:
                 if elsewhere.where is None:
                     raise
                 return self._reading(elsewhere.where)
+
+    def _ahead(self, then: MoveCommand | None, here: Location) -> Then | None:
+        """The next move as it will be told from here."""
+        if then is None:
+            return None
+        return Then(location_from_matrix(then.world_from_tool, here.o_deg), then.straight, then.speed_pct)
 
     async def hand(self, closed: bool) -> None:
         """CLOSEI or OPENI."""

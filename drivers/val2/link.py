@@ -58,6 +58,10 @@ MOST_JUDGED = 3
 """Answers to the word that stops the arm, until one of them has none of the controller's own words in it."""
 TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
+TOLD_S = 0.05
+"""How old what was told before a move, and where the arm was then, may be when its line is typed: no longer than the
+shortest of the lines that would tell it anew, so that a motion of somebody else's has hardly more time to fall between
+that WHERE and the move."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
 
@@ -69,6 +73,26 @@ class Start:
 
     speed_pct: float
     agrees: Callable[[Where], None]
+
+
+@dataclass(frozen=True)
+class Then:
+    """A move that is to follow another at once."""
+
+    location: Location
+    straight: bool
+    speed_pct: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was told before a move, that move's lines, and what was found then. traffic: the line's behind it."""
+
+    lines: tuple[str, ...]
+    speed_pct: float
+    where: Where
+    at_s: float
+    traffic: int
 
 
 class Link:
@@ -94,6 +118,13 @@ class Link:
         self._open_port = open_port
         self._session: LineSession | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
+        self._told: Told | None = None
+        """As the move before came to its end."""
+        self._announced_s: float | None = None
+        """When a move that was to follow at once was waited for."""
+        self._follows_s = 0.0
+        """How long the last such move took to follow: on a slow computer, or where it was held, longer than what is
+        told ahead would be of use."""
         self.permit: LinePermit = Unconditional()
         """Asked before a line that moves is ended, at each try; where motion is withheld, the line is taken back."""
         self.disturbed: Callable[[], None] = nothing
@@ -139,7 +170,7 @@ class Link:
     def _let_go(self) -> None:
         self._unsee_the_stop()
         self.permit.stop_took_s = 0.0
-        self.program_may_run = False
+        self.program_may_run, self._told = False, None
         if self._session is not None:
             self._session.close()
             self._session = None
@@ -225,14 +256,13 @@ class Link:
     async def move(self, location: Location, timeout_s: float | None = None, start: Start | None = None) -> None:
         """Start a joint-interpolated move; rest() waits for its end. start: None where speed and place of the arm do
         not matter. Raises ControllerError, and what start's agrees raises: nothing has moved then."""
-        await self._begin((commands.move(location, self.dialect.unit_mm),), timeout_s, start)
+        await self._begin(self._lines(location, straight=False), timeout_s, start)
 
     async def move_straight(
         self, location: Location, timeout_s: float | None = None, start: Start | None = None
     ) -> None:
         """Start a straight-line move; otherwise as move."""
-        variable = self.dialect.variable if self.dialect.straight_through_variable else None
-        await self._begin(commands.straight_move(location, variable, self.dialect.unit_mm), timeout_s, start)
+        await self._begin(self._lines(location, straight=True), timeout_s, start)
 
     async def ready(self) -> Where:
         """Go to the ready pose; over when the arm is at rest."""
@@ -248,21 +278,26 @@ class Link:
         """Close the hand now."""
         await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
 
-    async def rest(self, location: Location, timeout_s: float | None = None) -> Where:
+    async def rest(self, location: Location, timeout_s: float | None = None, then: Then | None = None) -> Where:
         """Wait until the arm is at rest at location: the controller says so, and two readings agree with it; or it says
         so by the prompt to BREAK, and one reading is the very place, to what two may differ by.
 
-        Raises Elsewhere when it came to rest somewhere else, NoAnswer when it is not at rest in time.
+        then: the move that is to follow at once. What is told before it is told before that one reading, which is then
+        also the one that it begins with, where its line is typed within TOLD_S and nothing else was on the line. Raises
+        Elsewhere when it came to rest somewhere else, NoAnswer when it is not at rest in time.
         """
         wait_s = timeout_s or self.dialect.motion_s
         deadline_s = self.clock() + wait_s
+        ahead = then if self._follows_s <= TOLD_S else None
         await self._break(wait_s)
         before: Where | None = None
         if self.dialect.break_after_move:
-            before = await self.where()
+            before = await (self.where() if ahead is None else self._told_ahead(ahead))
             off_mm, off_deg = apart(before.location, location)
             if off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg:
+                self._announced_s = None if then is None else self.clock()
                 return before
+        self._told = None
         elsewhere_since_s: float | None = None
         while True:
             where = await self.still(max(0.1, deadline_s - self.clock()), before=before)
@@ -353,10 +388,27 @@ class Link:
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 
+    def _lines(self, location: Location, straight: bool) -> tuple[str, ...]:
+        """Of a move; the last one moves."""
+        if not straight:
+            return (commands.move(location, self.dialect.unit_mm),)
+        variable = self.dialect.variable if self.dialect.straight_through_variable else None
+        return commands.straight_move(location, variable, self.dialect.unit_mm)
+
+    async def _told_ahead(self, then: Then) -> Where:
+        """All that is told before a move, as the one before it has ended."""
+        session, lines = self._open_session, self._lines(then.location, then.straight)
+        async with session.turn() as talk:
+            where = await self._tell(talk, lines[:-1], then.speed_pct)
+            self._told = Told(lines, then.speed_pct, where, self.clock(), session.traffic)
+        return where
+
     async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: Start | None) -> None:
         """One motion, in one turn of the line. Where its line was spoiled as it was typed, all is told and asked again:
         nothing that was said before is taken to stand."""
         session = self._open_session
+        if self._announced_s is not None:
+            self._follows_s, self._announced_s = self.clock() - self._announced_s, None
         async with session.turn(moves=True) as talk:
             answer = await session.ask(
                 talk,
@@ -364,27 +416,43 @@ class Link:
                 (),
                 timeout_s or self._move_answer_s,
                 moves=True,
-                first=lambda: self._told_before(talk, lines[:-1], start),
+                first=lambda: self._told_before(talk, lines, start),
             )
             session.accept(answer)
 
     async def _told_before(self, talk: Conversation, lines: Sequence[str], start: Start | None) -> None:
+        """Raises Garbled, where noise falls in each time; what start's agrees raises."""
+        session, told, self._told = self._open_session, self._told, None
+        if start is None:
+            for line in lines[:-1]:
+                session.accept(await session.ask(talk, line, (), self.dialect.answer_s))
+            return
+        if told is not None and self._holds(told, lines, start):
+            where = told.where
+        else:
+            where = await self._tell(talk, lines[:-1], start.speed_pct)
+        start.agrees(where)
+
+    def _holds(self, told: Told, lines: Sequence[str], start: Start) -> bool:
+        """Whether what was told as the move before ended is what this one needs, just now, and nothing else was sent or
+        heard since."""
+        same = (told.lines, told.speed_pct, told.traffic) == (tuple(lines), start.speed_pct, self._open_session.traffic)
+        return same and self.clock() - told.at_s <= TOLD_S
+
+    async def _tell(self, talk: Conversation, lines: Sequence[str], speed_pct: float) -> Where:
         """Speed, location, and last where the arm is: between that and the line which moves nothing else is typed.
-        Raises Garbled, where noise falls in each time; what start's agrees raises."""
+        Raises Garbled, where noise falls in each time."""
         session, answer_s = self._open_session, self.dialect.answer_s
         for _ in range(self.dialect.typing_attempts * (len(lines) + 3)):
             before = session.recoveries
-            if start is not None:
-                of_programs = await session.ask(talk, commands.PROGRAM_SPEED, (), answer_s)
-                session.accept(replace(of_programs, errors=()))  # refused, in whatever words: there is none
-                session.accept(await session.ask(talk, commands.speed(start.speed_pct), (), answer_s))
+            of_programs = await session.ask(talk, commands.PROGRAM_SPEED, (), answer_s)
+            session.accept(replace(of_programs, errors=()))  # refused, in whatever words: there is none
+            session.accept(await session.ask(talk, commands.speed(speed_pct), (), answer_s))
             for line in lines:
                 session.accept(await session.ask(talk, line, (), answer_s))
-            where = None if start is None else await self._where(talk)
+            where = await self._where(talk)
             if session.recoveries == before:
-                if start is not None and where is not None:
-                    start.agrees(where)
-                return
+                return where
         raise Garbled("noise on the line: what is told before a move did not come through in one piece")
 
     async def _carry_out(

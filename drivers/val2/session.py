@@ -62,6 +62,8 @@ class LineSession:
         that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
+        self.traffic = 0
+        """How often anything was sent or heard."""
         self.stop_typed = False
         """Whether the word that stops the arm went out, and nothing was heard since."""
         self.recoveries = 0
@@ -243,6 +245,7 @@ class LineSession:
     def send(self, data: bytes, kept: bytes) -> None:
         """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
         self._port.write(data)
+        self.traffic += 1
         if kept:
             self._ledger.sent(kept, self.clock())
 
@@ -286,6 +289,7 @@ class LineSession:
 
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()
+        self.traffic += 1
         self._permit.stop_answered += self.stop_typed
         self.stop_typed = False
         if self._listener is not None:

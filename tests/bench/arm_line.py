@@ -1,7 +1,8 @@
-"""How long the arm's line takes at a true 9600 baud: each command, what of it is the link's own, and an abort.
+"""How long the arm's line takes at a true 9600 baud: each command, what of it is the link's own, an abort, and a pick.
 
 `python -m tests.bench arm_line`. The link's own is what would be left on an infinitely fast line: waiting for silence
-after a dot, for a doubled character after an echo, and computing.
+after a dot, for a doubled character after an echo, and computing. The pick is one of a simulated cell in simulated
+time: what computes takes the cell's time (tests/fakes/whole_daemon.py), so that only ratios of one run say anything.
 """
 
 from __future__ import annotations
@@ -10,16 +11,26 @@ import asyncio
 import statistics
 import sys
 import time
+from collections import Counter
 from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from functools import partial
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, PtyServer
-from drivers.val2.link import Dialect, Link, Start
+from drivers.simcell.controller.memory_line import MemoryLine
+from drivers.val2 import commands
+from drivers.val2.conversation import ControllerAnswer, Conversation
+from drivers.val2.link import Dialect, Link, Start, Then
 from drivers.val2.location import Location
+from drivers.val2.wire import Where
+from tests.fakes.paced_line import PacedPort
+from tests.fakes.whole_daemon import Story
 
 ROUNDS = 5
 BYTES_PER_S = 960.0
@@ -109,10 +120,89 @@ def server_rests_s(server: PtyServer) -> float:
         return controller.arm.rests_s
 
 
+async def never_ahead(link: Link, then: Then) -> Where:
+    """In place of telling ahead: WHERE alone."""
+    return await link.where()
+
+
+async def _unasked(link: Link, talk: Conversation, lines: Any, start: Start | None) -> None:
+    """In place of all that is told before a move: what a link says that believes what it knows."""
+    session, known = link._open_session, getattr(link, "speed_believed", None)
+    if start is not None and known != start.speed_pct:
+        await session.ask(talk, commands.speed(start.speed_pct), (), link.dialect.answer_s)
+        link.speed_believed = start.speed_pct  # type: ignore[attr-defined]
+    for line in lines[:-1]:
+        await session.ask(talk, line, (), link.dialect.answer_s)
+
+
+async def _two_readings(link: Link, _: Location, timeout_s: float | None = None, then: Then | None = None) -> Where:
+    """In place of one reading at the very place: two that agree."""
+    await link._break(timeout_s or link.dialect.motion_s)
+    return await link.still(timeout_s or link.dialect.motion_s)
+
+
+WAYS: dict[str, dict[str, Any]] = {
+    "as it is": {},
+    "nothing told ahead": {"_told_ahead": never_ahead},
+    "nothing asked, speed believed": {"_told_before": _unasked, "rest": _two_readings},
+}
+"""How a pick's moves are told; the last as it was before an arm was asked."""
+
+
+def pick(instead: dict[str, Any]) -> tuple[float, float, Counter[str]]:
+    """Seconds of a pick on a line at 9600 baud, those of its commands but BREAK, and how often each was typed."""
+    typed: Counter[str] = Counter()
+    on_line_s = 0.0
+    ask, opened = Conversation.ask, MemoryLine.open
+
+    async def counted(talk: Conversation, command: str, *rest: Any, **how: Any) -> ControllerAnswer:
+        nonlocal on_line_s
+        began_s = talk.clock()
+        answer = await ask(talk, command, *rest, **how)
+        on_line_s += 0.0 if command == "DO BREAK" else talk.clock() - began_s
+        typed[command.partition(" ")[0]] += 1
+        return answer
+
+    def paced(line: MemoryLine, *about: Any) -> PacedPort:
+        unpaced: Any = type("Unpaced", (), {"open": staticmethod(partial(opened, line))})
+        return PacedPort(unpaced, *about)
+
+    with ExitStack() as patches:
+        for name, instead_of_it in instead.items():
+            patches.enter_context(patch.object(Link, name, instead_of_it))
+        patches.enter_context(patch.object(Conversation, "ask", counted))
+        patches.enter_context(patch.object(MemoryLine, "open", paced))
+        story = Story(parts=True)
+        try:
+            for text, wait_s in (("enable", 3.0), ("go home", 25.0)):
+                story.sockets[0].say(text)
+                story.wait(wait_s)
+            typed.clear()
+            on_line_s, began_s = 0.0, story.now_s
+            story.sockets[0].say("pick cube")
+            story.wait_for(story.sockets[0], 200.0)
+            assert story.texts[-1].startswith("picked"), story.texts[-1]
+            return story.now_s - began_s, on_line_s, typed
+        finally:
+            story.close()
+
+
+def picks() -> None:
+    """Print a pick's time, told each way."""
+    print(f"\n{'a pick, simulated, 9600 baud':<34}{'s':>8}{'ratio':>8}{'line s':>8}   commands")
+    first_s = 0.0
+    for name, instead in WAYS.items():
+        seconds, on_line_s, typed = pick(instead)
+        first_s = first_s or seconds
+        count = ", ".join(f"{word} {n}" for word, n in typed.most_common())
+        print(f"{name:<34}{seconds:>8.1f}{seconds / first_s:>8.3f}{on_line_s:>8.1f}   {count}", flush=True)
+
+
 def main() -> int:
     """Measure and print."""
     with PtyServer(Controller(SimulatedArm(joints_rad=np.array(READY_RAD)))) as server:
         asyncio.run(measure(server))
+    picks()
     return 0
 
 

@@ -151,7 +151,7 @@ class FakeRobot:
     async def rest(self) -> Reading:
         return await FakeRobot.where(self)
 
-    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s):
+    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):
         self.world.before("move")
         starts(Reading(self.world.at.copy(), self._joints(self.world.at)))
         self.world.wire.append(("move", world_from_tool.copy()))

@@ -3,6 +3,7 @@ the answer to a move is waited for."""
 
 import asyncio
 import contextlib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -518,3 +519,22 @@ def test_a_held_move_says_how_far_it_goes_from_here_and_how_long_its_look_is_val
     mover = mover_in(world, gate)
     asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "near", look_taken_s=world.clock() - 5.0)))
     assert told[0].endswith("from here x +30 y +0 z +0 mm and 0 degrees; its look is valid for 15 s")
+
+
+def test_each_move_of_a_way_announces_the_next_and_the_last_announces_none(monkeypatch):
+    """So that the reading which ends one may begin the next."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world, max_step_mm=20.0)
+    told, move = [], mover.cell.robot.move
+
+    async def listening(world_from_tool, *, then=None, **how):
+        told.append((world_from_tool, then))
+        return await move(world_from_tool, **how)
+
+    monkeypatch.setattr(mover.cell.robot, "move", listening)
+    asyncio.run(mover.travel(NEAR, "a test", lambda pose: 20.0 + pose[0, 3] / 100.0, straight=True))
+    assert len(told) > 1
+    for (_, then), (pose, _) in pairwise(told):
+        np.testing.assert_array_equal(then.world_from_tool, pose)
+        assert (then.straight, then.speed_pct) == (True, round(20.0 + pose[0, 3] / 100.0, 1))
+    assert told[-1][1] is None

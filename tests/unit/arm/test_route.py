@@ -156,7 +156,7 @@ class Jumping:
     async def rest(self):
         return self.at
 
-    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s):
+    async def move(self, world_from_tool, *, starts, straight, speed_pct, timeout_s, then=None):
         starts(self.at)
         self.sent.append((straight, world_from_tool))
         self.at = Reading(world_from_tool, ROBOT.reachable(world_from_tool, self.at.joints_rad))

@@ -784,3 +784,27 @@ def test_what_is_within_the_slack_is_not_told_where_something_else_strikes():
     box = KeepOut("box", (500.0, -400.0, -500.0), (900.0, 400.0, 100.0))
     way = Along([0.0, 1.0], [0.0, 1.0], [(400.0, LEAST_MM), (520.0, LEAST_MM - 0.5)], [0.0, 120.0])
     assert [strike.rule for strike in struck(way, replace(BARE, keep_out=(box,)))] == ["kept_out"]
+
+
+@pytest.mark.parametrize(("over_mm", "looked_at"), [(0.0, [[0, 1, 2], [0, 2]]), (-(2.0**-40), [[0, 1, 2], [0, 1, 2]])])
+def test_what_is_proven_at_the_first_look_is_not_looked_at_again_and_what_lacks_a_hair_is(
+    over_mm, looked_at, monkeypatch
+):
+    """A dip of 16 mm: the lowest finger lacks room for it, the other has just enough, or a hair less."""
+    asked, gaps_of = [], sweep.Tight.gaps_of
+
+    def listening(tight, *about):
+        asked.append(tight.capsules.tolist())
+        return gaps_of(tight, *about)
+
+    monkeypatch.setattr(sweep.Tight, "gaps_of", listening)
+    other = Capsule("other finger", "tool", (0.0, 0.0, -46.5 + over_mm), (0.0, 0.0, -46.5 + over_mm), 0.0)
+    limits = Limits(body_mm=(), capsules=(LOW, other), table_z_mm=0.0)
+
+    class Once(Dip):
+        def __init__(self):
+            super().__init__(12.0, 16.0, replace(limits, capsules=(LOW,)))
+            self.parts = 3
+
+    assert sweep.strikes(Once(), body_of(limits.capsules, ()), limits) != ()
+    assert asked[:2] == looked_at

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditional
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Busy, Garbled, NoAnswer, Preempted, ProcessorHalted
+from drivers.val2.errors import Busy, Garbled, Interleaved, NoAnswer, Preempted, ProcessorHalted
 from drivers.val2.wire import ControllerQuestion, Prompt, Reader, is_halted
 from tests.fakes.in_time import lived
 
@@ -141,6 +141,20 @@ def test_noise_within_an_answer_spoils_it() -> None:
 
     _, error, _ = asked(line_of, "A")
     assert isinstance(error, Garbled)
+
+
+@pytest.mark.parametrize(
+    ("ended", "others"), [(b"SP\r\n*Illegal command*\r\n.EED 100\r", True), (b"x\r", False), (b"xyz\r", False)]
+)
+def test_a_line_that_another_begins_as_ours_is_ended_is_told_from_noise(ended: bytes, others: bool) -> None:
+    def line_of() -> Line:
+        line = Line({b"A": b"."})
+        line.echoes = lambda data: data if data != b"\r" else ended
+        return line
+
+    _, error, _ = asked(line_of, "A")
+    assert isinstance(error, Garbled)
+    assert isinstance(error, Interleaved) is others
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from drivers.val2.errors import (
     Preempted,
     StopRefused,
 )
-from drivers.val2.link import Link, Start, Where
+from drivers.val2.link import TOLD_S, Link, Start, Then, Where
 from drivers.val2.location import Location
 from tests.fakes.in_time import lived
 
@@ -814,6 +814,139 @@ def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_spe
         return port.lines
 
     assert lived(story()) == [*told_once, *whole]
+
+
+THERE = Location(510.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+THEN = Then(THERE, straight=True, speed_pct=40.0)
+AHEAD = ["DO SPEED 100 ALWAYS", "SPEED 40", "DO SET GOAL=TRANS(510.00,0.00,0.00,0.000,0.000,0.000)", "WHERE"]
+
+
+def followed(
+    between: Callable[[Link, Shared], Any], says: Callable[[str, int], str] = usual, **settings: Any
+) -> tuple[list[str], list[float], Exception | None]:
+    """What is typed of a move that was announced as the one before it ended, something having come in between; with
+    the x of the places that were asked whether it may begin there."""
+
+    async def story() -> tuple[list[str], list[float], Exception | None]:
+        port, asked, came = Shared(says), list[float](), None
+        link = linked(port, **settings)
+        await link.open()
+        await link.prove_stop()
+        await link.move_straight(GOAL, start=START)
+        await link.rest(GOAL, then=THEN)
+        del port.lines[:]
+        await between(link, port)
+        try:
+            await link.move_straight(THERE, start=Start(40.0, lambda where: asked.append(where.location.x_mm)))
+        except Disturbed as disturbed:
+            came = disturbed
+        return port.lines, asked, came
+
+    return lived(story())
+
+
+async def at_once(*_: object) -> None:
+    """Nothing in between."""
+
+
+def test_the_reading_that_ends_a_move_begins_the_next_where_that_follows_at_once() -> None:
+    """Behind all that is told before it: WHERE is the last line before the one that moves."""
+    lines, asked, _ = followed(at_once)
+    assert (lines, asked) == (["DO MOVES GOAL"], [500.0])
+
+
+def test_what_is_told_ahead_is_told_before_the_reading() -> None:
+    async def story() -> list[str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        await link.move_straight(GOAL, start=START)
+        del port.lines[:]
+        await link.rest(GOAL, then=THEN)
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", *AHEAD]
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        lambda link, _: asyncio.sleep(2 * TOLD_S),
+        lambda link, _: link.speed(40.0),
+        lambda link, _: link.where(),
+        lambda link, _: link.prove_stop(),
+        lambda link, _: link.close_hand(),
+    ],
+    ids=["time", "a speed", "a question", "a stop", "the gripper"],
+)
+def test_where_anything_was_typed_or_time_has_passed_all_is_told_and_asked_again(between: Any) -> None:
+    lines, _, _ = followed(between)
+    assert lines[-5:] == [*AHEAD, "DO MOVES GOAL"]
+
+
+def test_what_was_heard_in_between_moves_nothing() -> None:
+    async def types(link: Link, port: Shared) -> None:
+        port.others("SPEED 100\r\n.")
+        await asyncio.sleep(0)
+
+    lines, asked, came = followed(types)
+    assert isinstance(came, Disturbed)
+    assert (lines, asked) == ([], [])
+
+
+def test_of_another_move_than_the_one_announced_all_is_told() -> None:
+    async def story(place: Location, speed_pct: float) -> list[str]:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        await link.move_straight(GOAL, start=START)
+        await link.rest(GOAL, then=THEN)
+        del port.lines[:]
+        await link.move_straight(place, start=Start(speed_pct, lambda where: None))
+        return port.lines
+
+    assert lived(story(THERE, 40.0)) == ["DO MOVES GOAL"]
+    assert len(lived(story(THERE, 30.0))) == len(lived(story(GOAL, 40.0))) == 5
+
+
+def test_a_line_that_moves_and_is_spoiled_as_it_is_typed_has_all_told_again() -> None:
+    async def spoils(link: Link, port: Shared) -> None:
+        write, left = port.write, [b"DO MOVES GOAL"]
+
+        def once(data: bytes) -> None:
+            if data in left:
+                left.remove(data)
+                data = data[:-1] + b"?"
+            write(data)
+
+        port.write = once  # type: ignore[method-assign]
+
+    lines, asked, _ = followed(spoils)
+    assert lines == [*AHEAD, "DO MOVES GOAL"]
+    assert asked == [500.0, 500.0]
+
+
+def test_where_the_arm_is_not_at_the_very_place_the_reading_begins_no_move() -> None:
+    """It creeps, or arrived nearly: two readings agree first, and the next move asks again."""
+    lines, _, _ = followed(at_once, lambda line, nth: table(500.1) if line == "WHERE" else PROMPT)
+    assert lines == [*AHEAD, "DO MOVES GOAL"]
+
+
+def test_where_moves_do_not_follow_at_once_nothing_is_told_ahead_until_they_do() -> None:
+    async def story() -> list[list[str]]:
+        port, typed = Scripted(usual), []
+        link = linked(port)
+        await link.open()
+        for wait_s in (2 * TOLD_S, 0.0, 0.0):
+            await link.move_straight(GOAL, start=START)
+            del port.lines[:]
+            await link.rest(GOAL, then=Then(GOAL, straight=True, speed_pct=40.0))
+            typed.append(list(port.lines))
+            await asyncio.sleep(wait_s)
+        return typed
+
+    told, *later = [len(lines) for lines in lived(story())]
+    assert (told, later) == (1 + len(AHEAD), [2, 1 + len(AHEAD)])
 
 
 class Shared(Scripted):
