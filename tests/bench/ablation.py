@@ -36,7 +36,7 @@ from daemon.vision.facets import reconstruct
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
-from daemon.vision.refine import edge_adjustment, edge_pose, refined
+from daemon.vision.refine import edge_adjustment, refined
 from tests.bench import poses
 from tests.bench.look_alikes import MODES, answers
 from tests.bench.recognise import matched, test_folders, trained
@@ -60,9 +60,6 @@ COMPONENTS: dict[str, Without] = {
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
     "the pose that shows most": Without(refined, "most_in_view", lambda *_: 0),
     "another pose where edges hold less": Without(refined, "_believed", lambda *_: True),
-    "the pose that edges hold best": Without(
-        by_edges, "best_fitted", lambda solid, alike, *rest: edge_pose.fit_at(solid, rest[0], alike[0], rest[1])
-    ),
     "wear": Without(edge_adjustment, "_wear", lambda _, variance_mm2: (0.0, 0.0)),
     "parts put on the table": Without(look_module, "snapped_to_support", lambda parts, *_: tuple(parts)),
     "hypotheses from facets": Without(by_edges, "hypotheses_from_facets", lambda *_: search.RankedHypotheses([], 0)),

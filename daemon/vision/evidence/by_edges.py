@@ -49,7 +49,7 @@ from daemon.vision.hypotheses import (
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
-from daemon.vision.refine import SCALE, Fit, LaidFacet, best_fitted, facets_laid, facets_shown
+from daemon.vision.refine import SCALE, Fit, LaidFacet, facets_laid, facets_shown, fit_at
 from daemon.vision.values import Facet, Group, NearestGuess, Part, Recognition
 
 BY_SIZE, MOST_SIZE = 12.0, 3.0
@@ -277,7 +277,7 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
     same = [*same, *registered_near(search, near)]
     alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), eyes)
-    fit, observed = best_fitted(seen.solid, alike, eyes, model.parameters.tolerance_mm)
+    fit, observed = fit_at(seen.solid, eyes, seen.pose, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
     facets = typed_as(
         [measured_facet(f, eyes.geometry) for f in laid], (seen.solid.types[f.index] for f in laid), model.library

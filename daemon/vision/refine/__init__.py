@@ -6,6 +6,7 @@ from daemon.vision.refine.edge_pose import (
     edges_gone,
     facets_laid,
     facets_shown,
+    fit_at,
     fit_each,
     fit_edges,
     shown,
@@ -14,7 +15,7 @@ from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned
 from daemon.vision.refine.expected_edges import ROOM_PX, THIN_PX, ExpectedEdges, ShapeBatch
 from daemon.vision.refine.following import Fit, refit
 from daemon.vision.refine.poses import SCALE, across, turned
-from daemon.vision.refine.refined import best_fitted, refined_parts
+from daemon.vision.refine.refined import refined_parts
 
 __all__ = [
     "ROOM_PX",
@@ -28,12 +29,12 @@ __all__ = [
     "ShapeBatch",
     "across",
     "aligned_to_edges",
-    "best_fitted",
     "edge_samples_of",
     "edge_support",
     "edges_gone",
     "facets_laid",
     "facets_shown",
+    "fit_at",
     "fit_each",
     "fit_edges",
     "refined_parts",

@@ -21,10 +21,8 @@ from daemon.vision.geometry import Polyhedron, chi_square_limit
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.refine.edge_adjustment import AdjustedPose, adjusted
-from daemon.vision.refine.edge_pose import facets_in_view, fit_at, measured
-from daemon.vision.refine.edge_samples import EdgeEvidence, aligned_to_edges, edge_samples_of
-from daemon.vision.refine.expected_edges import EdgeObservation, ShapeBatch, expected
-from daemon.vision.refine.following import Fit
+from daemon.vision.refine.edge_pose import measured
+from daemon.vision.refine.expected_edges import ShapeBatch, expected
 from daemon.vision.values import Part
 
 ROUNDS, SMALL_MM = 3, 0.15
@@ -118,10 +116,6 @@ def _moved(part: Part, shape: Polyhedron, found: AdjustedPose) -> Part:
 
 MORE = 1.02
 """So many times the area in view a pose must show of what was taught to be thought better unasked."""
-FEWEST_IN_VIEW = 2
-"""Facets that both eyes must see of what was taught for a pose to be asked about."""
-LESS = 0.1
-"""So much less of its edges may show there: what is not taught of a part need not be as its symmetry has it."""
 
 
 def most_in_view(solid: Polyhedron, poses: Array, eyes: StereoImages) -> int:
@@ -132,37 +126,6 @@ def most_in_view(solid: Polyhedron, poses: Array, eyes: StereoImages) -> int:
     areas = _in_view_px2(solid, poses, eyes)
     most = int(np.argmax(areas))
     return most if most and areas[most] > MORE * areas[0] else 0
-
-
-def best_fitted(
-    solid: Polyhedron, poses: Array, eyes: StereoImages, tolerance_mm: float
-) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
-    """What fit_at says at that of the poses (P, 4, 4) cyclopean_from_part, good to a px or two, whose edges hold the
-    part best; both images must show about as much of it as of the first."""
-    areas = _in_view_px2(solid, poses, eyes)
-    sizes = np.rint(np.log(np.maximum(areas, 1.0)) / np.log(MORE))
-    unlike = np.unique(sizes, return_index=True)[1].tolist()  # turns of what is known whole show the same
-    others = [k for k in unlike if sizes[k] != sizes[0]]
-    asked = [0, *(k for k in others if facets_in_view(solid, eyes, poses[k]).all(0).sum() >= FEWEST_IN_VIEW)]
-    if len(asked) == 1:
-        return fit_at(solid, eyes, poses[0], tolerance_mm)
-    laid, middle = ShapeBatch.of([solid] * len(asked)), frames.apply(poses[0], solid.corners_mm).mean(0)
-    near = aligned_to_edges(laid, eyes, poses[asked], tolerance_mm)
-    stretches = edge_samples_of(laid, eyes, near, tolerance_mm)
-    shares = np.array([EdgeEvidence.of([seen.only(k, laid) for seen in stretches]).share for k in range(len(asked))])
-    good = shares > shares[0] - LESS
-    edges = measured([expected(laid, view, near, good, tolerance_mm) for view in eyes.views], eyes)
-    held = [
-        (_off_mm2(adjusted(solid, near[k], [seen.only(k, laid) for seen in edges], tolerance_mm), middle), k)
-        for k in np.flatnonzero(good).tolist()
-    ]
-    return fit_at(solid, eyes, near[min(held)[1]], tolerance_mm)
-
-
-def _off_mm2(found: AdjustedPose, point_mm: Array) -> float:
-    """What the square of the place of a point (3,) that goes with the part is off by."""
-    motion = frames.point_motion((point_mm - found.pose[:3, 3])[None])[0]
-    return float(np.trace(motion @ found.covariance @ motion.T))
 
 
 def _in_view_px2(solid: Polyhedron, poses: Array, eyes: StereoImages) -> Array:
