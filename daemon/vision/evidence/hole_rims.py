@@ -72,7 +72,7 @@ def hole_evidence(model: Model, eyes: StereoImages) -> PoseEvidence:
 def hole_nats(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:
     """How much more both pictures speak for the holes of a part at cyclopean_from_part (4, 4) than for none; 0 where it
     has none in view."""
-    return sum(rim_nats(both) for both in rims_seen(solid, pose, eyes, tolerance_mm))
+    return sum(rim_nats(both) for both in rims_seen(solid, pose, eyes, tolerance_mm)) if solid.holes else 0.0
 
 
 def rim_nats(both: list[RimSeen]) -> float:

@@ -90,8 +90,9 @@ def checked_for_missing(found: Sequence[Recognised], model: Model, eyes: StereoI
 def _checked(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
     verdict = one.part.recognition
     against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
-    confidence = verdict.confidence * (1 - against.twin)
-    if against.twin > MOST_LIKELY_TWIN:
+    twin = against.twin
+    confidence = verdict.confidence * (1 - twin)
+    if twin > MOST_LIKELY_TWIN:
         return without_name(one, f"may be {one.label}, but {against}", confidence, model)
     return replace(one, part=replace(one.part, recognition=replace(verdict, confidence=confidence)))
 

@@ -51,14 +51,23 @@ def near_duplicates(
 ) -> list[NearDuplicate]:
     """All that a part at cyclopean_from_part (4, 4) could be taken for; mirror images where they keep most of what the
     left camera sees of it, and corners cut where both images lack the ends of its edges."""
+    kinds = (
+        ("mirrored", _mirrored(solid, pose, eyes)),
+        ("with a tip the other way", inverted_corners(solid)),
+        ("with a cut corner whole", completed_corners(solid)),
+        ("with a corner cut off", cut_corners(solid, both)),
+    )
+    return [NearDuplicate(one, how) for how, solids in kinds for one in solids]
+
+
+def _mirrored(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Polyhedron]:
+    """The mirror images that keep most of what the left camera sees of a part at cyclopean_from_part (4, 4)."""
+    images = mirror_images(solid)
+    if not images:
+        return []
     shown_mm2 = np.maximum(solid.facing(pose, eyes.geometry.eyes_mm[0]), 0.0) * np.linalg.norm(solid.areas_mm2, axis=1)
-    mirrored = sorted(mirror_images(solid), key=lambda one: -float(shown_mm2 @ one.kept))[:MIRRORED]
-    return [
-        *(NearDuplicate(one.solid, "mirrored") for one in mirrored if shown_mm2 @ one.kept > 0),
-        *(NearDuplicate(one, "with a tip the other way") for one in inverted_corners(solid)),
-        *(NearDuplicate(one, "with a cut corner whole") for one in completed_corners(solid)),
-        *(NearDuplicate(one, "with a corner cut off") for one in cut_corners(solid, both)),
-    ]
+    best = sorted(images, key=lambda one: -float(shown_mm2 @ one.kept))[:MIRRORED]
+    return [one.solid for one in best if shown_mm2 @ one.kept > 0]
 
 
 @lru_cache(maxsize=256)
@@ -139,15 +148,16 @@ def _ends_early(ends: Mapping[int, float]) -> bool:
 
 def _missing_ends(solid: Polyhedron, both: Sequence[EdgePlaces]) -> dict[int, dict[int, float]]:
     """Of each corner, by the corners at the other ends of its edges, the share of the edge that is missing there in
-    both images; infinite where neither shows it."""
-    least = np.full((2, len(solid.lines[0])), np.inf)
-    for seen, (end, order) in product(both, enumerate((slice(None), slice(None, None, -1)))):
-        visible, row = seen.visible[:, order], (seen.visible & (seen.step < STEP))[:, order]
-        begins = row[:, :NEAR_END].argmax(1)
-        broken = ~row & (np.arange(row.shape[1]) >= begins[:, None])
-        share = np.where(broken.any(1), broken.argmax(1), row.shape[1]) / row.shape[1]
-        share = np.where(row[:, :NEAR_END].any(1), share, 0.0)
-        least[end] = np.where(visible[:, :NEAR_END].any(1), np.minimum(least[end], share), least[end])
+    both images; infinite where neither shows it; nothing where no edge lacks enough for a cut."""
+    seen = np.array([one.visible for one in both])
+    lacking = seen & (np.array([one.step for one in both]) < STEP)
+    visible, row = (np.stack([one, one[..., ::-1]]) for one in (seen, lacking))  # from either end of each edge
+    near, count = row[..., :NEAR_END], row.shape[-1]
+    broken = ~row & (np.arange(count) >= near.argmax(-1)[..., None])
+    share = near.any(-1) * np.where(broken.any(-1), broken.argmax(-1), count) / count
+    least = np.where(visible[..., :NEAR_END].any(-1), share, np.inf).min(1)
+    if not ((least >= LEAST_CUT) & (least < np.inf)).any():
+        return {}
     found = dict[int, dict[int, float]]()
     for (one, other), at_one, at_other in zip(solid.lines[0].tolist(), *least.tolist(), strict=True):
         found.setdefault(one, {})[other] = at_one
