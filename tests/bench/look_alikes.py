@@ -7,8 +7,10 @@ held out: look at their totals, and choose nothing by them. A wrong name is list
 Where a picture shows nothing by which the two differ (the cut corner is behind), no name can be held against the
 recogniser: these `alike` looks are told apart from the others, and only counted.
 
-usage: python -m tests.bench.look_alikes [COUNT] [--first SEED] [--held-out] [--family NAME ...] [--draw N]
-COUNT pairs a family, of the seeds from SEED on; the pictures of the first N wrong names go to a folder, as PNG.
+usage: python -m tests.bench.look_alikes [COUNT] [--first SEED] [--held-out] [--family NAME ...] [--one-camera]
+    [--draw N]
+COUNT pairs a family, of the seeds from SEED on; --one-camera: seen so that both cameras have one facet well in view,
+and one of them alone a second; the pictures of the first N wrong names go to a folder, as PNG.
 FACETD_RENDERED names a folder that keeps what was rendered, so that two versions can be shown the same.
 """
 
@@ -19,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,7 +39,7 @@ from tests.bench.simulated_looks import true_rig
 from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.families import FAMILIES, Alike, alike
 from tests.fakes.many_parts import taught
-from tests.fakes.photographed import Photograph, cell, photograph
+from tests.fakes.photographed import Photograph, cell, photograph, seen_by_one
 
 PAIRS = 20
 MODES = ("both", "alone", "stranger")
@@ -51,11 +54,13 @@ LARGE, ROUND_PX = 4, 60
 
 
 class Answer(NamedTuple):
-    """What became of one look: the pair, which of it lies there (0, 1), the mode; the name given, if any, how sure and
-    why; whether it is right, and how far its corners are off, mm; whether the two can be told apart there."""
+    """What became of one look: the pair, which of it lies there (0, 1), both pictures, the mode; the name given, if
+    any, how sure and why; whether it is right, and how far its corners are off, mm; whether the two can be told apart
+    there."""
 
     pair: Alike
     lies: int
+    photo: Photograph
     mode: str
     named: str
     confidence: float
@@ -81,8 +86,12 @@ def main(arguments: list[str] | None = None) -> None:
     everything: list[Answer] = []
     for family in told.family or FAMILIES:
         seeds = [told.first + 2 * k + told.held_out for k in range(told.count)]
-        found = list(_told(family, (one for seed in seeds for one in answers(family, seed)), len(seeds)))
-        for mode in MODES:
+        found = list(
+            _told(
+                family, (one for seed in seeds for one in answers(family, seed, one_camera=told.one_camera)), len(seeds)
+            )
+        )
+        for mode in MODES if found else ():
             print(_line(family, mode, [a for a in found if a.mode == mode]), flush=True)
         wrong += [a for a in found if a.wrong and a.tells]
         everything += found
@@ -111,6 +120,7 @@ def _arguments(given: list[str]) -> argparse.Namespace:
     parser.add_argument("--first", type=int, default=0, help="the first seed, an even number")
     parser.add_argument("--held-out", action="store_true", help="the odd seeds instead of the even ones")
     parser.add_argument("--family", nargs="+", choices=list(FAMILIES), help="these alone")
+    parser.add_argument("--one-camera", action="store_true", help="views of which one camera has a second facet")
     parser.add_argument("--draw", type=int, default=0, metavar="N", help="pictures of the first N wrong names")
     told = parser.parse_args(given)
     if told.first % 2:
@@ -118,21 +128,26 @@ def _arguments(given: list[str]) -> argparse.Namespace:
     return told
 
 
-def answers(family: str, seed: int, modes: Sequence[str] = MODES) -> Iterator[Answer]:
-    """The looks at one pair of a family, one a mode."""
-    pair, lies, photo = shown(family, seed)
+def answers(family: str, seed: int, modes: Sequence[str] = MODES, one_camera: bool = False) -> Iterator[Answer]:
+    """The looks at one pair of a family, one a mode; none where there is no such view."""
+    try:
+        pair, lies, photo = shown(family, seed, one_camera)
+    except LookupError:
+        return
     tells = telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part) >= TELLS_MM
     for mode in modes:
         scene, ms = _looked(pair, lies, mode, photo)
         yield _judged(pair, lies, mode, photo, scene, tells, ms)
 
 
-def shown(family: str, seed: int) -> tuple[Alike, int, Photograph]:
-    """The pair, which of it lies on the table, and what both eyes see."""
+def shown(family: str, seed: int, one_camera: bool = False) -> tuple[Alike, int, Photograph]:
+    """The pair, which of it lies on the table, and what both eyes see; one_camera: a view of which one camera alone has
+    a second facet. Raises LookupError where there is none."""
     pair = alike(family, seed)
     rng = np.random.default_rng([*family.encode(), seed, 1])
     lies = int(rng.integers(2))
-    return pair, lies, photograph(pair.parts[lies].shape, rng)
+    shape = pair.parts[lies].shape
+    return pair, lies, photograph(shape, rng, partial(seen_by_one, shape) if one_camera else None)
 
 
 def _looked(pair: Alike, lies: int, mode: str, photo: Photograph) -> tuple[Scene, float]:
@@ -160,9 +175,9 @@ def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, 
             )
             said.append((right, found.recognition, off_mm))
     if not said:
-        return Answer(pair, lies, mode, "", 0.0, "", False, 0.0, tells, ms)
+        return Answer(pair, lies, photo, mode, "", 0.0, "", False, 0.0, tells, ms)
     right, told, off_mm = min(said, key=lambda one: one[0])
-    return Answer(pair, lies, mode, told.label, told.confidence, told.reason, right, off_mm, tells, ms)
+    return Answer(pair, lies, photo, mode, told.label, told.confidence, told.reason, right, off_mm, tells, ms)
 
 
 def _off_mm(found: Array, corners: Array) -> float:
@@ -194,7 +209,7 @@ def _line(family: str, mode: str, found: list[Answer]) -> str:
 
 def _drawn(folder: Path, a: Answer) -> None:
     """The pictures as they are; what the look made of them; and, large, every edge of what it says is there."""
-    photo, rig = shown(a.pair.family, a.pair.seed)[2], true_rig(cell())
+    photo, rig = a.photo, true_rig(cell())
     scene, _ = _looked(a.pair, a.lies, a.mode, photo)
     name = f"{a.pair.family}-{a.pair.seed}-{a.mode}"
     cv2.imwrite(str(folder / f"{name}.png"), np.hstack([photo.left, photo.right]))

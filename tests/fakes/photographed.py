@@ -7,6 +7,7 @@ that two versions of the recogniser are shown the same pictures, and the second 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -19,7 +20,7 @@ from daemon.arrays import Array
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.parts import ConvexSolid, PartShape
 from drivers.simcell.render import RenderedSolid
-from drivers.simcell.rigid import inverse, rigid, turn
+from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.textures import Pattern, printed_faces
 from drivers.simcell.truth import Truth, load_truth
 
@@ -30,6 +31,10 @@ STRAY_MM = 40.0
 TABLES = 6
 """So many patterned tables there are."""
 SAME_PLANE = 1e-6
+TRIES = 3000
+"""Views that are drawn before none is thought to do."""
+WELL, HARDLY = 0.10, 0.05
+"""Cosines of a facet's turn from a camera: more, and that sees it well; less, and it sees a sliver or none."""
 Image = NDArray[np.uint8]
 
 
@@ -61,21 +66,39 @@ def cell() -> Truth:
     return load_truth(ETC / "simcell.yaml")
 
 
-def photograph(shape: PartShape, rng: np.random.Generator) -> Photograph:
+def photograph(shape: PartShape, rng: np.random.Generator, wanted: Callable[[Array], bool] | None = None) -> Photograph:
     """The part alone on the table, on any of its rests and in any turn, from anywhere within DISTANCE_MM and
-    ELEVATION_DEG; half the tables patterned, half the parts printed."""
+    ELEVATION_DEG; half the tables patterned, half the parts printed. wanted: whether a cyclopean_from_part (4, 4) will
+    do. Raises LookupError where none of TRIES does."""
     truth = cell()
-    table = int(rng.integers(TABLES)) if rng.random() < 0.5 else None
-    printed = bool(rng.random() < 0.5)
-    spot = np.array([*np.add(truth.table.centre_mm, rng.uniform(-STRAY_MM, STRAY_MM, 2)), truth.table.height_mm])
-    rest = shape.rests[int(rng.integers(len(shape.rests)))]
-    lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
-    eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
+    for _ in range(TRIES):
+        table = int(rng.integers(TABLES)) if rng.random() < 0.5 else None
+        printed = bool(rng.random() < 0.5)
+        spot = np.array([*np.add(truth.table.centre_mm, rng.uniform(-STRAY_MM, STRAY_MM, 2)), truth.table.height_mm])
+        rest = shape.rests[int(rng.integers(len(shape.rests)))]
+        lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
+        eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
+        if wanted is None or wanted(inverse(eyes) @ lies):
+            break
+    else:
+        raise LookupError(f"{shape.label}: none of {TRIES} views is as wanted")
     albedo = truth.lighting.facet_albedo
     prints = print_for(shape, albedo, rng) if printed else [()] * len(shape.pieces)
     things = tuple(RenderedSolid(piece, lies, albedo, ink) for piece, ink in zip(shape.pieces, prints, strict=True))
     left, right = taken(table, eyes, things, int(rng.integers(2**32)))
     return Photograph(left, right, inverse(eyes) @ lies, table, printed)
+
+
+def seen_by_one(shape: PartShape, cyclopean_from_part: Array) -> bool:
+    """Whether both cameras see one facet of a part's hull well, and one of them alone a second."""
+    hull, truth = shape.hull, cell()
+    cosines = []
+    for camera in (truth.left, truth.right):
+        at = apply(inverse(cyclopean_from_part), np.array(camera.cyclopean_from_camera)[:3, 3])
+        away = np.array([at - hull.vertices[list(face)].mean(0) for face in hull.faces])
+        cosines.append((away * hull.normals).sum(1) / np.linalg.norm(away, axis=1))
+    low, high = np.min(cosines, 0), np.max(cosines, 0)
+    return int((low > WELL).sum()) == 1 and bool(((high > WELL) & (low < HARDLY)).any())
 
 
 def print_for(shape: PartShape, albedo: float, rng: np.random.Generator) -> list[tuple[Pattern, ...]]:

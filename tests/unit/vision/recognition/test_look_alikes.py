@@ -8,10 +8,11 @@ import pytest
 from daemon.vision.geometry import Polyhedron
 from drivers.simcell.parts import box, shape
 from drivers.simcell.rigid import rigid
-from tests.bench.look_alikes import answers
+from tests.bench.look_alikes import answers, shown
 from tests.fakes.distinguishable import TELLS_MM, telling_mm
 from tests.fakes.drawn import solid
 from tests.fakes.families import FAMILIES, LARGER, alike, cut
+from tests.fakes.photographed import photograph, seen_by_one
 
 SEEDS = range(0, 10, 2)
 
@@ -98,3 +99,12 @@ def test_a_pair_is_shown_in_each_mode_and_a_stranger_is_never_named_rightly() ->
     assert list(found) == ["both", "alone", "stranger"]
     assert not found["stranger"].right
     assert found["alone"].right
+
+
+def test_of_a_view_for_one_camera_that_alone_has_a_second_facet() -> None:
+    pair, lies, photo = shown("size", 0, one_camera=True)
+    shape = pair.parts[lies].shape
+    assert seen_by_one(shape, photo.cyclopean_from_part)
+    assert not seen_by_one(shape, shown("size", 0)[2].cyclopean_from_part)
+    with pytest.raises(LookupError, match=shape.label):
+        photograph(shape, np.random.default_rng(0), lambda _: False)
