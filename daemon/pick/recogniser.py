@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.compute.calls import ByReference
-from daemon.store.model import load
+from daemon.store.model import digest, load_file
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.look import look
@@ -57,12 +57,14 @@ class ModelRecogniser(ByReference):
         self, model: Model, rig: StereoRig, settings: VisionSettings | None = None, file: Path | None = None
     ) -> None:
         self.model, self.rig, self.settings, self.file = model, rig, settings, file
+        self._digest = None if file is None else digest(file)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Another process reads a stored model itself: to pickle a large one would hold up this one."""
+        """Another process reads a stored model itself: to pickle a large one would hold up this one. Where it starts
+        anew amid a pick, and somebody has replaced the file, it refuses the other model."""
         if self.file is None:
             return ModelRecogniser, (self.model, self.rig, self.settings)
-        return of_file, (self.file, self.rig, self.settings)
+        return of_file, (self.file, self._digest, self.rig, self.settings)
 
     def see(self, left: Image, right: Image, table: TablePlane | None = None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
@@ -92,6 +94,6 @@ class ModelRecogniser(ByReference):
         return self.model.labels
 
 
-def of_file(file: Path, rig: StereoRig, settings: VisionSettings | None) -> ModelRecogniser:
-    """The recogniser with a stored model. Raises ModelError."""
-    return ModelRecogniser(load(file), rig, settings, file)
+def of_file(file: Path, expected: str, rig: StereoRig, settings: VisionSettings | None) -> ModelRecogniser:
+    """The recogniser with a stored model. expected: the file's digest. Raises ModelError."""
+    return ModelRecogniser(load_file(file, expected).model, rig, settings, file)

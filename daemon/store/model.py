@@ -151,9 +151,16 @@ def load(path: Path) -> Model:
     return load_file(path).model
 
 
-def load_file(path: Path) -> ModelFile:
-    """As `load`, with the rest of the file."""
+def digest(path: Path) -> str:
+    """sha256 of a model file's content. Raises FileError."""
+    return hashlib.sha256(read_file(path, LARGEST_FILE)).hexdigest()
+
+
+def load_file(path: Path, expected: str | None = None) -> ModelFile:
+    """As `load`, with the rest of the file. expected: its `digest`; ModelError where the file has been replaced."""
     content = read_file(path, LARGEST_FILE)
+    if expected is not None and hashlib.sha256(content).hexdigest() != expected:
+        raise ModelError(f"{path}: replaced while it was in use: put the file back, or restart facetd to use this one")
     try:
         return from_bytes(content)
     except ModelError as error:

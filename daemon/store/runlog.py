@@ -69,7 +69,7 @@ class RunLog:
         self._clock, self._wall, self._patience_s, self._on_trouble = clock, wall, patience_s, on_trouble
         self._run = _Run(folder)
         self._recovery, self._state = recovery, RecoveryState(folder.name)
-        self._lock, self._telling = threading.Lock(), threading.Lock()
+        self._lock, self._telling = threading.RLock(), threading.Lock()  # a writer without a thread counts a gap in it
         self._lost = 0
         self._behind = False
         self._closed = False

@@ -82,8 +82,11 @@ def words() -> st.SearchStrategy[str]:
 
 
 BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALWAYS", "WHERE", "", "DO DRIVE 1,85,90",
-          "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG")  # fmt: skip
+          "DO DRIVE 4,-30,100", "DO MOVE TRANS(380,100,120,0,90,0)", "DO CLOSEI", "DO OPENI", "EXEC PROG",
+          "EXECUTE SWEEP")  # fmt: skip
 """What another terminal types."""
+SWEEP = ("DRIVE 1,40,100", "SPEED 300 ALWAYS", "DRIVE 2,-10,100", "DRIVE 1,45,100")
+"""A program that the controller has until it is switched off."""
 JOGS_DEG = st.sampled_from([-90.0, -40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0, 90.0])
 FRONTEND, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
@@ -127,6 +130,7 @@ class Surprises(RuleBasedStateMachine):
     def begin(self, may: str, holds: bool, parts: int, at_end: bool, ready: bool) -> None:
         """A cell and a daemon; ready: enabled already."""
         self.story = Story(may, holds, parts=parts == 9 and not holds, prompt_at_end=at_end)
+        self.story.cell.controller.machine.memory.programs["SWEEP"] = SWEEP
         if ready:
             self.there.frontends[0].say("enable")
             self.there.wait(0.5)
@@ -298,12 +302,19 @@ class Surprises(RuleBasedStateMachine):
         self.send_off(going)
         self.there.cell.camera.set_fault(eye, how)
 
-    @rule(seconds=st.sampled_from([0.5, 5.0]), going=GOING)
+    @rule(seconds=st.sampled_from([0.5, 5.0]), every=st.integers(1, 3), going=GOING)
     @kept
-    def fill_the_disk(self, seconds: float, going: Going) -> None:
-        """No file can be written for a while."""
+    def fill_the_disk(self, seconds: float, every: int, going: Going) -> None:
+        """No file can be written for a while, or not each time."""
         self.send_off(going)
-        self.there.fill_disk(seconds)
+        self.there.fill_disk(seconds, every)
+
+    @rule(empty=st.booleans(), going=GOING)
+    @kept
+    def replace_the_model(self, empty: bool, going: Going) -> None:
+        """Another model is taken into use."""
+        self.send_off(going)
+        self.there.replace_model(empty)
 
     @rule(what=st.sampled_from(["refusal", "mute", "split", "late", "repeated"]), going=GOING)
     @kept

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import itertools
 import json
 import os
 import pty
@@ -20,10 +21,12 @@ import shlex
 import shutil
 import signal
 import socket
+import stat
 import tempfile
 import time
 import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -585,6 +588,39 @@ class BareTable(SimulatedOperator):
         super().scatter(labels)
 
 
+@contextmanager
+def failing_writes(fails: Callable[[int], bool], code: int = errno.ENOSPC) -> Iterator[list[Path]]:
+    """Of all writes to files, syncs and renames, counted from 0, those fail of which `fails` says so; half of a line is
+    written first. Gives the files whose lines were lost."""
+    number, lost = itertools.count(), list[Path]()
+    write, pwrite, fsync, replace = os.write, os.pwrite, os.fsync, os.replace
+
+    def refused(handle: int) -> bool:
+        return stat.S_ISREG(os.fstat(handle).st_mode) and fails(next(number))
+
+    def failing_write(handle: int, data: bytes) -> int:
+        if not refused(handle):
+            return write(handle, data)
+        lost.append(Path(os.readlink(f"/proc/self/fd/{handle}")))
+        return write(handle, data[: len(data) // 2])
+
+    def failing(act: Callable[..., Any], handle: int, *rest: Any) -> Any:
+        if refused(handle):
+            raise OSError(code, os.strerror(code))
+        return act(handle, *rest)
+
+    def failing_replace(source: str, target: str) -> None:
+        if fails(next(number)):
+            raise OSError(code, os.strerror(code))
+        replace(source, target)
+
+    with ExitStack() as patched:
+        for name, instead in (("write", failing_write), ("pwrite", partial(failing, pwrite)),
+                              ("fsync", partial(failing, fsync)), ("replace", failing_replace)):  # fmt: skip
+            patched.enter_context(patch.object(os, name, instead))
+        yield lost
+
+
 _READ: dict[tuple[str, bytes], Any] = {}
 
 
@@ -787,11 +823,18 @@ class Story:
         elif lying:
             world.remove(lying[0].name)
 
-    def fill_disk(self, seconds: float) -> None:
-        """Whatever is written to a file meanwhile fails."""
-        full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        with patch.object(os, "fsync", side_effect=full), patch.object(os, "replace", side_effect=full):
+    def fill_disk(self, seconds: float, every: int = 1) -> None:
+        """Of what is written to files meanwhile one in so many writes fails."""
+        with failing_writes(lambda number: number % every == 0):
             self.wait(seconds)
+
+    def replace_model(self, empty: bool) -> None:
+        """Another model is taken into use, which knows nothing, or the first one again."""
+        context = self._service.context
+        if self.alive and context is not None:
+            taught = models.load(self.folder / "model.npz")
+            context.trainer.model = empty_model(taught.library) if empty else taught
+            context.use_model("accept", None)
 
     def repair(self) -> None:
         """Somebody goes and puts line, power and controller right."""

@@ -28,11 +28,12 @@ SYNTAX_ERROR, ILLEGAL_VALUE, UNDEFINED_VALUE = "*Syntax error*", "*Illegal value
 @dataclass
 class Memory:
     """Locations by name: transformations (4, 4) mm and, with names that begin with #, precision points (6,) rad.
-    unit_mm: unit of typed lengths."""
+    unit_mm: unit of typed lengths; programs: their instructions."""
 
     unit_mm: float = 1.0
     transforms: dict[str, Array] = field(default_factory=dict)
     precision_points: dict[str, Array] = field(default_factory=dict)
+    programs: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def named(self, name: str) -> dict[str, Array]:
         """The table of a name."""

@@ -204,9 +204,17 @@ def _status(machine: Machine) -> Command:
     yield "No program running"
 
 
-def _execute(machine: Machine, arguments: str) -> None:
-    """Refuse: there are no programs."""
-    raise MonitorError("*Undefined program*" if arguments else SYNTAX_ERROR)
+def _execute(machine: Machine, arguments: str) -> Command:
+    """EXECUTE program: its instructions one after the other, then the prompt."""
+    if not arguments:
+        raise MonitorError(SYNTAX_ERROR)
+    instructions = machine.memory.programs.get(arguments)
+    if instructions is None:
+        raise MonitorError("*Undefined program*")
+    for instruction in instructions:
+        yield from _do(machine, instruction)
+    yield from come_to_rest(machine)
+    yield f"Program completed: Stopped at step {len(instructions) + 1}"
 
 
 MONITOR_COMMANDS: dict[str, Verb] = {

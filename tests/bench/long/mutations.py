@@ -596,19 +596,26 @@ def run(chosen: Sequence[Mutation], tests: Callable[[Mutation], Sequence[str]], 
         found.append((str(mutation), by, test))
         kept.add("mutation", *found[-1])
 
-    def each(items: list[pytest.Item]) -> None:
-        trials = Trials(watch, items, known)
-        for mutation, test in trials.noticed(in_functions):
-            judged(mutation, test)
-
     those = sorted({test for mutation in chosen for test in tests(mutation)})
     known = learnt(those, kept) if those else {}
     in_functions = [mutation for mutation in chosen if changed(mutation)]
+
+    def tried(answer: Connection) -> None:
+        def each(items: list[pytest.Item]) -> None:
+            for mutation, test in Trials(watch, items, known).noticed(in_functions):
+                answer.send((in_functions.index(mutation), test))
+
+        watch = Watch(each)
+        _pytest(watch, those)
+        answer.send(None)
+
+    if in_functions:
+        mine, process = _forked(tried)
+        while (told := mine.recv()) is not None:
+            judged(in_functions[told[0]], told[1])
+        process.join()
     for mutation in [m for m in chosen if m not in in_functions]:
         judged(mutation, noticed_anew(mutation, tests(mutation), known))
-    watch = Watch(each)
-    if in_functions:
-        _pytest(watch, those)
     return found
 
 

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.pick.around import LEAST_PLACES, MOST_PLACES, NEAREST_MM, CircledPart, tour_round
+from daemon.pick.around import (
+    LEAST_PLACES,
+    MOST_PLACES,
+    NEAREST_MM,
+    CircledPart,
+    NoThingError,
+    thing_in,
+    tour_round,
+)
 from daemon.vision.facets import merge_vertices
 from tests.fakes.solids import CUBE, pose, view_of
 
@@ -53,3 +64,19 @@ def test_what_lies_beside_the_thing_is_not_its() -> None:
     middle = group.polyhedron.corners_mm.mean(0)
     assert CircledPart(middle, 45.0).holds(group, world_from_cyclopean)
     assert not CircledPart(middle + np.array([120.0, 0.0, 0.0]), 45.0).holds(group, world_from_cyclopean)
+
+
+def look_at_groups(*groups: Any) -> Any:
+    view = SimpleNamespace(groups=groups)
+    return SimpleNamespace(scene=SimpleNamespace(view=view), world_from_cyclopean=np.eye(4))
+
+
+def test_the_thing_to_walk_round_is_the_one_group_of_facets_in_view() -> None:
+    group = merge_vertices(view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3)).facets)
+    lone = SimpleNamespace(facets=group.facets[:1])
+    thing = thing_in(look_at_groups(lone, group))
+    assert thing.holds(group, np.eye(4))
+    with pytest.raises(NoThingError, match="no part is seen"):
+        thing_in(look_at_groups(lone))
+    with pytest.raises(NoThingError, match="2 parts are in view"):
+        thing_in(look_at_groups(group, lone, group))

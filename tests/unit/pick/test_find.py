@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.events.codes import CauseCode
+from daemon.events.outcomes import Outcome
+from daemon.pick import find
 from daemon.pick.find import MOST_OLD
+from daemon.pick.plan import NoPlan
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError
 from tests.fakes.fake_cell import one_part
@@ -85,3 +89,35 @@ def test_a_question_answered_by_parts_that_all_moved_blames_the_cell():
     fake.lying["cube"] = frames.perturb(fake.lying["cube"], np.array([6.0, 0, 0, 0, 0, 0]))
     with pytest.raises(SuspectError, match="suspect: hand-eye"):
         step(context, world, PickState.SURVEY)
+
+
+def test_a_part_that_no_lone_facet_bars_and_that_cannot_be_had_is_skipped_at_once(monkeypatch):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.CHOOSE, context, world)
+    no_plan = NoPlan(CauseCode.NO_GRASP, "no grasp")
+    monkeypatch.setattr(find, "_planned", lambda *_: (None, no_plan))
+    assert step(context, world, PickState.CHOOSE) is PickEvent.NONE_LEFT
+    assert [(skipped.outcome, skipped.why) for skipped in world.skipped] == [(Outcome.UNREACHABLE, "no grasp")]
+
+
+@pytest.mark.parametrize(
+    ("lies_there", "before", "after"),
+    [
+        (False, Outcome.EMPTY, Outcome.UNKNOWN),
+        (True, Outcome.EMPTY, Outcome.EMPTY),
+        (False, Outcome.MISSED, Outcome.MISSED),
+    ],
+)
+def test_outlines_that_make_no_facet_are_told_only_of_a_table_on_which_nothing_was_found(
+    monkeypatch, lies_there, before, after
+):
+    fake = one_part()
+    if not lies_there:
+        fake.lying.clear()
+    context, world = begun(fake)
+    world.outcome = before
+    monkeypatch.setattr(find, "outlines", lambda view: (1, 1))
+    monkeypatch.setattr(find, "cause_of_nothing", lambda images: None)
+    step(context, world, PickState.SURVEY)
+    assert world.outcome is after

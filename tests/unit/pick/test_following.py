@@ -12,6 +12,7 @@ from daemon import frames
 from daemon.arm import Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
+from daemon.pick import following
 from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand, left_hand
 from daemon.pick.looking import Taken
 from daemon.store import folders
@@ -125,3 +126,23 @@ def test_a_part_named_by_its_edges_is_followed_as_it_was_named_though_facets_of_
     fit = fitted(target, look)
     assert fit is not None
     assert np.allclose(fit.cyclopean_from_part, truth, atol=1e-6)
+
+
+def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_of_what_moved(monkeypatch) -> None:
+    """Each look has one part in one place; its facets stand for what the fit to them gives."""
+    monkeypatch.setattr(following, "refit", lambda shape, facets, *_, **__: facets)
+    monkeypatch.setattr(following, "sighted", lambda look, fit, *_: len(fit))
+    monkeypatch.setattr(following.pose_fusion, "disagreement", lambda first, second, _: first + second)
+
+    def part(facets: Any, x_mm: float) -> Any:
+        look = SimpleNamespace(world_from_cyclopean=np.eye(4))
+        where = {"centre": np.array([x_mm, 0.0, 0.0]), "world_from_part": np.eye(4)}
+        return SimpleNamespace(label="cube", facets=facets, look=look, **where)
+
+    def said(before: Any, now: Any) -> list[float]:
+        return following.beside(before, now, lambda label: label, None, None)  # type: ignore[arg-type, return-value]
+
+    first, second = part("ab", 0.0), part("c", 1.0)
+    assert said([first], [second]) == [3]
+    assert said([part(None, 0.0)], [second]) == said([first], [part(None, 1.0)]) == []
+    assert said([first], [part("c", 500.0)]) == []

@@ -61,6 +61,16 @@ def test_every_grasp_keeps_its_promises(case, turn):
         assert reach.max() > 0 > reach.min(), "the part is between the fingers"
 
 
+def test_a_low_part_is_grasped_as_low_as_the_tips_may_go_over_the_table():
+    plate = np.array([[x, y, z] for x in (-30.0, 30.0) for y in (-20.0, 20.0) for z in (-12.0, 12.0)])
+    found = grasps(known(plate), frames.rigid(np.eye(3), [520.0, 0.0, -288.0]), -300.0, GRIPPER)
+    assert {grasp.tilt_deg for grasp in found} == set(GRIPPER.tilts_deg)
+    for grasp in found:
+        half, tip = GRIPPER.finger_width_mm / 2, GRIPPER.tip_mm
+        tips = frames.apply(grasp.world_from_tool, np.array([[half, 0, tip], [-half, 0, tip]]))
+        assert tips[:, 2].min() == pytest.approx(-300.0 + GRIPPER.tip_clearance_mm, abs=1e-6)
+
+
 def test_a_part_too_wide_for_the_hand_has_no_grasp():
     corners = part_shape("cube").hull.vertices * 2.0
     assert not grasps(known(corners), frames.rigid(np.eye(3), np.array([520.0, 0, -250.0])), -300.0, GRIPPER)

@@ -4,6 +4,7 @@ restart makes of a pick that was cut off at any line."""
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,16 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import RefusedError
 from daemon.events.pick_order import PickOrder
-from daemon.pick import take
+from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
+from daemon.pick.looking import Look
 from daemon.pick.placing import Goal, PlaceTable
+from daemon.pick.seen import seen_parts
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import FILLABLE, PlaceStatus, PlaceStatuses
+from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import cycle_of, one_part
 
 AT = (430.0, -220.0, -300.0)
@@ -254,3 +259,22 @@ def test_an_arm_that_somebody_moved_from_the_place_lets_go_nowhere(tmp_path: Pat
     assert lowered
     assert (end.outcome, story.fake.held, story.status()) == ("fault", "cube", PlaceStatus.CLAIMED), end.why
     assert story.opened_with == []
+
+
+def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    story, whole_look = Story(tmp_path), set_down.look
+    with pytest.raises(RefusedError, match="the edges of the cube do not show clearly"):
+        asyncio.run(story.cycle.locate("cube"))
+
+    async def with_edges(*about: Any) -> Look:
+        seen = await whole_look(*about)
+        part = seen_parts(seen)[0].part
+        return replace(seen, tracked=Fit(part.cyclopean_from_part, part.covariance, part.residual_mm, 8))
+
+    monkeypatch.setattr(set_down, "look", with_edges)
+    pose = asyncio.run(story.cycle.locate("cube"))
+    np.testing.assert_allclose(pose[:3, 3], story.fake.lying["cube"][:3, 3], atol=3.0)
+    with pytest.raises(RefusedError, match="0 parts show as pyramid"):
+        asyncio.run(story.cycle.locate("pyramid"))

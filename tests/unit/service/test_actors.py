@@ -7,8 +7,12 @@ monitor, or an invariant of the story, must find something. So a story that prov
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+import errno
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from typing import Any
 from unittest.mock import patch
 
@@ -21,16 +25,22 @@ from daemon.arm.supervisor import Supervisor
 from daemon.events.outcomes import Outcome
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick import take
+from daemon.pick.cycle import PickCycle
+from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.transitions import PickState
+from daemon.pick.world import PickContext
+from daemon.store.runlog import RunLog
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.rigid import rigid
 from drivers.simcell.world import PartPlace
-from drivers.val2 import commands
+from drivers.val2 import commands, conversation
+from drivers.val2.conversation import ControllerAnswer
 from drivers.val2.link import Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.session import LineSession
+from drivers.val2.wire import LineEvent, WhereTable
 from tests.fakes import whole_daemon
-from tests.fakes.whole_daemon import Story
+from tests.fakes.whole_daemon import Story, failing_writes
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -66,6 +76,49 @@ LONGER = rigid(np.eye(3), [0.0, 0.0, -100.0])
 """A tool that reaches 100 mm less far than ours does."""
 COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: (Outcome.PICKED, label))
 COMPARES_WHERE: Guard = (Mover, "_not_moved_by_others", nothing)
+
+
+async def no_events(*_: object) -> list[object]:
+    """In place of what is heard as the prompt is found."""
+    return []
+
+
+def of_the_first_table(
+    command: str, events: Sequence[LineEvent], *about: Any, answer: Callable[..., Any] = conversation._answer
+) -> ControllerAnswer:
+    """An answer in which the first table counts, as if nothing of before could come ahead of it."""
+    tables = [event.where for event in events if isinstance(event, WhereTable)]
+    return replace(answer(command, events, *about), where=tables[0] if tables else None)
+
+
+TAKES_ANSWERS_IN_TURN: tuple[Guard, ...] = (
+    (LineSession, "recover", no_events),
+    (conversation, "_answer", of_the_first_table),
+    HEARS_OTHERS,
+)
+"""The answer that comes first is taken for that of the question asked last, and what comes behind it for nothing."""
+
+
+def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser) -> PickContext:
+    """A pick's context that has whatever its cycle has at the moment."""
+
+    class Present(PickContext):
+        recogniser = property(lambda _: cycle.recogniser, nothing)
+        settings = property(lambda _: cycle.settings, nothing)
+
+    return Present(cycle.cell, cycle.supervisor.mover, recogniser, cycle.settings, cycle.observer)
+
+
+def idle_status(cycle: PickCycle, status: Callable[[PickCycle], dict[str, object]] = PickCycle.status) -> Any:
+    """As if nothing were being done."""
+    return {**status(cycle), "doing": None}
+
+
+CONTEXT_OF_ITS_OWN: Guard = (PickCycle, "_context", context_of_the_cycle)
+RELOADS_BETWEEN_JOBS: Guard = (PickCycle, "status", idle_status)
+REFITS_BETWEEN_JOBS: Guard = (Supervisor, "between_jobs", nothing)
+SAYS_GAPS: Guard = (RunLog, "_write_gap", nothing)
+TELLS_TROUBLE: Guard = (RunLog, "_tell", nothing)
 
 
 @contextmanager
@@ -189,6 +242,12 @@ def pick_up_to(story: Story, state: PickState) -> None:
     until(story, lambda: context.cycle.state is state)
 
 
+def picked_or(story: Story, wrong: str) -> str | None:
+    """Wait for the end of a pick: nothing where a cube was picked, else what is wrong."""
+    story.wait_for(story.sockets[0], 60.0)
+    return None if any(text.startswith("picked") for text in story.texts) else wrong
+
+
 def test_a_part_that_slips_on_the_way_to_the_bin_is_not_counted_as_picked():
     def act(story: Story) -> None:
         pick_up_to(story, PickState.BIN)
@@ -222,9 +281,10 @@ def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
     proven(act, "not allowed", (Supervisor, "line_opened_anew", nothing), (Link, "_unsee_the_stop", nothing))
 
 
-def test_an_auto_that_was_held_still_goes_on_by_nobodys_leave_but_a_new_one():
+@pytest.mark.parametrize("text", ["auto on", "pick cube"])
+def test_what_was_held_still_goes_on_by_nobodys_leave_but_a_new_one(text: str):
     def act(story: Story) -> None:
-        typed(story, "auto on", 2.0)
+        typed(story, text, 2.0)
         story.hang(30.0)
         story.wait(20.0)
 
@@ -257,6 +317,77 @@ def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():
             story.wait(60.0)
 
     proven(act, "dropped", COMPARES_WHERE, parts=True)
+
+
+def test_a_program_that_another_terminal_starts_amid_a_pick_is_noticed_before_the_next_move():
+    def act(story: Story) -> None:
+        machine = story.cell.controller.machine
+        machine.memory.programs["SWEEP"] = ("DRIVE 1,45,100", "DRIVE 1,40,100")
+        picking(story)
+        until(story, machine.at_rest)
+        story.type_beside("EXECUTE SWEEP")
+        story.wait(50.0)
+
+    proven(act, "step too long", HEARS_OTHERS, COMPARES_WHERE, parts=True)
+
+
+def test_an_answer_that_comes_with_the_next_is_taken_for_no_answer_to_that():
+    def act(story: Story) -> str | None:
+        typed(story, "go home", 20.0)
+        story.harm(lambda: setattr(story.cell.controller.faults, "late_answers", 1))
+        typed(story, "where", 0.1)
+        story.by_pendant(0, 5.0)
+        until(story, lambda: not story.sockets[0].waits)
+        told = [float(number) for number in re.findall(r"[xyz] +(-?[0-9.]+)", story.texts[-1])[:3]]
+        true = story.cell.world_from_tool()[:3, 3]
+        return None if told == pytest.approx(true, abs=5.0) else "an old answer"
+
+    proven(act, "an old answer", *TAKES_ANSWERS_IN_TURN)
+
+
+def test_a_model_that_is_taken_into_use_amid_a_pick_is_the_next_picks():
+    def act(story: Story) -> str | None:
+        typed(story, "pick cube", 0.1)
+        story.replace_model(empty=True)
+        return picked_or(story, "another model")
+
+    proven(act, "another model", CONTEXT_OF_ITS_OWN, parts=True)
+
+
+def test_a_bin_that_is_moved_amid_a_pick_is_the_next_picks():
+    def act(story: Story) -> str | None:
+        pick_up_to(story, PickState.LOOKING)
+        story.write_config(bin={"point_mm": [250, 300, -150], "heading_deg": 58, "tilt_deg": 10})
+        story.frontends[1].say("reload")
+        return picked_or(story, "another bin")
+
+    proven(act, "another bin", RELOADS_BETWEEN_JOBS, REFITS_BETWEEN_JOBS, CONTEXT_OF_ITS_OWN, parts=True)
+
+
+EVERY = 3
+"""Of the writes of a pick one in so many fails; of as many picks every write fails once."""
+
+
+@pytest.mark.parametrize(
+    ("failing", "code"), [*((k, errno.ENOSPC) for k in range(EVERY)), ("all", errno.ENOSPC), ("all", errno.EROFS)]
+)
+def test_of_a_pick_on_a_disk_that_fails_at_any_write_nothing_is_lost_unsaid(failing: int | str, code: int):
+    def act(story: Story) -> str | None:
+        with failing_writes(lambda n: failing in (n % EVERY, "all"), code) as lost:
+            typed(story, "pick cube", 1.0)
+            told = any("TROUBLE" in text for text in story.texts)
+            wrong = picked_or(story, "not picked")
+        typed(story, "scatter", 3.0)
+        context = story._service.context
+        assert context is not None
+        records = [json.loads(line) for line in (context.run_log.folder / "run.jsonl").read_bytes().splitlines()]
+        gaps = sum(record["lost"] for record in records if record["kind"] == "gap")
+        return wrong or ("lost unsaid" if gaps < len(lost) else None if told else "untold")
+
+    assert found(act, parts=True) == ""
+    for guard, rule in ((SAYS_GAPS, "lost unsaid"), (TELLS_TROUBLE, "untold")):
+        with without(guard):
+            assert found(act, parts=True) == rule
 
 
 @pytest.mark.parametrize("seconds", [-1e5, 1e5])

@@ -469,3 +469,14 @@ def test_every_manner_that_may_be_drawn_answers_where_so_that_our_reader_reads_i
         np.testing.assert_allclose(
             manners.joints_rad(np.array(table.where.joints_deg)), READY_RAD, atol=np.radians(0.51 * 10**-2)
         )
+
+
+def test_a_program_is_carried_out_instruction_by_instruction_and_what_is_typed_meanwhile_waits(
+    terminal: Terminal,
+) -> None:
+    before = terminal.arm.joints_at(terminal.now_s)
+    terminal.controller.machine.memory.programs["SWEEP"] = ("DRIVE 1,20,100", "DRIVE 1,-30,100")
+    printed = terminal.types("EXEC SWEEP") + terminal.types("STATUS") + terminal.waits(30)
+    assert printed.index("Program completed: Stopped at step 3") < printed.index("Monitor speed")
+    turned = np.degrees(terminal.arm.joints_at(terminal.now_s) - before)
+    np.testing.assert_allclose(turned, [-10.0, 0, 0, 0, 0, 0], atol=0.1)

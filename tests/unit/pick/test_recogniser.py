@@ -1,0 +1,42 @@
+"""A recogniser with a stored model goes to the worker process as its file: the model there is the one in use here."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from daemon.pick.recogniser import ModelRecogniser
+from daemon.store.library import load_facets
+from daemon.store.model import ModelError, save
+from daemon.vision.model.model import Model, empty_model, learn_solid
+from tests.fakes import drawn
+from tests.fakes.rigs import rig
+
+
+def taught(label: str, height_mm: float = 30.0) -> Model:
+    block = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], height_mm)
+    return learn_solid(empty_model(load_facets()), drawn.solid("block.obj", drawn.obj(*block)), label)
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> ModelRecogniser:
+    file = tmp_path / "0001.npz"
+    save(taught("cube"), file)
+    return ModelRecogniser(taught("cube"), rig(), None, file)
+
+
+def test_a_worker_reads_the_model_in_use_from_its_file(stored: ModelRecogniser) -> None:
+    there = pickle.loads(pickle.dumps(stored))
+    assert there.labels == stored.labels == ("cube",)
+    assert pickle.loads(pickle.dumps(there)).labels == ("cube",)
+
+
+def test_a_worker_that_starts_anew_takes_no_other_model_that_lies_in_the_place_of_the_one_in_use(
+    stored: ModelRecogniser,
+) -> None:
+    assert stored.file is not None
+    save(taught("cube", 20.0), stored.file)
+    with pytest.raises(ModelError, match=r"0001\.npz: replaced while it was in use: put the file back"):
+        pickle.loads(pickle.dumps(stored))
