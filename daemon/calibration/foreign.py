@@ -142,16 +142,18 @@ def _plain(key: str) -> str:
     return "".join(letter for letter in key.lower() if letter.isalnum())
 
 
-def _numbers(path: Path, name: str, value: Any, rows: int | None = None, columns: int | None = None) -> Array:
-    """A list, a list of lists, or an OpenCV matrix -> array of finite numbers. Raises InterchangeError."""
+def _numbers(path: Path, name: str, value: Any, shape: tuple[int, int] | None = None) -> Array:
+    """A list, a list of lists, or an OpenCV matrix -> array of finite numbers, flat where it needs no shape. Raises
+    InterchangeError."""
+    expected = "" if shape is None else f"{shape[0]}x{shape[1]} numbers"
     described = ""
     if isinstance(value, dict):
         described = f"{value.get('rows')}x{value.get('cols')} of {len(value.get('data') or ())} numbers"
-        shape = value.get("rows"), value.get("cols")
+        rows, columns = value.get("rows"), value.get("cols")
         data = value.get("data")
-        if rows is not None and shape != (rows, columns):
-            raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {described}")
-        if isinstance(data, list) and shape[0] and shape[1] and shape[0] * shape[1] != len(data):
+        if shape not in (None, (rows, columns)):
+            raise InterchangeError(f"{path}: {name}: expected {expected}, found {described}")
+        if isinstance(data, list) and rows and columns and rows * columns != len(data):
             raise InterchangeError(f"{path}: {name}: found {described}")
         value = data
     try:
@@ -159,12 +161,14 @@ def _numbers(path: Path, name: str, value: Any, rows: int | None = None, columns
     except (TypeError, ValueError):
         raise InterchangeError(f"{path}: {name}: expected numbers, found {str(value)[:40]!r}") from None
     if array.size == 0 or not np.isfinite(array).all():
-        if array.size == 0 and rows is None:
+        if array.size == 0 and shape is None:
             return np.zeros(0)
         raise InterchangeError(f"{path}: {name}: expected finite numbers")
-    if rows is not None and columns is not None and array.size != rows * columns:
-        raise InterchangeError(f"{path}: {name}: expected {rows}x{columns} numbers, found {described or array.size}")
-    return array.reshape(rows, columns) if rows is not None and columns is not None else array.ravel()
+    if shape is None:
+        return array.ravel()
+    if array.size != shape[0] * shape[1]:
+        raise InterchangeError(f"{path}: {name}: expected {expected}, found {described or array.size}")
+    return array.reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +219,7 @@ def _info(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -
                 return values[key]
         raise InterchangeError(f"{path}: ROS camera_info that lacks {name} ({short} of the message)")
 
-    found = {name: _numbers(path, name, value(name), *shape) for name, shape in ROS.items()}
+    found = {name: _numbers(path, name, value(name), shape) for name, shape in ROS.items()}
     model = str(values.get("distortion_model", ""))
     if model not in (*PINHOLE_MODELS, *FISHEYE_MODELS):
         expected = ", ".join(filter(None, (*PINHOLE_MODELS, *FISHEYE_MODELS)))
@@ -294,7 +298,7 @@ def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
             raise InterchangeError(
                 f"{path}: {name}: a {model} camera with {bent}: pinhole with radtan or equidistant only"
             )
-        fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", entry.get("intrinsics"), 1, 4)[0]
+        fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", entry.get("intrinsics"), (1, 4))[0]
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         cameras.append(
             (
@@ -305,7 +309,7 @@ def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
         )
         sizes.append(_size(path, entry, size))
     assert isinstance(entries[1], dict)
-    pose = _numbers(path, "cam1.T_cn_cnm1", entries[1].get("T_cn_cnm1"), 4, 4)
+    pose = _numbers(path, "cam1.T_cn_cnm1", entries[1].get("T_cn_cnm1"), (4, 4))
     shift_mm = pose[:3, 3] * (UNITS_MM["m"] if unit_mm is None else unit_mm)
     right_from_left = frames.rigid(_rotation(path, "cam1.T_cn_cnm1", pose[:3, :3]), shift_mm)
     left_from_right = frames.inverse(right_from_left)

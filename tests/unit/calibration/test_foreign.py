@@ -176,6 +176,8 @@ def test_a_hand_eye_of_easy_handeye_goes_into_the_calibration_that_is_there(
         ("cam0: {camera_model: omni}\ncam1: {camera_model: omni}\n", "cam0: a omni camera"),
         ("transformation: {x: 1}\nparameters: {}\n", "lacks a quaternion"),
         ("transformation: {x: 1}\nparameters: {eye_on_hand: false}\n", "fixed in the cell"),
+        ("transformation: {x: .inf, y: 0, z: 0, qw: 1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n", "expected 1"),
+        ("transformation: {x: 1, y: 0, z: 0, qw: 1.1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n", "expected 1"),
         ("K: [1, 0, 0]\ndistortion_model: plumb_bob\n", "name two files"),
         ("M1: 3\n", "M1: expected 9 numbers"),
     ],
@@ -184,6 +186,12 @@ def test_what_cannot_be_read_is_named_for_what_it_is(tmp_path: Path, text: str, 
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(InterchangeError, match=told):
         read_foreign([tmp_path / "f.yaml"])
+
+
+def test_a_hand_eye_without_a_turn_is_read(tmp_path: Path) -> None:
+    (tmp_path / "f.yaml").write_text("transformation: {x: 1, y: 0, z: 0, qw: 1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n")
+    found = read_foreign([tmp_path / "f.yaml"]).tool_from_left
+    np.testing.assert_array_equal(found, frames.rigid(np.eye(3), np.array([1000.0, 0.0, 0.0])))
 
 
 def import_of(tmp_path: Path, rig: StereoRig, *options: str, t_scale: float = 1.0) -> int:

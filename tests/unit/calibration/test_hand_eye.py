@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.calibration import hand_eye
 from daemon.calibration.hand_eye import (
     ArmError,
     HandEyeError,
@@ -117,3 +120,27 @@ def test_how_far_the_arm_errs_is_found_from_its_looks_whatever_was_thought_of_it
     found = [calibrate_hand_eye(looks(seed, count=20, arm_mm=arm_mm), unlike_rig()).arm for seed in (0, 1)]
     assert np.mean([arm.mm for arm in found]) == pytest.approx(arm_mm, rel=0.25)
     assert np.mean([arm.deg for arm in found]) == pytest.approx(0.02 * arm_mm / 0.05, rel=0.35)
+
+
+def test_two_solvers_that_disagree_by_more_than_chance_are_told() -> None:
+    result = calibrate_hand_eye(looks(0), unlike_rig())
+    assert result.warning is None
+    assert result.solvers_mm > 0.0 < result.solvers_deg
+    limit_mm, limit_deg = max(2.0, 8 * result.sigma_mm), max(0.3, 8 * result.sigma_deg)
+    for found, told in (
+        (replace(result, solvers_mm=0.99 * limit_mm, solvers_deg=0.99 * limit_deg), False),
+        (replace(result, solvers_mm=1.01 * limit_mm, solvers_deg=0.0), True),
+        (replace(result, solvers_mm=0.0, solvers_deg=1.01 * limit_deg), True),
+    ):
+        assert (found.warning is not None) is told
+
+
+def test_the_jackknife_gives_the_spread_of_a_mean() -> None:
+    """Of a mean of n values its figure is the standard error, s / sqrt(n), by definition; here on each axis."""
+    rng, count = np.random.default_rng(3), 12
+    values = np.hstack([rng.normal(0, 1e-4, (count, 3)), rng.normal(0, 1.0, (count, 3))])
+    without = [(values.sum(axis=0) - value) / (count - 1) for value in values]
+    mm, deg = hand_eye._jackknife(values.mean(axis=0), without)
+    error = values.std(axis=0, ddof=1) / np.sqrt(count)
+    assert mm == pytest.approx(np.linalg.norm(error[3:]), rel=1e-3)
+    assert deg == pytest.approx(np.degrees(np.linalg.norm(error[:3])), rel=1e-3)

@@ -66,6 +66,14 @@ def test_the_commands_carry_a_calibration_out_and_back(tmp_path: Path) -> None:
     assert_same(load_calibration(tmp_path / "d.yaml").rig, unlike_rig())
 
 
+@pytest.mark.parametrize("size", ["640", "640xabc", "x480"])
+def test_a_size_that_is_none_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], size: str) -> None:
+    to_ros(unlike_rig(), tmp_path / "l.yaml", tmp_path / "r.yaml")
+    files = [str(tmp_path / "l.yaml"), str(tmp_path / "r.yaml")]
+    assert ctl.main(["calibrate", "import", *files, "--size", size, "--out", str(tmp_path / "c.yaml")]) == 2
+    assert "expected WIDTHxHEIGHT, such as 640x480" in capsys.readouterr().err
+
+
 def test_what_could_not_be_read_again_leaves_the_old_calibration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.calibration.board import BoardError
-from daemon.calibration.recorded import read_pairs
+from daemon.calibration.recorded import read_pairs, register, run
 from tests.fakes.boards import BOARD, drawn_board
 
 
@@ -48,3 +49,32 @@ def test_pairs_that_are_named_alike_in_folders_of_their_own_stay_several(tmp_pat
     pairs, unused, _ = read_pairs(files, BOARD)
     assert [pair.name for pair in pairs] == [f"{left}, {right}" for left, right in files[1:]]
     assert list(unused) == [f"{files[0][0]}, {files[0][1]}"]
+
+
+def test_every_option_of_the_command_is_taken() -> None:
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers())
+    pictures = ["--left", "l1.png", "l2.png", "--right", "r1.png", "r2.png", "--out", "c.yaml"]
+    args = parser.parse_args(["stereo", "--board", "9x6", "--square-mm", "10", *pictures])
+    assert (args.board, args.square_mm, args.left, args.right) == (
+        "9x6",
+        10.0,
+        ["l1.png", "l2.png"],
+        ["r1.png", "r2.png"],
+    )
+    assert (args.out, args.charuco, args.dictionary, args.legacy, args.json) == (
+        Path("c.yaml"),
+        False,
+        None,
+        False,
+        False,
+    )
+    assert args.run is run
+    board = ["--board", "9x6", "--square-mm", "10", "--charuco", "--dictionary", "DICT_4X4_50", "--legacy", "--json"]
+    args = parser.parse_args(["stereo", *board, *pictures])
+    assert (args.charuco, args.dictionary, args.legacy, args.json) == (True, "DICT_4X4_50", True, True)
+    for needed in ("--board", "--square-mm", "--left", "--right", "--out"):
+        given = {"--board": ["9x6"], "--square-mm": ["10"], "--left": ["l"], "--right": ["r"], "--out": ["c"]}
+        words = [word for name, values in given.items() if name != needed for word in (name, *values)]
+        with pytest.raises(SystemExit):
+            parser.parse_args(["stereo", *words])

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from daemon import frames
+from daemon.pick import plan as planning
 from daemon.pick.grasp import in_the_way
 from daemon.pick.plan import NoPlan, last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
@@ -72,3 +74,11 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
     np.testing.assert_allclose(
         frames.apply(frames.inverse(stretch.back @ TOOL_FROM_CYCLOPEAN), centre), [0, 0, settings.verify_mm], atol=1e-9
     )
+
+
+@pytest.mark.parametrize(("reached", "found"), [(0, True), (2, True), (3, False)])
+def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch, reached, found):
+    monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
+    destination = planning.Destination(goals=range(5))
+    way = planning._way_to(destination, np.eye(4), Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    assert way == (f"to {reached}" if found else None)
