@@ -65,6 +65,7 @@ ALL = frozenset({("", "")})
 CODE = (f"{ROOT}/daemon/", f"{ROOT}/drivers/")
 WHOLE = {
     **{room: (f"tests/unit/{room}",) for room in SAFETY},
+    "val2": ("tests/unit/val2", "tests/unit/cell"),  # how a controller is identified is told there
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
     "frontends": ("tests/unit/frontends", "tests/unit/console"),
     "events": ("tests/unit/events", "tests/unit/review", "tests/unit/store"),

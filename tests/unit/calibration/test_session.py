@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +15,14 @@ from daemon.arrays import Array
 from daemon.calibration.board import SeenBoard
 from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration
+from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
 from daemon.calibration.session import (
     EPIPOLAR_LIMIT_PX,
     LENGTH_LIMIT_MM,
     SPREAD_LIMIT_MM,
     BoardView,
     SessionError,
+    _plan,
     verify,
 )
 from daemon.calibration.stereo import Pair
@@ -104,3 +109,24 @@ def test_one_camera_that_the_arm_moves_verifies_as_a_pair() -> None:
     told = verify(views, BOARD, replace(CALIBRATION, alone="left"))
     assert told.passed
     assert told.length_mm < 0.01
+
+
+def planned(count: int, allowed: Callable[[Array], bool]) -> list[Array]:
+    reach = SimpleNamespace(allows=allowed)
+    supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
+    session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor)
+    return _plan(session, views_of_the_board(1)[0], count)
+
+
+@pytest.mark.parametrize(("count", "reached", "enough"), [(12, 12, True), (12, 8, True), (12, 7, False), (4, 3, False)])
+def test_a_tour_of_too_few_poses_is_refused_and_none_is_of_one_pose_over_and_over(
+    count: int, reached: int, enough: bool
+) -> None:
+    left = iter(range(reached))
+    if not enough:
+        with pytest.raises(SessionError, match=f"the arm reaches only {reached} poses around the board"):
+            planned(count, lambda _: next(left, None) is not None)
+        return
+    poses = planned(count, lambda _: next(left, None) is not None)
+    assert len({pose.tobytes() for pose in poses}) == reached
+    assert diversity_deg(poses) > LEAST_TURN_DEG

@@ -50,6 +50,16 @@ def test_what_all_looks_share_does_not_shrink_by_looking_again_from_the_same_pla
     assert pose_fusion.fuse(looks, DOUBT).predicted_mm > np.sqrt(3) * DOUBT.hand_eye_mm
 
 
+def test_however_well_a_part_is_known_the_arm_errs_once_more_on_its_way_to_the_grasp():
+    doubt = replace(DOUBT, arm_mm=0.3, arm_deg=0.2)
+    rng = np.random.default_rng(4)
+    known = [replace(looked(rng, 300.0, np.zeros(9), doubt), covariance=1e-9 * np.eye(6)) for _ in range(3)]
+    surely = [replace(one, shared=np.zeros((6, 9))) for one in known]
+    estimate = pose_fusion.fuse(surely, doubt)
+    assert estimate.predicted_mm == pytest.approx(np.sqrt(3) * 0.3, rel=1e-3)
+    assert estimate.predicted_deg == pytest.approx(np.sqrt(3) * 0.2, rel=1e-3)
+
+
 def test_looks_from_several_distances_tell_a_disparity_offset_from_depth():
     rng = np.random.default_rng(2)
     shared = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0.5])

@@ -86,6 +86,24 @@ def test_a_look_on_an_old_estimate_is_not_driven_on_blindly():
     assert step(context, world, PickState.CHOOSE) is PickEvent.STALE
 
 
+@pytest.mark.parametrize(("side", "gone"), [(False, ["before the grasp"]), (True, ["round to the approach"])])
+def test_a_look_that_gets_old_on_the_way_is_driven_on_no_farther(side, gone):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.FINAL, context, world)
+    target, sent = world.the_target(), len(purposes(fake))
+    target.side_view = target.look_rotation if side else None
+
+    def gets_old(_):
+        if purposes(fake)[sent:] == gone:
+            fake.now_s = target.look.taken_s + context.settings.limits.max_look_age_s + 1
+
+    fake.before = gets_old
+    assert step(context, world, PickState.FINAL) is PickEvent.UNREACHABLE
+    assert "stale_look" in fake.said("decision")[-1]["why"]
+    assert purposes(fake)[sent:] == gone
+
+
 @pytest.mark.parametrize("empty", [True, False])
 def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty):
     fake = one_part()
