@@ -335,6 +335,27 @@ def test_a_conversation_that_ends_while_bytes_are_typed_slowly_sends_no_more_of_
     assert lived(story()) == [b"A", b"B"]
 
 
+@pytest.mark.parametrize("pause_s", [0.0, 0.05])
+def test_what_a_person_types_goes_out_in_its_order_at_the_pace_of_the_controller_and_all_of_it(pause_s: float) -> None:
+    async def story() -> tuple[bytes, list[float], float]:
+        line = Line({}, character_pause_s=pause_s)
+        began_s = line.loop.time()
+        async with line.talk.typing() as typed:
+            for keys in (b"WH", b"ERE", b"\r"):
+                typed(keys)
+        sent_s = [round(at_s - began_s, 3) for at_s, _, _ in line.sent]
+        ended_s = line.loop.time() - began_s
+        line.talk.end(Preempted("aborted"))
+        with pytest.raises(Preempted):
+            typed(b"A")
+        return line.typed, sent_s, ended_s
+
+    typed, sent_s, ended_s = lived(story())
+    assert typed == b"WHERE\r"
+    assert sent_s == ([0.0] * 3 if pause_s == 0 else pytest.approx([pause_s * k for k in range(6)]))
+    assert ended_s == pytest.approx(6 * pause_s)
+
+
 def test_after_a_prompt_that_was_sought_what_may_still_come_is_waited_for() -> None:
     async def story(settle_s: float) -> float:
         line = Line({b"!!": b"."}, cancel_line=b"", echo_settle_s=settle_s)

@@ -11,7 +11,7 @@ from daemon.arm.permit import MotionPermit
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, Disturbed, NoAnswer, PortError, Preempted
 from drivers.val2.ledger import Ledger
-from drivers.val2.session import LineSession
+from drivers.val2.session import LineSession, quoted
 from drivers.val2.wire import Prompt, Text
 from tests.fakes.in_time import lived
 
@@ -293,6 +293,12 @@ def test_of_much_noise_a_message_quotes_a_little() -> None:
 
     first, second, third = (repr(letter * 60) + "..." for letter in "ABC")
     assert lived(story()) == f"somebody else types on this line (heard {first}, {second}, {third} and 28 more)"
+
+
+@pytest.mark.parametrize(("count", "more"), [(2, ""), (3, ""), (4, " and 1 more"), (9, " and 6 more")])
+def test_of_a_few_pieces_all_that_a_message_has_room_for_are_quoted(count: int, more: str) -> None:
+    quotes = ", ".join(f"'{letter}'" for letter in "ABC"[:count])
+    assert quoted([chr(65 + k) for k in range(count)]) == quotes + more
 
 
 def test_a_line_that_is_let_go_tells_who_waits_and_hears_nothing_more() -> None:
