@@ -111,7 +111,6 @@ class VoidingEvent(StrEnum):
     MOVE_BEGUN = "the arm may be moving"
     GRIPPER_CLOSES = "the gripper is closing"
     GRIPPER_OPENS = "the gripper is opening"
-    CUT_OFF = "the arm was stopped while it let go of a part"
     STOPPED = "the arm was stopped"
     FAULT_CLEARED = "a fault was cleared; people may have worked at the arm while it was active"
     RECONNECTED = "the line was opened again"
@@ -129,7 +128,6 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.MOVE_BEGUN: PLACE,
     VoidingEvent.GRIPPER_CLOSES: frozenset({"closed", "holding"}),
     VoidingEvent.GRIPPER_OPENS: frozenset({"closed"}),
-    VoidingEvent.CUT_OFF: frozenset({"holding"}),
     VoidingEvent.STOPPED: CONTROLLER,
     VoidingEvent.FAULT_CLEARED: CONTROLLER,
     VoidingEvent.RECONNECTED: CONTROLLER,

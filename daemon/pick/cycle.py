@@ -60,9 +60,6 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.LOOK_AT_PLACE: set_down.look_at_place,
     PickState.HOME: take.home,
 }
-LETTING_GO = {PickState.BIN, PickState.SET_DOWN}
-"""States in which the gripper opens around a part."""
-CUT_OFF = (PickEvent.STOP, PickEvent.ERROR, PickEvent.ABORT)
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 LATEST = 20
@@ -318,8 +315,6 @@ class PickCycle:
         then = follows(self.state, event, self._held)
         if event is PickEvent.PAUSE:
             self._held = self.state
-        elif event in CUT_OFF and LETTING_GO & {self.state, self._held}:
-            self.beliefs.void(VoidingEvent.CUT_OFF)
         before, self.state = self.state, then
         if event in (PickEvent.BINNED, PickEvent.SET_DOWN) and self.pick_order is not None:
             target = None if self._world is None else self._world.target

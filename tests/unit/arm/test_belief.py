@@ -50,7 +50,6 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
         (VoidingEvent.MOVE_BEGUN, PLACE),
         (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding"}),
         (VoidingEvent.GRIPPER_OPENS, {"closed", "holding"}),
-        (VoidingEvent.CUT_OFF, {"holding"}),
         (VoidingEvent.STOPPED, CONTROLLER),
         (VoidingEvent.FAULT_CLEARED, CONTROLLER),
         (VoidingEvent.RECONNECTED, CONTROLLER),

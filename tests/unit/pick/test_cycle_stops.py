@@ -11,6 +11,7 @@ from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.events.codes import CauseCode, FaultCause
 from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
+from daemon.pick.transitions import PickState
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
 LOST = FaultCause(CauseCode.CAMERA_LOST)
@@ -369,6 +370,26 @@ def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
     world = one_part()
     cycle = cycle_of(world)
     asyncio.run(during(world, cycle, "handed", 2, cycle.supervisor.stop))
+    assert cycle.status()["holding"] is None
+
+
+@pytest.mark.parametrize("moment", ["hand", "handed"])
+def test_a_stop_while_the_gripper_lets_go_above_the_bin_asks_about_the_gripper(moment):
+    world = one_part()
+    cycle, stops = cycle_of(world), []
+
+    def stop(what):
+        if what == moment and cycle.state is PickState.BIN and not stops:
+            stops.append(asyncio.get_running_loop().create_task(cycle.supervisor.stop()))
+
+    async def story():
+        world.before = stop
+        end = await cycle.pick()
+        await asyncio.gather(*stops)
+        return end
+
+    assert asyncio.run(story()).outcome == "aborted"
+    assert stops
     assert cycle.status()["holding"] is None
 
 

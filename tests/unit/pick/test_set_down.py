@@ -19,6 +19,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.looking import Look
 from daemon.pick.placing import Goal, PlaceTable
 from daemon.pick.seen import seen_parts
+from daemon.pick.transitions import PickState
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
@@ -278,3 +279,19 @@ def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
     np.testing.assert_allclose(pose[:3, 3], story.fake.lying["cube"][:3, 3], atol=3.0)
     with pytest.raises(RefusedError, match="0 parts show as pyramid"):
         asyncio.run(story.cycle.locate("pyramid"))
+
+
+@pytest.mark.parametrize("moment", ["hand", "handed"])
+def test_a_stop_while_the_gripper_lets_go_at_a_place_asks_about_the_gripper(tmp_path: Path, moment: str) -> None:
+    story = Story(tmp_path)
+    stops: list[asyncio.Task[Any]] = []
+
+    def stop(act: str) -> None:
+        story.happens(act)
+        if act == moment and story.cycle.state is PickState.SET_DOWN and not stops:
+            stops.append(asyncio.get_running_loop().create_task(story.cycle.supervisor.stop()))
+
+    story.fake.before = stop
+    story.pick()
+    assert stops
+    assert story.cycle.status()["holding"] is None
