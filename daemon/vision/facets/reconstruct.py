@@ -14,6 +14,7 @@ from daemon.vision.facets.candidates import Candidate, choose, find_candidates, 
 from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
+from daemon.vision.facets.shades import join_shaded
 from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import Baseline, StereoRig
 from daemon.vision.image import Outline, StereoImages, open_stereo
@@ -49,14 +50,17 @@ def facets_step_by_step(eyes: StereoImages, settings: VisionSettings) -> Iterato
     asks on, with those that one eye alone outlines: the same groups again where there are none."""
     outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
+    chosen = join_shaded(chosen, eyes)
     view, sets = None, _welded(chosen)
     if chosen and all(len(members) > 1 for members, _ in sets):
         view = _grouped(chosen, sets, refused, eyes, settings)
         yield _with_unmatched(view, outlines)
     outlines = outlines_of(eyes, settings, in_one=True)
     added = complete(chosen, outlines, eyes, settings)
+    if added:
+        chosen = join_shaded(chosen + added, eyes)
     if added or view is None:
-        view = _grouped(chosen + added, _welded(chosen + added) if added else sets, refused, eyes, settings)
+        view = _grouped(chosen, _welded(chosen) if added else sets, refused, eyes, settings)
     yield _with_unmatched(view, outlines)
 
 

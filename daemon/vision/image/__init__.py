@@ -17,7 +17,7 @@ from daemon.vision.image.edge_lines import (
 )
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
 from daemon.vision.image.outlines import Outline, outlined
-from daemon.vision.image.polygon_fit import MODEL_PX, Fitted
+from daemon.vision.image.polygon_fit import MODEL_PX, Fitted, fitted_from
 from daemon.vision.image.regions import Scale
 from daemon.vision.image.rims import STEP_PX, rim_slopes
 from daemon.vision.image.segments import (
@@ -54,6 +54,7 @@ __all__ = [
     "find_sides",
     "fit_sides",
     "fits",
+    "fitted_from",
     "joined",
     "levels_across",
     "open_stereo",
