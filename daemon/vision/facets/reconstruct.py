@@ -50,17 +50,17 @@ def facets_step_by_step(eyes: StereoImages, settings: VisionSettings) -> Iterato
     asks on, with those that one eye alone outlines: the same groups again where there are none."""
     outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
-    chosen = join_shaded(chosen, eyes)
-    view, sets = None, _welded(chosen)
+    chosen, sets = _without_shades(chosen, eyes)
+    view = None
     if chosen and all(len(members) > 1 for members, _ in sets):
         view = _grouped(chosen, sets, refused, eyes, settings)
         yield _with_unmatched(view, outlines)
     outlines = outlines_of(eyes, settings, in_one=True)
     added = complete(chosen, outlines, eyes, settings)
     if added:
-        chosen = join_shaded(chosen + added, eyes)
+        chosen, sets = _without_shades(chosen + added, eyes)
     if added or view is None:
-        view = _grouped(chosen, _welded(chosen) if added else sets, refused, eyes, settings)
+        view = _grouped(chosen, sets, refused, eyes, settings)
     yield _with_unmatched(view, outlines)
 
 
@@ -101,6 +101,16 @@ def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> F
     """The view with the left and the right eye's outlines that no facet uses among what is refused."""
     alone = _unmatched(outlines[0], view.polygons_left, "left") + _unmatched(outlines[1], view.polygons_right, "right")
     return replace(view, rejected=alone + view.rejected)
+
+
+def _without_shades(candidates: list[Candidate], eyes: StereoImages) -> tuple[list[Candidate], list[Welded]]:
+    """Candidates, those joined that the edge of a shadow divides, and the sets in which they hang together."""
+    sets = _welded(candidates)
+    for members, group in sets:
+        joined = join_shaded(members, group.polyhedron, eyes)
+        if joined is not None:
+            return _without_shades(joined + [c for c in candidates if c not in members], eyes)
+    return candidates, sets
 
 
 def _welded(candidates: list[Candidate]) -> list[Welded]:

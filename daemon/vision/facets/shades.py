@@ -15,8 +15,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.facets.candidates import Candidate, candidates
-from daemon.vision.facets.vertices import merge_vertices
-from daemon.vision.geometry import RectifiedCamera, weighted_plane
+from daemon.vision.geometry import Polyhedron, RectifiedCamera, weighted_plane
 from daemon.vision.image import MODEL_PX, CameraImage, Fitted, Sides, StereoImages, fitted_from, levels_across
 
 SIGMAS = 3.0
@@ -26,6 +25,8 @@ LEAST_CREASE = float(np.radians(3))
 STRAIGHT_CHI2 = 30.0
 """Of one line through the four ends of two sides: two degrees of freedom, and room for what their covariance does not
 know of, as the third edge that meets them there."""
+_NEARLY_FLAT = float(np.cos(np.radians(20)))
+"""Cosine of the largest angle between facets that are looked at at all: measured one by one they are less sure."""
 CORNER = float(np.radians(20))
 """Sides that meet at a larger angle form a corner."""
 DIP = 0.05
@@ -34,20 +35,17 @@ _OFFSETS_PX = np.arange(-4.0, 5.0)
 _PLACES = np.linspace(0.25, 0.75, 7)
 
 
-def join_shaded(chosen: Sequence[Candidate], eyes: StereoImages) -> list[Candidate]:
-    """Candidates with each two that only a shadow's edge divides replaced by one."""
-    left = list(chosen)
-    while len(left) > 1 and (joined := _one_joined(left, eyes)) is not None:
-        left = joined
-    return left
+def join_shaded(members: Sequence[Candidate], solid: Polyhedron, eyes: StereoImages) -> list[Candidate] | None:
+    """Candidates with two that only a shadow's edge divides replaced by one; None where there are none.
 
-
-def _one_joined(left: list[Candidate], eyes: StereoImages) -> list[Candidate] | None:
-    for (one, i), (other, j) in merge_vertices([c.facet for c in left]).polyhedron.across.items():
-        if one < other:
-            made = joined_across(left[one], i, left[other], j, eyes)
+    solid: the candidates' facets with the corners that they share.
+    """
+    normals = solid.normals
+    for (one, i), (other, j) in solid.across.items():
+        if one < other and normals[one] @ normals[other] > _NEARLY_FLAT:
+            made = joined_across(members[one], i, members[other], j, eyes)
             if made is not None:
-                return [made, *(c for k, c in enumerate(left) if k not in (one, other))]
+                return [made, *(c for k, c in enumerate(members) if k not in (one, other))]
     return None
 
 
