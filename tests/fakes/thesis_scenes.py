@@ -232,6 +232,18 @@ def silhouette_picture(
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
+def corner_picture(angle_deg: float, turn_deg: float, seed: int) -> tuple[NDArray[np.float32], Array]:
+    """A light triangle on a dark background, 120 x 120 grey levels with sensor noise; where its corner of that angle
+    is (2,), px."""
+    ways = np.deg2rad([turn_deg, turn_deg + angle_deg])
+    legs = 180 * np.stack([np.cos(ways), np.sin(ways)], 1)
+    image = np.full((480, 480), 60.0, np.float32)
+    cv2.fillPoly(image, [np.rint((np.vstack([np.zeros(2), legs]) + 240) * 16).astype(np.int32)], 170.0, shift=4)
+    small = cv2.resize(image, (120, 120), interpolation=cv2.INTER_AREA)
+    noise = np.random.default_rng(seed).normal(0, NOISE, small.shape)
+    return (small + noise).astype(np.float32), np.full(2, 240 / 4 - 0.375)
+
+
 def _disc(radius: float) -> list[tuple[float, float]]:
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     return [(float(radius * np.cos(a)), float(radius * np.sin(a))) for a in angle]

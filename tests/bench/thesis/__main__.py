@@ -23,10 +23,12 @@ PATTERNS: dict[str, Callable[[], str]] = {
 PICTURES: dict[str, Callable[[], str]] = {
     "lengths": pictures.lengths_table,
     "detectors": pictures.detectors_table,
+    "obtuse": pictures.obtuse_table,
     "vergence": pictures.vergence_table,
     "compensation": pictures.compensation_table,
     "views": pictures.views_table,
     "taught_views": pictures.taught_views_table,
+    "shaded": pictures.shaded_table,
 }
 TIMES: dict[str, Callable[[], str]] = {"rotation": pictures.rotation_table, "times": pictures.times_table}
 
