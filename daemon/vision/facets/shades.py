@@ -25,8 +25,8 @@ LEAST_CREASE = float(np.radians(3))
 STRAIGHT_CHI2 = 30.0
 """Of one line through the four ends of two sides: two degrees of freedom, and room for what their covariance does not
 know of, as the third edge that meets them there."""
-_NEARLY_FLAT = float(np.cos(np.radians(20)))
-"""Cosine of the largest angle between facets that are looked at at all: measured one by one they are less sure."""
+_NEARLY_FLAT = float(np.cos(np.radians(30)))
+"""Cosine of the largest angle, between three corners of each, of facets that are measured at all."""
 CORNER = float(np.radians(20))
 """Sides that meet at a larger angle form a corner."""
 DIP = 0.05
@@ -40,13 +40,28 @@ def join_shaded(members: Sequence[Candidate], solid: Polyhedron, eyes: StereoIma
 
     solid: the candidates' facets with the corners that they share.
     """
-    normals = solid.normals
     for (one, i), (other, j) in solid.across.items():
-        if one < other and normals[one] @ normals[other] > _NEARLY_FLAT:
+        if one < other and _nearly_flat(members[one], i, members[other], j):
             made = joined_across(members[one], i, members[other], j, eyes)
             if made is not None:
                 return [made, *(c for k, c in enumerate(members) if k not in (one, other))]
     return None
+
+
+def _nearly_flat(one: Candidate, i: int, other: Candidate, j: int) -> bool:
+    """Whether the corners beside the shared edge lie nearly in one plane with it: cheap, for every edge of every
+    look."""
+    a, b = one.facet.corners_mm, other.facet.corners_mm
+    n, m = len(a), len(b)
+    (x, y, z), (u, v, w), (p, q, r) = (
+        (a[(i + 1) % n] - a[i]).tolist(),
+        (a[i - 1] - a[i]).tolist(),
+        (b[(j + 2) % m] - a[i]).tolist(),
+    )
+    ex, ey, ez = y * w - z * v, z * u - x * w, x * v - y * u
+    fx, fy, fz = q * z - r * y, r * x - p * z, p * y - q * x
+    along = ex * fx + ey * fy + ez * fz
+    return along > 0 and along**2 > _NEARLY_FLAT**2 * (ex**2 + ey**2 + ez**2) * (fx**2 + fy**2 + fz**2)
 
 
 def joined_across(one: Candidate, i: int, other: Candidate, j: int, eyes: StereoImages) -> Candidate | None:
