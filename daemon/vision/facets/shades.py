@@ -61,7 +61,7 @@ def _nearly_flat(one: Candidate, i: int, other: Candidate, j: int) -> bool:
     ex, ey, ez = y * w - z * v, z * u - x * w, x * v - y * u
     fx, fy, fz = q * z - r * y, r * x - p * z, p * y - q * x
     along = ex * fx + ey * fy + ez * fz
-    return along > 0 and along**2 > _NEARLY_FLAT**2 * (ex**2 + ey**2 + ez**2) * (fx**2 + fy**2 + fz**2)
+    return bool(along > 0 and along**2 > _NEARLY_FLAT**2 * (ex**2 + ey**2 + ez**2) * (fx**2 + fy**2 + fz**2))
 
 
 def joined_across(one: Candidate, i: int, other: Candidate, j: int, eyes: StereoImages) -> Candidate | None:
