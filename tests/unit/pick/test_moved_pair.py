@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,18 @@ def test_a_corners_doubt_is_what_arms_that_err_make_of_it() -> None:
     along = part_mm - both.left.cyclopean_from_camera[:3, 3]
     along /= np.linalg.norm(along)
     assert np.sqrt(along @ added @ along) == pytest.approx(np.std(spread, axis=0)[2], rel=0.1)
+
+
+def test_a_parts_doubt_in_a_moved_pair_is_its_own_and_the_arms() -> None:
+    """The middle of two places turns by half of what each place errs by on its own, and depth suffers most."""
+    own, arm = 0.01 * np.eye(6), np.diag([0.02, 0.02, 0.02, 1e-6, 2e-6, 3e-6])
+    part: Any = SimpleNamespace(
+        cyclopean_from_part=frames.rigid(np.eye(3), np.array([0.0, 0.0, 350.0])), covariance=own
+    )
+    added = moved_pair.of_pair(part, pair_at(60.0), arm) - own
+    np.testing.assert_allclose(added[3:, 3:], arm[3:, 3:] / 2)
+    assert (added[:3, 3:] == 0).all()
+    assert added[2, 2] > 10 * added[0, 0] > 0
 
 
 def laid(motions: list[Any]) -> tuple[list[Any], list[Any], StereoRig]:

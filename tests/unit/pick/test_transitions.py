@@ -67,3 +67,19 @@ def test_after_a_fault_only_resume_leads_on():
     assert {row.event for row in TABLE if row.state is PickState.FAULT and row.then is not PickState.FAULT} == {
         PickEvent.RESUME
     }
+
+
+def test_the_printed_table_has_its_columns_one_below_the_other() -> None:
+    lines = printed_table().splitlines()
+    for line, row in zip(lines, TABLE, strict=True):
+        assert line.split() == " ".join(row).split()
+    for column in range(1, 4):
+        assert (
+            len(
+                {
+                    line.index(f"  {row[column]}", sum(map(len, row[:column])))
+                    for line, row in zip(lines, TABLE, strict=True)
+                }
+            )
+            == 1
+        )
