@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.teaching.trainer import DrawnPart
 
 if TYPE_CHECKING:
     from drivers.simcell.boards import BoardPrint
@@ -33,15 +33,19 @@ class SimulatedOperator:
         """Labels of all parts."""
         return tuple({**self._views, **self._drawn})
 
-    def draw(self, solids: Mapping[str, Polyhedron]) -> dict[str, str]:
+    def draw(self, parts: Mapping[str, DrawnPart]) -> dict[str, str]:
         """Make parts from drawings, by label. Returns the reason for each that cannot be made."""
         from drivers.simcell.drawn import DrawnError, drawn_shape
         from drivers.simcell.stand import DRAWN_VIEWS
+        from drivers.simcell.surface import DrawnSurface
 
         shapes, unmade = [], {}
-        for label, solid in solids.items():
+        for label, (solid, looks) in parts.items():
+            seen = None
+            if looks is not None:
+                seen = DrawnSurface(looks.corners_mm, looks.triangles, looks.normals, looks.part_of, looks.flat)
             try:
-                shapes.append(drawn_shape(label, solid.corners_mm, solid.facets))
+                shapes.append(drawn_shape(label, solid.corners_mm, solid.facets, seen))
             except DrawnError as error:
                 unmade[label] = str(error)
         self.cell.world.draw(shapes)

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ VIEWS = (
 TEACHING_TRIES = 6
 """Most looks at a view before it is given up."""
 PARTS = tuple(dict.fromkeys(label for label, _, _ in VIEWS))
+MACHINED = {"machined_bracket": "machined_bracket.obj", "knob": "knob.obj"}
+"""Parts that `--machined` adds, and their drawings in etc/: bores, a slot, a fillet, an end that is round."""
 ROUNDS = 3
 """Most passes over the table."""
 VERDICT = "verdict.jsonl"
@@ -60,6 +62,11 @@ def register(subparsers: Any) -> None:
     )
     parser.add_argument("--table", choices=("plain", "patterned"), default="plain", help="what the parts lie on")
     parser.add_argument("--parts", choices=("plain", "printed"), default="plain", help="what the parts look like")
+    parser.add_argument(
+        "--machined",
+        action="store_true",
+        help="also a bracket and a knob, taught from drawings, with bores and roundings",
+    )
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
     parser.set_defaults(run=run)
 
@@ -78,15 +85,17 @@ def run(args: argparse.Namespace) -> int:
         written = Path(link.do("status", "demo", say)["data"]["run"])
         _begin_default_state(runs, written)
         look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
+        look += " --machined" if args.machined else ""
+        parts = (*PARTS, *MACHINED) if args.machined else PARTS
         again = f"seed {seed} (repeat it with --seed {seed}{look})"
         say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
-        _teach(link)
-        rows = _clear(link, follow(written, lambda: process.poll() is None))
+        _teach(link, MACHINED if args.machined else {})
+        rows = _clear(link, parts, follow(written, lambda: process.poll() is None))
         found = _forbidden_motions(Path(folder) / VERDICT)
-    picked = _table(rows, time.monotonic() - began)
+    picked = _table(rows, len(parts), time.monotonic() - began)
     say(f"report: {write_page(written, written / 'report.html')}")
     say("\n".join(found) or "the cell's motion monitor found no forbidden motion")
-    return 0 if picked == len(PARTS) and not found else 1
+    return 0 if picked == len(parts) and not found else 1
 
 
 def _begin_default_state(runs: Path, written: Path) -> None:
@@ -183,8 +192,8 @@ def _do(link: DaemonLink, text: str) -> dict[str, Any]:
     return data
 
 
-def _teach(link: DaemonLink) -> None:
-    """Teach the six views, train, and take the model into use."""
+def _teach(link: DaemonLink, drawn: dict[str, str]) -> None:
+    """Teach the six views and the drawings, train, and take the model into use."""
     say("teaching")
     for text in ("enable", "go survey"):
         _do(link, text)
@@ -193,6 +202,11 @@ def _teach(link: DaemonLink) -> None:
             raise DemoError(
                 f"the {label} was not seen completely in {TEACHING_TRIES} looks; check light, focus and calibration"
             )
+    for label, drawing in drawn.items():
+        done = link.do(f"teach {label} --mesh {folders.ETC / drawing}", "demo", lambda _: None, lambda _: "y")
+        if done["status"]:
+            raise DemoError(f"teach {label}: {done['text']}")
+        say(f"  {label}, from {drawing}")
     trained = link.do("train", "demo", lambda _: None)["data"]
     if not trained.get("accepted"):
         _do(link, "accept")
@@ -220,13 +234,15 @@ def _facets_in(text: str) -> list[str]:
     return sorted(kind for sides, kind in lines for _ in sides.split())
 
 
-def _clear(link: DaemonLink, records: Iterator[Record]) -> list[dict[str, Any]]:
+def _clear(link: DaemonLink, parts: Sequence[str], records: Iterator[Record]) -> list[dict[str, Any]]:
     """Pick until all parts are in the bin, at most ROUNDS times; returns the end of each pick with its true error."""
-    say(f"the table: {', '.join(PARTS)}, in random poses")
+    if parts != PARTS:
+        _do(link, f"scatter {' '.join(parts)}")
+    say(f"the table: {', '.join(parts)}, in random poses")
     ends: list[dict[str, Any]] = []
     truths: dict[int, Record] = {}
     for _ in range(ROUNDS):
-        left = len(PARTS) - sum(end["outcome"] == "picked" for end in ends)
+        left = len(parts) - sum(end["outcome"] == "picked" for end in ends)
         if not left or (ends and ends[-1]["outcome"] == "fault"):
             break
         _do(link, f"auto on {left}")
@@ -265,8 +281,8 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
     return ends, truths
 
 
-def _table(rows: list[dict[str, Any]], seconds: float) -> int:
-    """Print a table of the picks; returns how many succeeded, as the simulated cell confirms."""
+def _table(rows: list[dict[str, Any]], parts: int, seconds: float) -> int:
+    """Print a table of the picks of so many parts; returns how many succeeded, as the simulated cell confirms."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
         predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
@@ -274,7 +290,7 @@ def _table(rows: list[dict[str, Any]], seconds: float) -> int:
         outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
         say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
     picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
-    say(f"{picked} of {len(PARTS)} parts picked, {seconds:.0f} s in all")
+    say(f"{picked} of {parts} parts picked, {seconds:.0f} s in all")
     return picked
 
 

@@ -22,12 +22,14 @@ NO_AREA_MM2 = 1e-3
 @dataclass(frozen=True, eq=False)
 class FlatRegions:
     """R regions. corners (K, 3) mm; loops: the borders of each, by corners, the outer one first, each anticlockwise
-    about what is inside it seen from outside; normals (R, 3) outward; areas (R,) mm2, without their holes."""
+    about what is inside it seen from outside; normals (R, 3) outward; areas (R,) mm2, without their holes;
+    members: the triangles of each."""
 
     corners: Array
     loops: tuple[tuple[tuple[int, ...], ...], ...]
     normals: Array
     areas: Array
+    members: tuple[tuple[int, ...], ...]
 
     @cached_property
     def beyond(self) -> dict[Edge, int]:
@@ -73,7 +75,8 @@ def flat_regions(surface: Surface, step_mm: float) -> FlatRegions:
     loops = tuple(_borders(surface, region) for region in found)
     vectors = np.array([sum(area_vector(surface.corners[list(loop)]) for loop in one) for one in loops])
     areas = np.linalg.norm(vectors, axis=1)
-    return FlatRegions(surface.corners, loops, vectors / np.maximum(areas, 1e-12)[:, None], areas)
+    normals = vectors / np.maximum(areas, 1e-12)[:, None]
+    return FlatRegions(surface.corners, loops, normals, areas, tuple(map(tuple, found)))
 
 
 @dataclass(frozen=True, eq=False)

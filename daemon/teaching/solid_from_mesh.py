@@ -19,6 +19,7 @@ from daemon.teaching.flat_regions import FlatRegions, flat_regions
 from daemon.teaching.holes import holes_of, sunk_loops
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.teaching.outlines import outlines
+from daemon.teaching.shaded_surface import ShadedSurface, shaded_surface
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
@@ -34,13 +35,15 @@ DRAWN_MM = 0.05
 class Drawing:
     """A drawing as it was understood: the solid, about the middle of its corners; origin_mm (3,): that middle in the
     drawing's frame, whose axes the solid has; size_mm (3,) along them; curved: surfaces that are no facets of it;
-    holes: how many its facets have; notes: what was mended or left out, a line each."""
+    holes: how many its facets have; surface: as it looks, about the same origin; notes: what was mended or left out,
+    a line each."""
 
     solid: Polyhedron
     origin_mm: Array
     size_mm: Array
     curved: tuple[CurvedSurface, ...]
     holes: int
+    surface: ShadedSurface
     notes: tuple[str, ...]
 
 
@@ -78,7 +81,8 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
     notes = surface.notes + ((WORN.format(len(small.joins)),) if small.joins else ())
     holes = sum(1 for face in faces for _ in sunk_loops(regions, face))
     used = sorted({k for triangle in surface.triangles for k in triangle})
-    return Drawing(solid, origin, np.ptp(surface.corners[used], axis=0), curved, holes, notes)
+    looks = shaded_surface(surface, regions, owner, origin)
+    return Drawing(solid, origin, np.ptp(surface.corners[used], axis=0), curved, holes, looks, notes)
 
 
 def _solid(

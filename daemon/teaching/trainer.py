@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from daemon.store.library import PartEntry
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
-from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.teaching.shaded_surface import ShadedSurface
+from daemon.teaching.solid_from_mesh import read_drawing, solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import TablePlane, table_of
@@ -77,6 +78,13 @@ class Trained:
     verdicts: tuple[ViewVerdict, ...]
     left_out: tuple[str, ...]
     seconds: float
+
+
+class DrawnPart(NamedTuple):
+    """A part that was drawn: its solid, and its surface as it looks, which what was walked round has none of."""
+
+    solid: Polyhedron
+    surface: ShadedSurface | None
 
 
 class Trainer:
@@ -236,21 +244,26 @@ class Trainer:
                 left_out.append(f"{view.name}: {error}")
         return learn_solids(model, solids), left_out
 
-    def drawings(self) -> dict[str, Polyhedron]:
-        """The solid of each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
-        solids = {}
+    def drawings(self) -> dict[str, DrawnPart]:
+        """Each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
+        parts = {}
         for view in self.model_store.views():
             if _is_drawn(view):
                 with contextlib.suppress(FileError, MeshError):
-                    solids[view.label] = self._solid(view)
-        return solids
+                    parts[view.label] = self._drawn(view)
+        return parts
 
     def _solid(self, view: StoredView) -> Polyhedron:
         """The solid of a stored drawing, or of what was walked round. Raises FileError, MeshError, TeachError."""
+        return self._drawn(view).solid
+
+    def _drawn(self, view: StoredView) -> DrawnPart:
         assert view.mesh is not None
         if ROUND in view.note:
-            return solid_from(view.note[ROUND])
-        return solid_drawn(view.mesh.name, _drawing(view), str(view.note.get("unit", "mm")), self.library)
+            return DrawnPart(solid_from(view.note[ROUND]), None)
+        unit = str(view.note.get("unit", "mm"))
+        drawing = read_drawing(view.mesh.name, _drawing(view), unit, self.library)
+        return DrawnPart(drawing.solid, drawing.surface)
 
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
@@ -306,7 +319,8 @@ class Trainer:
 
     def drawing(self, label: str) -> Polyhedron | None:
         """The solid of a part that was drawn, by its newest drawing."""
-        return self.drawings().get(label)
+        drawn = self.drawings().get(label)
+        return None if drawn is None else drawn.solid
 
     def _verdict(self, tried: ModelRecogniser, view: StoredView) -> ViewVerdict:
         if view.mesh is not None:

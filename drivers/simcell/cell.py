@@ -20,7 +20,7 @@ from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, 
 from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import DropRecord, GraspRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
-from drivers.simcell.render import RenderedSolid
+from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import characteristic_pose, drawn_pose
@@ -212,12 +212,13 @@ class SimulatedCell:
     def _scene_at(self, real_s: float) -> SimulatedScene:
         tool = self.world_from_tool(real_s)
         parts = [part for part in self.world.parts if part.where in (PartPlace.TABLE, PartPlace.STAND, PartPlace.HAND)]
+        albedo = self._settings.lighting.facet_albedo
         solids = [
-            RenderedSolid(
-                piece, part.world_from_part(tool), self._settings.lighting.facet_albedo, self._prints_on(part)
-            )
+            solid
             for part in parts
-            for piece in part.shape.pieces
+            for solid in rendered(
+                part.shape, part.world_from_part(tool), albedo, [self._prints_on(part)] * len(part.shape.pieces)
+            )
         ]
         carried = tool.tobytes() if self.world.held else b""
         gripper = tuple(

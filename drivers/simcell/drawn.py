@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
 
 from drivers.arrays import Array
-from drivers.simcell.parts import ConvexSolid, PartShape, hull, shape, volume_and_centre
+from drivers.simcell.parts import ConvexSolid, PartShape, hull, shape, stable_rests, volume_and_centre
+from drivers.simcell.surface import DrawnSurface
 
 NEAR_MM = 1e-3
 """Tolerance of a drawing's corners: STL has single precision."""
 SAME_VOLUME, SAME_WAY = 1e-4, 1e-9
+CHORD_MM = 0.1
+"""The hull's face and the surface are as near where the part can rest; a chord of a rounding has its middle inside."""
 MOST_CORNERS = 90
 MOST_PIECES = 24
 Ring = Sequence[int]
@@ -22,11 +26,14 @@ class DrawnError(Exception):
     """A drawing that the simulated cell cannot show; the message says why."""
 
 
-def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> PartShape:
+def drawn_shape(
+    label: str, corners_mm: Array, facets: Sequence[Ring], surface: DrawnSurface | None = None
+) -> PartShape:
     """The shape with these (K, 3) corners and flat facets, anticlockwise from outside. Raises DrawnError.
 
     The plane of every facet with corners beyond it cuts the hull. Pieces inside the solid are kept, and joined again
-    where two are convex together.
+    where two are convex together. surface: of the part as it is, in the same frame; it rests on nothing that is round
+    there, and its centre of mass is that of this surface.
     """
     if len(corners_mm) > MOST_CORNERS:
         raise DrawnError(f"{len(corners_mm)} corners; the simulated cell shows parts of at most {MOST_CORNERS}")
@@ -42,9 +49,28 @@ def drawn_shape(label: str, corners_mm: Array, facets: Sequence[Ring]) -> PartSh
     if len(kept) > MOST_PIECES:
         raise DrawnError(f"{len(kept)} convex pieces; the simulated cell shows parts of at most {MOST_PIECES}")
     made = shape(label, *(piece.vertices for piece in kept), flat_mm=NEAR_MM)
+    if surface is not None:
+        made = _with_surface(made, surface.moved(made.pieces[0].vertices[0] - kept[0].vertices[0]))
     if not made.rests:
         raise DrawnError("it has no stable face")
     return made
+
+
+def _with_surface(made: PartShape, surface: DrawnSurface) -> PartShape:
+    """The shape seen by its surface, resting where the hull of that is flat."""
+    centre = surface.volume_and_centre[1]
+    touching = [
+        abs(surface.beyond(normal) - offset) < CHORD_MM
+        for normal, offset in zip(made.hull.normals, made.hull.offsets, strict=True)
+    ]
+    true = [k for k, touches in enumerate(touching) if touches]
+    flat = replace(
+        made.hull,
+        faces=tuple(made.hull.faces[k] for k in true),
+        normals=made.hull.normals[true],
+        offsets=made.hull.offsets[true],
+    )
+    return replace(made, centre_of_mass=centre, rests=stable_rests(flat, centre), surface=surface)
 
 
 def _cuts(corners: Array, facets: Sequence[Ring]) -> list[tuple[Array, float]]:
@@ -93,9 +119,13 @@ def _inside(point: Array, corners: Array, facets: Sequence[Ring]) -> bool:
 def _joined(pieces: list[ConvexSolid]) -> list[ConvexSolid]:
     """The same solid in fewer convex pieces, by joining pairs as long as possible."""
     sized = [(piece, volume_and_centre(piece)[0]) for piece in pieces]
+    apart = set[tuple[ConvexSolid, ConvexSolid]]()
     while True:
         for i, j in combinations(range(len(sized)), 2):
             (one, size), (two, more) = sized[i], sized[j]
+            if (one, two) in apart or not _touch(one, two):
+                continue
+            apart.add((one, two))
             both = _hull(np.vstack([one.vertices, two.vertices]))
             if abs(volume_and_centre(both)[0] - size - more) < SAME_VOLUME * (size + more):
                 rest = [pair for k, pair in enumerate(sized) if k not in (i, j)]
@@ -103,6 +133,12 @@ def _joined(pieces: list[ConvexSolid]) -> list[ConvexSolid]:
                 break
         else:
             return [piece for piece, _ in sized]
+
+
+def _touch(one: ConvexSolid, other: ConvexSolid) -> bool:
+    """Whether two pieces have corners on one plane, on which the faces of either look at each other."""
+    across = one.normals @ other.normals.T < SAME_WAY - 1
+    return bool((across & (np.abs(one.offsets[:, None] + other.offsets) < NEAR_MM)).any())
 
 
 def _hull(points: Array) -> ConvexSolid:

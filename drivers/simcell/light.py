@@ -16,6 +16,8 @@ from drivers.simcell.truth import Lamp, Lighting, TableTruth
 
 HIGHLIGHT_POWER = 12.0
 FLOOR_LEVEL = 8.0
+ABOVE_MM = 0.5
+"""How far before a face of its own part a piece reaches that throws a shadow on it."""
 LAMP_REFERENCE_MM = 1000.0
 CROWDING, CROWDING_MM, CROWDING_HEIGHT_MM = 0.55, 9.0, 60.0
 
@@ -28,24 +30,31 @@ def facet_levels(
     lighting: Lighting,
     lit: Sequence[Array32 | None] | None = None,
 ) -> Array32:
-    """Shade (N, 3) world mm on a facet with outward (3,) normal -> (N,) grey levels seen from viewer_mm.
+    """Shade (N, 3) world mm on a facet with outward (3,) normal, or on a curved surface with (N, 3) normals -> (N,)
+    grey levels seen from viewer_mm.
 
     Lambert, inverse square, and a broad highlight (Blinn). lit: share (N,) of each lamp visible from each point, None
     for all of it.
     """
-    diffuse = np.full(len(points), lighting.ambient * (0.75 + 0.25 * normal[2]), np.float32)
+    out = np.broadcast_to(normal.astype(np.float32), points.shape)
+    diffuse = np.asarray(lighting.ambient * (0.75 + 0.25 * out[:, 2]), np.float32)
     shine = np.zeros(len(points), np.float32)
-    out = normal.astype(np.float32)
     to_viewer = _unit(viewer_mm.astype(np.float32) - points)[0]
     for lamp, share in zip(lighting.lamps, lit or [None] * len(lighting.lamps), strict=True):
         to_lamp, distance = _unit(np.asarray(lamp.position_mm, np.float32) - points)
         level = np.float32(lamp.level) if share is None else lamp.level * share
-        falling = np.maximum(to_lamp @ out, 0) * (LAMP_REFERENCE_MM / distance) ** 2
+        falling = np.maximum(_along(to_lamp, out), 0) * (LAMP_REFERENCE_MM / distance) ** 2
         diffuse += level * falling
         halfway, _ = _unit(to_lamp + to_viewer)
-        shine += level * np.maximum(halfway @ out, 0) ** HIGHLIGHT_POWER * (falling > 0)
+        shine += level * np.maximum(_along(halfway, out), 0) ** HIGHLIGHT_POWER * (falling > 0)
     levels: Array32 = albedo * diffuse + lighting.gloss * shine
     return levels
+
+
+def _along(one: Array32, other: Array32) -> Array32:
+    """(N,) scalar products of (N, 3)."""
+    found: Array32 = np.einsum("ij,ij->i", one, other)
+    return found
 
 
 def _unit(vectors: Array32) -> tuple[Array32, Array32]:
@@ -109,12 +118,42 @@ class CellLight:
         lit = self._lit(body, loop, points) if body < len(self._bodies) else None
         return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
 
+    def surface_levels(
+        self,
+        own: range,
+        part_of: int,
+        ring: Array | None,
+        points: Array32,
+        normal: Array,
+        albedo: Array32,
+        viewer_mm: Array,
+    ) -> Array32:
+        """Shade (N, 3) world mm on the surface of a part from a drawing, whose pieces are the bodies `own` of the last
+        `cast`. part_of: the number of the face; ring (4, 3): a rectangle round a flat one, None of a curved surface, on
+        which the shadows of other bodies are not drawn."""
+        lit = None if ring is None or own.stop > len(self._bodies) else self._lit_plate(own, part_of, ring, points)
+        return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
+
+    def _lit_plate(self, own: range, part_of: int, ring: Array, points: Array32) -> list[Array32 | None]:
+        key = own.start, (-1, part_of)
+        if key not in self._facets:
+            out = np.cross(ring[1] - ring[0], ring[2] - ring[1])
+            out = out / np.linalg.norm(out)
+            others = [c for k, c in enumerate(self._bodies) if k not in own or ((c - ring[0]) @ out).max() > ABOVE_MM]
+            patch = patch_under(ring)
+            self._facets[key] = patch, [lit_share(patch, lamp, others) for lamp in self.lighting.lamps]
+        return self._shares(*self._facets[key], points)
+
     def _lit(self, body: int, loop: tuple[int, ...], points: Array32) -> list[Array32 | None]:
         if (body, loop) not in self._facets:
             others = [corners for number, corners in enumerate(self._bodies) if number != body]
             patch = patch_under(self._bodies[body][list(loop)])
             self._facets[body, loop] = patch, [lit_share(patch, lamp, others) for lamp in self.lighting.lamps]
-        patch, shares = self._facets[body, loop]
+        return self._shares(*self._facets[body, loop], points)
+
+    @staticmethod
+    def _shares(patch: Patch, shares: list[Array32 | None], points: Array32) -> list[Array32 | None]:
+        """The shares (N,) of each lamp at points (N, 3)."""
         if not any(share is not None for share in shares):
             return shares
         places = patch.texels(apply(patch.plane_from_world, points.astype(float))[:, :2]).astype(np.float32)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.rigid import rigid, turn, turn_between
+from drivers.simcell.surface import DrawnSurface
 
 FLAT_MM = 1e-6
 MARGIN_MM = 3.0
@@ -40,7 +41,7 @@ class PartShape:
     """A part's shape: label, its convex pieces, their common hull, its centre of mass (3,) mm.
 
     rests: stable poses, each the (4, 4) rests_from_part that puts a face of the hull on z = 0 with the centre of mass
-    above the origin.
+    above the origin. surface: what cameras see of a part from a drawing, whose bores and roundings the pieces lack.
     """
 
     label: str
@@ -48,6 +49,7 @@ class PartShape:
     hull: ConvexSolid
     centre_of_mass: Array
     rests: tuple[Array, ...]
+    surface: DrawnSurface | None = None
 
 
 def hull(points: Array, flat_mm: float = FLAT_MM) -> ConvexSolid:

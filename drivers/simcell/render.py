@@ -15,30 +15,60 @@ from numpy.typing import NDArray
 from drivers.arrays import Array
 from drivers.simcell.light import CellLight
 from drivers.simcell.optics import Array32, LensCamera
-from drivers.simcell.parts import ConvexSolid
+from drivers.simcell.parts import ConvexSolid, PartShape
 from drivers.simcell.rigid import apply, inverse
+from drivers.simcell.surface import DrawnSurface
 from drivers.simcell.textures import Pattern
 
 NOTHING = -1
 SAMPLES, STRIDE = 34, 21
 NEAREST_MM = 20.0
 BULGE_PX = 6
+MOST_FACES = 100_000
+LEAST_AREA_MM2, EDGE_ON = 1e-6, 1e-3
+"""Smaller triangles, and those seen by so small a cosine times their distance in mm, are left out."""
+SEAM = np.float32(5e-7)
+"""By which a face reaches over its sides, as a share of the distance: rounding leaves no gap between triangles."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedSolid:
-    """A convex solid in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces."""
+    """A convex solid in the world: world_from_solid (4, 4) mm, albedo 0 to 1, prints on some of its faces.
+
+    Of a part from a drawing the first piece has the surface, which is what shows; shown: whether the piece itself does;
+    pieces: how many solids, from this one on, are the part's.
+    """
 
     solid: ConvexSolid
     world_from_solid: Array
     albedo: float
     patterns: tuple[Pattern, ...] = ()
+    surface: DrawnSurface | None = None
+    shown: bool = True
+    pieces: int = 1
+
+
+def rendered(
+    shape: PartShape, world_from_part: Array, albedo: float, patterns: Sequence[tuple[Pattern, ...]] = ()
+) -> tuple[RenderedSolid, ...]:
+    """A part as solids to render. patterns: prints on the faces of each piece, or of all."""
+    if shape.surface is None:
+        ink = patterns or [()] * len(shape.pieces)
+        return tuple(
+            RenderedSolid(piece, world_from_part, albedo, own) for piece, own in zip(shape.pieces, ink, strict=True)
+        )
+    count = len(shape.pieces)
+    first = RenderedSolid(shape.pieces[0], world_from_part, albedo, (), shape.surface, False, count)
+    rest = (RenderedSolid(piece, world_from_part, albedo, shown=False) for piece in shape.pieces[1:])
+    return first, *rest
 
 
 @dataclass(frozen=True, eq=False)
 class _Face:
     """A face turned to the camera, in camera coordinates. body: index of its solid; index: its number in the solid.
 
+    group: what is one without an edge between; turning (2, 3, 3), of a curved surface: the inverse of its corners as
+    columns, and the outward normals at them as columns; flat: whether it is of a flat face of a drawing's surface.
     edges (3, m): inward normals of the planes through the optical centre and each side; normal (3,) and distance (mm)
     of the face's plane; window: rows and columns of the pixels it can touch.
     """
@@ -52,6 +82,19 @@ class _Face:
     window: tuple[slice, slice]
     pattern: Pattern | None
     print_from_camera: Array32
+    group: int
+    turning: Array32 | None = None
+    flat: bool = False
+
+    def normals(self, rays: Array32) -> Array32:
+        """Outward normals, camera coordinates, where (N, 2) rays meet the face: (3,), or (N, 3) of a curved one."""
+        if self.turning is None:
+            return self.normal
+        straight = np.concatenate([rays, np.ones_like(rays[:, :1])], axis=1)
+        shares = np.maximum(straight @ self.turning[0].T, np.float32(1e-6))
+        found: Array32 = shares @ self.turning[1].T
+        unit: Array32 = found / np.linalg.norm(found, axis=1, keepdims=True)
+        return unit
 
     def points(self, rays: Array32) -> Array32:
         """Intersection (..., 3) mm of (..., 2) rays with the face's plane, camera coordinates."""
@@ -82,7 +125,7 @@ class _Face:
         x, y = rays[..., 0], rays[..., 1]
         inside = np.ones(rays.shape[:-1], bool)
         for a, b, c in self.edges.T:
-            inside &= a * x + b * y >= -c
+            inside &= a * x + b * y >= -c - SEAM
         return inside
 
 
@@ -144,7 +187,9 @@ def radiance(
     rows, columns = np.nonzero(crossed)
     rays = pixel_rays.samples(rows, columns)
     in_pixels = _nearest(faces, rays, lambda face: _inside(face.window, rows, columns))
-    image[rows, columns] = paint.mix(image[rows, columns], in_pixels, rays)
+    image[rows, columns] = paint.mix(
+        image[rows, columns], in_pixels, rays, lambda face: _inside(face.window, rows, columns)
+    )
     return image
 
 
@@ -158,8 +203,10 @@ def _inside(window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArra
 def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_from_camera: Array) -> list[_Face]:
     """The faces of a solid that are turned to the camera and may be in its image."""
     camera_from_solid = inverse(world_from_camera) @ rendered.world_from_solid
+    if rendered.surface is not None:
+        return _facing_surface(rendered, rendered.surface, body, pixel_rays, camera_from_solid)
     corners = apply(camera_from_solid, rendered.solid.vertices)
-    if corners[:, 2].min() < NEAREST_MM:
+    if corners[:, 2].min() < NEAREST_MM or not rendered.shown:
         return []
     pixels = pixel_rays.lens.project(apply(pixel_rays.lens.cyclopean_from_camera, corners))
     found = []
@@ -169,9 +216,7 @@ def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_fro
         window = pixel_rays.window(pixels[list(loop)])
         if normal @ ring[0] >= 0 or window is None:
             continue
-        # Sides run anticlockwise as seen from outside, where the camera is; inward is left of each.
-        edges = np.cross(np.roll(ring, -1, axis=0), ring).T
-        edges = edges / np.linalg.norm(edges, axis=0)
+        edges = _inward(ring)
         pattern = next((p for p in rendered.patterns if p.face == index), None)
         on_print = np.eye(4) if pattern is None else inverse(camera_from_solid @ pattern.solid_from_print)
         found.append(
@@ -185,6 +230,54 @@ def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_fro
                 window,
                 pattern,
                 on_print.astype(np.float32),
+                MOST_FACES * body + index,
+            )
+        )
+    return found
+
+
+def _inward(ring: Array) -> Array:
+    """(3, m) inward normals of the planes through the optical centre and each side of a face (m, 3): sides run
+    anticlockwise as seen from outside, where the camera is; inward is left of each."""
+    edges = np.cross(np.roll(ring, -1, axis=0), ring).T
+    return np.asarray(edges / np.linalg.norm(edges, axis=0))
+
+
+def _facing_surface(
+    rendered: RenderedSolid, surface: DrawnSurface, body: int, pixel_rays: PixelRays, camera_from_solid: Array
+) -> list[_Face]:
+    """The triangles of a drawing's surface that are turned to the camera and may be in its image."""
+    corners = apply(camera_from_solid, surface.corners_mm)
+    if corners[:, 2].min() < NEAREST_MM:
+        return []
+    pixels = pixel_rays.lens.project(apply(pixel_rays.lens.cyclopean_from_camera, corners))
+    rings = corners[surface.triangles]
+    areas = np.cross(rings[:, 1] - rings[:, 0], rings[:, 2] - rings[:, 0])
+    sizes = np.linalg.norm(areas, axis=1)
+    seen = (sizes > LEAST_AREA_MM2) & (np.sum(areas * rings[:, 0], axis=1) < -EDGE_ON * sizes)
+    found = []
+    for index in np.flatnonzero(seen).tolist():
+        window = pixel_rays.window(pixels[surface.triangles[index]])
+        if window is None:
+            continue
+        ring, normal, part_of = rings[index], areas[index] / sizes[index], int(surface.part_of[index])
+        flat = bool(surface.flat[index])
+        at_corners = surface.normals[index] @ camera_from_solid[:3, :3].T
+        turning = None if flat else np.stack([np.linalg.inv(ring.T), at_corners.T]).astype(np.float32)
+        found.append(
+            _Face(
+                rendered,
+                body,
+                part_of,
+                _inward(ring).astype(np.float32),
+                normal.astype(np.float32),
+                np.float32(normal @ ring[0]),
+                window,
+                None,
+                np.eye(4, dtype=np.float32),
+                MOST_FACES * body + part_of,
+                turning,
+                flat,
             )
         )
     return found
@@ -211,7 +304,8 @@ def _sort_pixels(
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Classify pixels by the faces at their corners: ((H, W) face that fills the pixel, or NOTHING; (H, W) edge
     inside)."""
-    kind = which.astype(np.int32) * 2
+    groups = np.array([*(face.group for face in faces), NOTHING], np.int32)
+    kind = groups[which] * 2
     for number, face in enumerate(faces):
         if face.pattern is not None:
             on = np.nonzero(which == number)
@@ -236,27 +330,35 @@ class _Painter:
             rays = centres[face.window][on]
             image[face.window][on] = self._levels(face, rays, face.albedo(rays))
 
-    def mix(self, behind: Array32, which: NDArray[np.int16], rays: Array32) -> Array32:
+    def mix(
+        self, behind: Array32, which: NDArray[np.int16], rays: Array32, near: Callable[[_Face], NDArray[np.intp]]
+    ) -> Array32:
         """Levels (N,) of pixels crossed by edges, from the table's (N,), the faces met (N, SAMPLES), rays (N, SAMPLES,
-        2).
+        2). near: which of them a face may touch.
 
         A face is lit at the middle of its samples in the pixel: light varies little inside one.
         """
         mixed: Array32 = behind * np.mean(which == NOTHING, axis=1, dtype=np.float32)
         for number, face in enumerate(self._faces):
-            share = np.asarray(np.mean(which == number, axis=1), np.float32)
-            some = np.flatnonzero(share)
-            weight = (which[some] == number).astype(np.float32) / (share[some, None] * SAMPLES)
+            some = near(face)
+            share = np.asarray(np.mean(which[some] == number, axis=1), np.float32)
+            some, share = some[share > 0], share[share > 0]
+            weight = (which[some] == number).astype(np.float32) / (share[:, None] * SAMPLES)
             middle = np.einsum("ns,nsc->nc", weight, rays[some])
             albedo = face.albedo(middle)
             if face.pattern is not None:
                 each = face.albedo(rays[some].reshape(-1, 2)).reshape(weight.shape)
                 albedo = np.einsum("ns,ns->n", weight, each)
-            mixed[some] += share[some] * self._levels(face, middle, albedo)
+            mixed[some] += share * self._levels(face, middle, albedo)
         return mixed
 
     def _levels(self, face: _Face, rays: Array32, albedo: Array32) -> Array32:
         points = face.points(rays) @ self._turn.T + self._viewer.astype(np.float32)
-        normal = (self._turn @ face.normal).astype(float)
-        loop = face.rendered.solid.faces[face.index]
-        return self._light.facet_levels(face.body, loop, points, normal, albedo, self._viewer)
+        normal = (face.normals(rays) @ self._turn.T).astype(float)
+        if face.rendered.surface is None:
+            loop = face.rendered.solid.faces[face.index]
+            return self._light.facet_levels(face.body, loop, points, normal, albedo, self._viewer)
+        plate = face.rendered.surface.plates[face.index] if face.flat else None
+        ring = None if plate is None else apply(face.rendered.world_from_solid, plate)
+        own = range(face.body, face.body + face.rendered.pieces)
+        return self._light.surface_levels(own, face.index, ring, points, normal, albedo, self._viewer)

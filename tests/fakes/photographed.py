@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Array
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.parts import ConvexSolid, PartShape
-from drivers.simcell.render import RenderedSolid
+from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.textures import Pattern, printed_faces
 from drivers.simcell.truth import Truth, load_truth
@@ -84,7 +84,7 @@ def photograph(shape: PartShape, rng: np.random.Generator, wanted: Callable[[Arr
         raise LookupError(f"{shape.label}: none of {TRIES} views is as wanted")
     albedo = truth.lighting.facet_albedo
     prints = print_for(shape, albedo, rng) if printed else [()] * len(shape.pieces)
-    things = tuple(RenderedSolid(piece, lies, albedo, ink) for piece, ink in zip(shape.pieces, prints, strict=True))
+    things = rendered(shape, lies, albedo, prints)
     left, right = taken(table, eyes, things, int(rng.integers(2**32)))
     return Photograph(left, right, inverse(eyes) @ lies, table, printed)
 
@@ -157,6 +157,8 @@ def _mark(table: int | None, world_from_cyclopean: Array, things: tuple[Rendered
     told = sha256(f"{table} {seed}".encode() + world_from_cyclopean.tobytes())
     for thing in things:
         told.update(thing.solid.vertices.tobytes() + thing.world_from_solid.tobytes())
+        if thing.surface is not None:
+            told.update(thing.surface.corners_mm.tobytes() + thing.surface.triangles.tobytes())
         for ink in thing.patterns:
             told.update(ink.cells.tobytes() + bytes([ink.face]))
     return told.hexdigest()[:24]
