@@ -288,7 +288,7 @@ def _table(rows: list[dict[str, Any]], parts: int, seconds: float) -> int:
         predicted = _error(row["predicted"]["mm"], row["predicted"]["deg"])
         error = _error(row["error_mm"], row["error_deg"])
         outcome = row["outcome"] if row["held"] or row["outcome"] != "picked" else "WRONG"
-        say(f"{row['label']:18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
+        say(f"{row['label'] or 'none':18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
     picked = sum(bool(row["outcome"] == "picked" and row["held"]) for row in rows)
     say(f"{picked} of {parts} parts picked, {seconds:.0f} s in all")
     return picked

@@ -111,7 +111,7 @@ def _in_own_places(fused: Fused, named: Sequence[ObservedPart], recogniser: Part
     one stays that has more, two of different names both go."""
     seen = fused.polyhedron
     area_mm2 = np.linalg.norm(seen.areas_mm2, axis=1)
-    shares = np.array([_shares(seen, part, recogniser) for part in named]).reshape(-1, len(seen.facets))
+    shares = np.array([_shares(seen, part, recogniser) for part in named]).reshape(len(named), len(seen.facets))
     theirs, whole_mm2 = (shares > MOST).astype(float), shares @ area_mm2
     out = set[int]()
     for i, j in np.argwhere(np.triu(theirs @ theirs.T > 0.0, 1)).tolist():

@@ -8,14 +8,12 @@ Model. Out: recalled ways, the best first. How well one fits is fits.py's busine
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from daemon.art import RelationalView
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import Correspondence, Model, relational_view, spread_from, symmetries, turns_but_for_holes
+from daemon.vision.model import Correspondence, Model, correspondences, relational_view, spread_from, symmetries
 
 MOST_RECALLED = 96
 """Nodes under a numbering that are followed, of each question."""
@@ -59,13 +57,19 @@ def _ways(
     if not len(answer.node):
         return {}
     labels, facets = model.artmap.node_labels, model.facet_in_slot
-    found = dict[tuple[str, tuple[int, ...]], Recalled]()
+    found, every = dict[tuple[str, tuple[int, ...]], Recalled](), set[str]()
     for node, slots, match, activation, ratio in zip(*answer, strict=True):
         label, own = labels[node], facets[node, slots].tolist()
         if -1 in own or label not in model.metric:
             continue
-        for way in _laid(seen, model.metric[label].solid, dict(zip(members, own, strict=True))):
-            key = label, _of_equals(way, model.metric[label].solid)
+        solid = model.metric[label].solid
+        if solid.holes:  # the memory knows facets and no holes: which of the places alike it is, these tell
+            ways = () if label in every else correspondences(seen, solid)
+            every.add(label)
+        else:
+            ways = _laid(seen, solid, dict(zip(members, own, strict=True)))
+        for way in ways:
+            key = label, _of_equals(way, solid)
             if key not in found:
                 share = float(ratio) * way.explained / len(members)
                 found[key] = Recalled(label, int(node), float(match), float(activation), min(share, 1.0), way)
@@ -84,16 +88,7 @@ def _laid(seen: Polyhedron, solid: Polyhedron, onto: dict[int, int]) -> tuple[Co
     if len(solid.facets[onto[first]]) != sides:
         return ()
     places = [(first, (onto[first], (place - edges[0]) % sides)) for place in there]
-    ways = spread_from(seen, solid, places)
-    return tuple(turned for way in ways for turned in _turned(way, solid)) if solid.holes else ways
-
-
-def _turned(way: Correspondence, solid: Polyhedron) -> Iterator[Correspondence]:
-    """A way in all turns of a solid that only its holes tell apart: the memory knows facets and no holes."""
-    number = {frozenset(ring): k for k, ring in enumerate(solid.facets)}
-    for corners in turns_but_for_holes(solid).corners:
-        facets = (f if f < 0 else number[frozenset(corners[solid.rings[f]].tolist())] for f in way.facets)
-        yield Correspondence(tuple(facets), np.where(way.corners < 0, -1, corners[way.corners]))
+    return spread_from(seen, solid, places)
 
 
 def _of_equals(way: Correspondence, solid: Polyhedron) -> tuple[int, ...]:

@@ -18,6 +18,7 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts
 from daemon.store.library import load_facets
+from daemon.vision.facets.fusing import Fused
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.model import learn_solid
 from daemon.vision.model.model import empty_model
@@ -202,3 +203,9 @@ def test_only_what_bends_away_beyond_an_open_edge_is_a_side_never_taught(rises_m
     assert len(_untaught(both, {0}, known_side, np.eye(4))) == sides
     elsewhere = exact(top - np.array([20.0, 0, 0]), [(0, 1, 2, 3)])
     assert not _untaught(both, {0}, elsewhere, np.eye(4))
+
+
+def test_named_parts_of_looks_without_a_facet_in_common_are_none(recogniser: ModelRecogniser) -> None:
+    none = np.zeros((0, 0))
+    nothing = Fused((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
+    assert fused_objects._in_own_places(nothing, [], recogniser) == []

@@ -19,6 +19,7 @@ from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import Model, empty_model, learn_solids, symmetries, turns_but_for_holes
 from daemon.vision.values import Part
+from tests.bench.holes import fitted, in_code, read
 from tests.fakes.drawn import block
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -57,7 +58,7 @@ def eyes_on(along_mm: float | None, radius_mm: float = 7.0, seed: int = 1) -> St
 
 def test_a_hole_that_is_there_speaks_for_the_part_and_one_that_is_not_against_it() -> None:
     solid = bored(14.0)
-    assert hole_nats(solid, facing(), eyes_on(14.0)) > 5.0
+    assert hole_nats(solid, facing(), eyes_on(14.0)) > 4.0
     assert hole_nats(solid, facing(), eyes_on(None)) == HIDDEN_NATS
     assert hole_nats(PLAIN, facing(), eyes_on(14.0)) == 0.0
 
@@ -65,7 +66,7 @@ def test_a_hole_that_is_there_speaks_for_the_part_and_one_that_is_not_against_it
 def test_a_pose_that_is_off_by_a_pixel_changes_little() -> None:
     off = facing()
     off[:3, 3] += [0.4, -0.3, 1.0]
-    assert hole_nats(bored(14.0), off, eyes_on(14.0)) > 5.0
+    assert hole_nats(bored(14.0), off, eyes_on(14.0)) > 4.0
 
 
 @pytest.mark.parametrize("moved_mm", [-28.0, -5.0, 5.0])
@@ -116,6 +117,12 @@ def test_of_two_parts_of_one_shape_the_one_is_named_whose_hole_is_there() -> Non
         assert [part.recognition.label for part in named(along_mm, known)] == [label]
 
 
+def test_a_hole_that_may_lie_on_the_far_side_leaves_both_names_open() -> None:
+    known = model(plain=PLAIN, blind=replace(PLAIN, holes=bored(14.0).holes[:1]))
+    assert named(None, known) == []
+    assert [part.recognition.label for part in named(14.0, known)] == ["blind"]
+
+
 def off_mm(solid: Polyhedron, cyclopean_from_part: Array, along_mm: float) -> float:
     """How far the nearest hole of a part is from the one that is painted."""
     painted = frames.apply(facing(), bored(along_mm).holes[0].ring_mm).mean(0)
@@ -146,6 +153,15 @@ def _laid(solid: Polyhedron) -> Array:
     """drawn_from_part (4, 4) of a part in its own frame."""
     here, there = (s.laid_flat[TOP] for s in (PLAIN, solid))
     return np.asarray(frames.inverse(here) @ there)
+
+
+def test_the_constants_are_those_that_the_bench_makes_of_what_is_kept() -> None:
+    found, code = fitted(read()), in_code()
+    assert pytest.approx(found.SHOWS, abs=0.01) == code.SHOWS
+    assert pytest.approx(found.BY_RIM, abs=0.1) == code.BY_RIM
+    assert pytest.approx(found.HIDDEN_NATS, abs=0.25) == code.HIDDEN_NATS
+    assert pytest.approx(found.MOST_NATS, abs=0.25) == code.MOST_NATS
+    assert code.RADIUS_PX >= found.RADIUS_PX
 
 
 def test_turns_but_for_holes_are_all_turns_of_the_shape_one_of_a_kind() -> None:
