@@ -113,10 +113,16 @@ def _seen(
     """What a camera shows of a hole; None where it is too small, or too much of it out of view."""
     camera = view.eye.camera
     ring_mm = frames.apply(pose, hole.ring_mm)
-    places = _along(hole, camera.project(ring_mm))
+    ring_px = camera.project(ring_mm)
+    room = np.array(view.grey.shape[::-1]) - 1 - ROOM_PX
+    if (
+        not ((ring_px > ROOM_PX) & (ring_px < room)).all(1).mean() > LEAST_VISIBLE / 2
+        or np.ptp(ring_px) > 2 * room.max()
+    ):
+        return None  # beside the picture or behind the camera a rim may be millions of px long
+    places = _along(hole, ring_px)
     px = camera.project(frames.apply(pose, places))
     normal = _normals(px)
-    room = np.array(view.grey.shape[::-1]) - 1 - ROOM_PX
     inside: Flags = np.asarray(((px > ROOM_PX) & (px < room)).all(1))
     if _half_width_px(px) < LEAST_PX or inside.mean() < LEAST_VISIBLE:
         return None
@@ -180,4 +186,4 @@ def _normals(px: Array) -> Array:
 
 def _half_width_px(px: Array) -> float:
     """Half of the least width of a curve (N, 2), px."""
-    return float(np.linalg.svd(px - px.mean(0))[1][1] * np.sqrt(2 / len(px)))
+    return float(np.linalg.svd(px - px.mean(0), compute_uv=False)[1] * np.sqrt(2 / len(px)))

@@ -97,6 +97,12 @@ def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
     assert hole_nats(bored(14.0), aside, eyes_on(None)) == 0.0
 
 
+def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory() -> None:
+    near = facing()
+    near[:3, 3] *= 0.02
+    assert hole_nats(bored(14.0), near, eyes_on(None)) == 0.0
+
+
 def test_a_missing_rim_says_no_more_than_how_seldom_one_is_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(hole_rims, "HIDDEN_NATS", -50.0)
     assert hole_nats(bored(14.0), facing(), eyes_on(None)) < -10.0
