@@ -285,7 +285,7 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     pose, covariance = _on_ground(search.ground, seen.solid, fit)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
-    why = f"{100 * seen.borne.share:.0f} % of what its edges could show is there in both eyes"
+    why = f"{100 * seen.borne.share:.0f} % of what its edges could show is in the images"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
     equivalents = _alike(seen.solid, pose, [f.index for f in laid], eyes)
     covariance = covariance + _spread(seen, same, alike)

@@ -97,10 +97,23 @@ def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
     assert hole_nats(bored(14.0), aside, eyes_on(None)) == 0.0
 
 
-def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory() -> None:
-    near = facing()
-    near[:3, 3] *= 0.02
-    assert hole_nats(bored(14.0), near, eyes_on(None)) == 0.0
+def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Projected from behind the image plane it may be millions of px long: a look took gigabytes."""
+    places, along, rng = list[int](), hole_rims._along, np.random.default_rng(0)
+
+    def counted(hole: Hole, ring_px: Array) -> Array:
+        found = along(hole, ring_px)
+        places.append(len(found))
+        return found
+
+    monkeypatch.setattr(hole_rims, "_along", counted)
+    for depth_mm in (0.5, 2.0, 6.0, 12.0, 20.0, 40.0):
+        for _ in range(30):
+            near = facing()
+            near[:3, 3] = [*rng.uniform(-30, 30, 2), depth_mm]
+            near[:3, :3] = near[:3, :3] @ frames.rotation_from_vector(rng.normal(0, 0.8, 3))
+            hole_nats(bored(14.0), near, eyes_on(None))
+    assert max(places, default=0) < 20_000
 
 
 def test_a_missing_rim_says_no_more_than_how_seldom_one_is_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
