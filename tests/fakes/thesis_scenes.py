@@ -255,7 +255,7 @@ def _rectangle(x0: float, y0: float, x1: float, y1: float) -> list[tuple[float, 
 
 LIGHT, DARK = 225.0, 45.0
 LAID_DEG = {"floppy": 20.0}
-"""The floppy does not lie along the grid: a disc and a square frame that both fill it share 0.57 of the disc's cells,
+"""The floppy does not lie along the grid: a disc and a square frame that both fill it share 0.60 of the disc's cells,
 which no vigilance of 0.4 would tell apart."""
 OUTLINES: dict[str, list[tuple[list[tuple[float, float]], float]]] = {
     "floppy": [
