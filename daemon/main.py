@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
 def check(config_path: Path, simulated: bool) -> int:
     """Read every file that the daemon reads; open no device. An error is one line and status 78."""
     from daemon.service import BAD_CONFIGURATION, read_files
-    from daemon.store.job_file import faults
+    from daemon.store.job_file import unreadable
     from daemon.store.outside import FileError
 
     try:
@@ -50,7 +50,7 @@ def check(config_path: Path, simulated: bool) -> int:
     except FileError as error:
         print(f"facetd: {error}", file=sys.stderr)
         return BAD_CONFIGURATION
-    for note in (*config.notes, *(f"{fault}; this job cannot be run" for fault in faults(config.jobs))):
+    for note in (*config.notes, *(f"{why}; this job cannot be run" for why in unreadable(config.jobs))):
         print(f"facetd: {note}", file=sys.stderr)
     print(f"facetd: {config.path} is good: a {config.kind} cell, socket {config.socket}, runs in {config.runs}")
     return 0

@@ -97,8 +97,8 @@ def job_names(folder: Path) -> list[str]:
         raise FileError(f"{folder}: {error.strerror or error}") from None
 
 
-def faults(folder: Path) -> list[str]:
-    """What is wrong with the job files of a folder as files, a line for each that cannot be read."""
+def unreadable(folder: Path) -> list[str]:
+    """Why job files of a folder cannot be read, a line for each."""
     told = []
     try:
         for name in job_names(folder):

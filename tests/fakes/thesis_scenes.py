@@ -81,10 +81,7 @@ def shot(
     seed: int = 0,
 ) -> Shot:
     """The part resting on one of its stable faces in the table's middle, seen from a direction and a distance."""
-    world_from_part, pose = laid(part, rest, elevation_deg, azimuth_deg, distance_mm)
-    things = [RenderedSolid(piece, world_from_part, LIT.facet_albedo) for piece in part.pieces]
-    bodies = [frames.apply(world_from_part, piece.vertices) for piece in part.pieces]
-    return taken(part, things, bodies, LIT, world_from_part, pose, rig, seed)
+    return shaded_shot(part, rest, elevation_deg, azimuth_deg, distance_mm, rig, None, LIT, seed)
 
 
 def taken(

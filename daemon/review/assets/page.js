@@ -170,9 +170,7 @@ function fill() {
 by("search").addEventListener("input", fill);
 const counts = new Map();
 for (const c of data.cycles) counts.set(c.outcome, (counts.get(c.outcome) || 0) + 1);
-by("filters").append(...["all", ...counts.keys()].map((name) => el("button", { type: "button", "data-outcome": name, "aria-pressed": name === "all",
-  onclick: (e) => { wanted = name; for (const b of by("filters").children) b.setAttribute("aria-pressed", b === e.currentTarget); fill(); } },
-  name === "all" ? "all" : `${name} ${counts.get(name)}`)));
+filters(by("filters"), [...counts.keys()], (name) => `${name} ${counts.get(name)}`, (name) => { wanted = name; fill(); });
 fill();
 
 // ---- one cycle
@@ -250,9 +248,7 @@ const eventRows = data.events.map((e) => el("tr", {},
 const whats = [...new Set(data.events.map((e) => e.what))];
 const showEvents = (what) => by("event-table").tBodies[0].replaceChildren(...eventRows.filter((_, k) => what === "all" || data.events[k].what === what));
 if (data.events.length) {
-  by("event-filters").append(...["all", ...whats].map((what) => el("button", { type: "button", "aria-pressed": what === "all",
-    onclick: (e) => { for (const b of by("event-filters").children) b.setAttribute("aria-pressed", b === e.currentTarget); showEvents(what); } },
-    what === "all" ? "all" : `${what} ${data.events.filter((e) => e.what === what).length}`)));
+  filters(by("event-filters"), whats, (what) => `${what} ${data.events.filter((e) => e.what === what).length}`, showEvents);
   by("event-table").tHead.append(el("tr", {}, ...["at", "cycle", "kind", "what happened", "cleared by"].map((name) => el("th", {}, name))));
   showEvents("all");
 } else by("events").append(el("p", { class: "dim" }, "none"));

@@ -50,8 +50,12 @@ const paceOf = (p) => (p.paces.some((pace) => pace !== 1) ? (known(p.median_s) ?
 const stoppedBy = (stops) => (stops.length ? `. Causes of stops: ${stops.slice(0, 4).map(([name, n]) => (n > 1 ? `${n} × ${name}` : name)).join(", ")}${stops.length > 4 ? `, and ${stops.length - 4} more` : ""}` : "");
 const stoppedList = (stops, remedies) => el("div", { class: "tile list reasons" }, el("span", {}, "causes of stops"), ...(stops.length ? stops.map(([name, n]) => el("div", {}, el("i", { class: "bad" }, n), ` ${name} `, el("small", {}, remedies[name]))) : [el("b", {}, "none")]));
 
+// ---- buttons of which one is pressed: all, or one of some names; text(name) is on it
+const filters = (box, names, text, choose) => box.append(...["all", ...names].map((name) => el("button", { type: "button", "data-outcome": name, "aria-pressed": name === "all",
+  onclick: (e) => { for (const b of box.children) b.setAttribute("aria-pressed", b === e.currentTarget); choose(name); } }, name === "all" ? "all" : text(name))));
+
 // ---- how the time was used: OEE with its factors, and what each stop cost, the costliest first
-const percent = (value) => (known(value) ? `${Math.round(100 * value)} %` : "–");
+const percent = (value) => (known(value) ? share([value, 1]) : "–");
 const oeeOf = (times) => (known(times.oee) ? `availability ${percent(times.availability)} × performance ${percent(times.performance)} × quality ${percent(times.quality)}` : "too few picks in real time");
 const OEE = "Availability: time picking, of the time in which parts were wanted (a pick, an auto, a job, with its stops). Performance: against the fastest tenth of the good picks. Quality: picked of tried. Waiting for parts does not count.";
 const downtime = ({ stops, picking_s, down_s, waiting_s }) => {

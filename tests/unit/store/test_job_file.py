@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.events.pick_order import OrderStep, PickOrder
-from daemon.store.job_file import MOST_STEPS, MOST_TIMES, faults, job_names, load_job
+from daemon.store.job_file import MOST_STEPS, MOST_TIMES, job_names, load_job, unreadable
 from daemon.store.outside import FileError
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.recovery_state import SLOT, RecoveryState, _Slot
@@ -95,11 +95,11 @@ def test_jobs_are_the_yaml_files_with_a_plain_name(tmp_path: Path) -> None:
 
 def test_a_check_of_all_jobs_names_each_that_cannot_be_read(tmp_path: Path) -> None:
     written(written(written(tmp_path, KIT), "steps: 3\n", "a"), "version: 1\nsteps: 3\n", "b")
-    first, second = faults(tmp_path)
+    first, second = unreadable(tmp_path)
     assert "a.yaml:1: " in first
     assert "b.yaml:2: steps: expected a list, found 3" in second
-    assert faults(tmp_path / "none") == []
-    assert len(faults(tmp_path / "a.yaml")) == 1
+    assert unreadable(tmp_path / "none") == []
+    assert len(unreadable(tmp_path / "a.yaml")) == 1
 
 
 def test_the_longest_job_fits_into_a_slot_of_the_recovery_file_beside_the_longest_fault(tmp_path: Path) -> None:
