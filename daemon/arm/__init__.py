@@ -8,6 +8,7 @@ from daemon.arm.body import ARM, Capsule, FixtureBox, ball_of, body_like, capsul
 from daemon.arm.guard import Limits, MoveCommand, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
+from daemon.arm.mounting import CameraMounting, OnHand
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.paths import speed_pct
 from daemon.arm.permit import Grant, MotionPermit
@@ -36,6 +37,7 @@ __all__ = [
     "Belief",
     "BeliefSource",
     "Beliefs",
+    "CameraMounting",
     "Capsule",
     "CellBelief",
     "EyeName",
@@ -51,6 +53,7 @@ __all__ = [
     "Mover",
     "NotSentError",
     "NotSettledError",
+    "OnHand",
     "OperatorRefusedError",
     "OutOfReachError",
     "Picture",

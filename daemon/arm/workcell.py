@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from daemon.arm.belief import Beliefs, Reading
 from daemon.arm.guard import MoveCommand
+from daemon.arm.mounting import CameraMounting
 from daemon.arm.permit import MotionPermit
 from daemon.arrays import Array
 from daemon.compute.calls import Compute
@@ -156,11 +157,11 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """All of it. clock: seconds, monotonic, the one that stamps frames. tool_from_cyclopean: the hand-eye (4, 4) mm.
+    """All of it. clock: seconds, monotonic, the one that stamps frames. mounting: where the cameras are.
     compute: where looks, fusing and plans are computed, beside the loop that stops the arm.
 
     alone: the one eye that looks, where the other is not there: `eyes` give its picture twice, and a pair is taken from
-    two places of the arm (daemon/pick/moved_pair.py). rig and tool_from_cyclopean are then those of a usual such pair.
+    two places of the arm (daemon/pick/moved_pair.py). rig and mounting are then those of a usual such pair.
     """
 
     robot: Robot
@@ -168,6 +169,6 @@ class Workcell:
     log: Recorder
     clock: Callable[[], float]
     rig: StereoRig
-    tool_from_cyclopean: Array
+    mounting: CameraMounting
     compute: Compute
     alone: EyeName | None = None

@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 
-from daemon.arm import ARM, Limits, Recorder, Workcell, body_like
+from daemon.arm import ARM, Limits, OnHand, Recorder, Workcell, body_like
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
@@ -36,7 +36,9 @@ def pick_cell(
     rig, alone = calibration.rig, hardware.cameras.alone
     if alone is not None:
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
-    workcell = Workcell(hardware.robot, hardware.cameras, log, hardware.clock, rig, tool_from_cyclopean, compute, alone)
+    workcell = Workcell(
+        hardware.robot, hardware.cameras, log, hardware.clock, rig, OnHand(tool_from_cyclopean), compute, alone
+    )
     settings = config.values.pick
     keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
     limits = guarded(replace(settings.limits, keep_out=keep_out), hardware.robot.arm)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
-from daemon.pick import pose_fusion, viewpoints
+from daemon.pick import pose_fusion
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
 from daemon.pick.looking import whole_look
 from daemon.pick.plan import regrasp
@@ -32,7 +32,7 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.T
     """Go to the next stand-off."""
     target, settings = world.the_target(), context.settings
     distance = pose_fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
-    pose = viewpoints.look_pose(target.look_rotation, target.centre, distance, context.cell.tool_from_cyclopean)
+    pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
     try:
         if not context.mover.belief.is_open:
             await context.mover.hand(closed=False, hand_s=settings.hand_s)

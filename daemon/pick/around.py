@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm import RefusedError
+from daemon.arm import CameraMounting, RefusedError
 from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.looking import Look
@@ -68,9 +68,7 @@ def thing_in(look: Look) -> CircledPart:
     return CircledPart(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
-def tour_round(
-    thing: CircledPart, count: int, tool_from_cyclopean: Array, allowed: viewpoints.Reachable
-) -> list[Array]:
+def tour_round(thing: CircledPart, count: int, mounting: CameraMounting, allowed: viewpoints.Reachable) -> list[Array]:
     """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
     distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)
@@ -78,7 +76,7 @@ def tour_round(
     reached = dict[tuple[int, float], Array]()
     for heading in HEADINGS_DEG:
         for tilt in TILTS_DEG:
-            pose = SurveyView((x, y, z), distance_mm, float(heading), tilt).pose(tool_from_cyclopean)
+            pose = SurveyView((x, y, z), distance_mm, float(heading), tilt).pose(mounting)
             if allowed(pose):
                 reached[heading, tilt] = pose
     chosen = dict[tuple[int, float], Array]()
@@ -98,8 +96,8 @@ async def walk_round(context: PickContext, count: int, told: Told) -> tuple[Circ
     Raises NoThingError, RefusedError where too few places are reached, and what moves and looks do.
     """
     thing = await _found(context)
-    tool_from_cyclopean = context.cell.tool_from_cyclopean
-    poses = tour_round(thing, count, tool_from_cyclopean, context.mover.reach.allows)
+    mounting = context.cell.mounting
+    poses = tour_round(thing, count, mounting, context.mover.reach.allows)
     if len(poses) < LEAST_PLACES:
         raise RefusedError(f"the arm reaches only {len(poses)} places round it; put it nearer to the middle")
     looks = list[Look]()
@@ -127,7 +125,7 @@ async def _found(context: PickContext) -> CircledPart:
         if view is not None:
             if mover.dry:
                 break
-            pose = view.pose(context.cell.tool_from_cyclopean)
+            pose = view.pose(context.cell.mounting)
             await mover.travel(pose, "find it", lambda _: settings.travel_pct)
         reading = mover.belief.at or await mover.rest()
         try:

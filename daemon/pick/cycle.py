@@ -265,8 +265,8 @@ class PickCycle:
     def positions(self) -> dict[str, Array]:
         """Named positions of the arm (home, bin, survey, survey2, ...) -> world_from_tool."""
         views = enumerate(self.settings.surveys, start=1)
-        tool_from_cyclopean = self.cell.tool_from_cyclopean
-        surveys = {"survey" + (str(n) if n > 1 else ""): view.pose(tool_from_cyclopean) for n, view in views}
+        mounting = self.cell.mounting
+        surveys = {"survey" + (str(n) if n > 1 else ""): view.pose(mounting) for n, view in views}
         return {"home": self.settings.home.pose(), "bin": self.settings.bin.pose(), **surveys}
 
     def recover(self, state: str, closed: bool | None, pick_order: PickOrder | None = None) -> None:

@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.arm import Reach
+from daemon.arm import CameraMounting, Reach
 from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
-from daemon.pick import pose_fusion, viewpoints
+from daemon.pick import pose_fusion
 from daemon.pick.following import Target, beside
 from daemon.pick.fused_objects import outlines_of
 from daemon.pick.looking import Look
@@ -70,7 +70,7 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
     for number, view in enumerate((*settings.surveys, *settings.last_surveys), start=1):
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
-        await travel(context, world, view.pose(context.cell.tool_from_cyclopean), f"survey {number}")
+        await travel(context, world, view.pose(context.cell.mounting), f"survey {number}")
         assert context.mover.belief.at is not None
         world.taken += 1
         seen = await context.lit_look(context.mover.belief.at, f"survey {number}")
@@ -159,7 +159,7 @@ async def choose(
             skip(context, world, Outcome.FULL, part, destination, CauseCode.PLACES_FULL)
             continue
         neighbours = [other for other in world.found if other is not part]
-        ways = context.settings, context.cell.tool_from_cyclopean, context.mover.reach
+        ways = context.settings, context.cell.mounting, context.mover.reach
         unseen = world.sides_unseen(part.centre)
         side_view, plan = await context.cell.compute(_planned, part, shape, neighbours, unseen, *ways, destination)
         if isinstance(plan, NoPlan):
@@ -218,7 +218,7 @@ def _may_look_again(context: PickContext, world: WorldModel, part: ObservedPart)
 
 
 def _side_view(
-    part: ObservedPart, unseen: Sequence[Array], settings: Settings, tool_from_cyclopean: Array, reach: Reach
+    part: ObservedPart, unseen: Sequence[Array], settings: Settings, mounting: CameraMounting, reach: Reach
 ) -> Array | None:
     """(3, 3) how the tool was turned in the look that named the part, for one that looks along its approaches do
     not show, and where the arm can look at it so from every stand-off; None: look along the approach."""
@@ -226,7 +226,7 @@ def _side_view(
         return None
     view: Array = part.look.reading.world_from_tool[:3, :3]
     distances = (*settings.stops.stand_offs_mm, settings.verify_mm)
-    poses = [viewpoints.look_pose(view, part.centre, d, tool_from_cyclopean) for d in distances]
+    poses = [mounting.look_pose(view, part.centre, d) for d in distances]
     return view if all(reach.allows(pose) for pose in poses) else None
 
 
@@ -236,19 +236,19 @@ def _planned(
     neighbours: Sequence[ObservedPart],
     unseen: Sequence[Array],
     settings: Settings,
-    tool_from_cyclopean: Array,
+    mounting: CameraMounting,
     reach: Reach,
     destination: Destination | None = None,
 ) -> tuple[Array | None, Plan | NoPlan]:
     """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
     or why there is none. unseen: see WorldModel.sides_unseen."""
-    side_view = _side_view(part, unseen, settings, tool_from_cyclopean, reach)
+    side_view = _side_view(part, unseen, settings, mounting, reach)
     return side_view, plan_part(
         shape,
         part.world_from_part,
         [other.corners for other in neighbours if not is_own(other, part)],
         settings,
-        tool_from_cyclopean,
+        mounting,
         reach.allows,
         facings(part),
         unseen if side_view is None else (),
@@ -281,7 +281,7 @@ async def second_view(context: PickContext, world: WorldModel) -> Literal[PickEv
         context.recogniser,
         context.settings,
         cell.rig,
-        cell.tool_from_cyclopean,
+        cell.mounting,
         context.mover.reach,
     )
     for gain in gains:
@@ -325,9 +325,9 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     False where that cannot be."""
     survey = context.settings.surveys[0]
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
-    poses = places_round(middle, context.cell.tool_from_cyclopean, survey.distance_mm, tilts=SIDES_DEG)
+    poses = places_round(middle, context.cell.mounting, survey.distance_mm, tilts=SIDES_DEG)
     poses = await context.cell.compute(_allowed, poses, context.mover.reach)
-    eyes = [(pose @ context.cell.tool_from_cyclopean)[:3, 3] for pose in poses]
+    eyes = [context.cell.mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
     for place in freshest(middle, eyes, before):
         try:
@@ -353,13 +353,13 @@ def _next_views(
     recogniser: PartRecogniser,
     settings: Settings,
     rig: StereoRig,
-    tool_from_cyclopean: Array,
+    mounting: CameraMounting,
     reach: Reach,
 ) -> tuple[Sequence[PartHypothesis], list[Array], list[Gain]]:
     """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
     eyes_before: (L, 3) from where it was looked at so far."""
     before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
-    poses = _allowed(places_round(part.centre, tool_from_cyclopean), reach)
+    poses = _allowed(places_round(part.centre, mounting), reach)
     if not poses:
         return before, [], []
     return (
@@ -369,7 +369,7 @@ def _next_views(
             before or (strange(part),),
             rig,
             part.centre,
-            np.array([(pose @ tool_from_cyclopean)[:3, 3] for pose in poses]),
+            np.array([mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]),
             [reach.takes_s(pose, settings.travel_pct) + part.look.seconds for pose in poses],
             eyes_before,
             [ring for other in others for ring in outlines_of(other, recogniser)],

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from daemon import frames
-from daemon.arm import EyeName, Workcell
+from daemon.arm import CameraMounting, EyeName, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.grasp import GripperGeometry, closed_fingers
@@ -159,29 +159,29 @@ def still_there(target: Target, look: Look) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class CameraMount:
-    """How the cameras sit on the hand: see Workcell, of which it is a part."""
+    """Cameras and their mounting: see Workcell, of which it is a part."""
 
     rig: StereoRig
-    tool_from_cyclopean: Array
+    mounting: CameraMounting
     alone: EyeName | None = None
 
 
 def mount_of(cell: Workcell) -> CameraMount:
     """That of a cell."""
-    return CameraMount(cell.rig, cell.tool_from_cyclopean, cell.alone)
+    return CameraMount(cell.rig, cell.mounting, cell.alone)
 
 
 def in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
     """Whether a pair shows the target in the gripper, as it was grasped. Where the cameras do not have it in view, it
     does not."""
-    near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
+    near = _cyclopean_from_tool(taken, mount) @ target.tool_from_part
     return edge_support(target.shape, _eyes_on_the_hand(taken, mount), near, REACH_MM) >= HELD
 
 
 def left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount) -> bool:
     """Whether two pairs from one place, taken before the gripper opened and after, show that the target was in it as it
     was grasped, and left it. What shows in both is not the part's: the background's, or print's on it."""
-    near = frames.inverse(mount.tool_from_cyclopean) @ target.tool_from_part
+    near = _cyclopean_from_tool(before, mount) @ target.tool_from_part
     eyes = _eyes_on_the_hand(before, mount), _eyes_on_the_hand(after, mount)
     return edges_gone(target.shape, *eyes, near, REACH_MM) >= GONE
 
@@ -205,13 +205,14 @@ def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) ->
     if mount.alone is not None or target.estimate is None:
         return None
     grasped = target.tool_from_part
-    fit = by_edges(target.shape, taken, frames.inverse(mount.tool_from_cyclopean) @ grasped, REACH_MM)
+    tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
+    fit = by_edges(target.shape, taken, frames.inverse(tool_from_cyclopean) @ grasped, REACH_MM)
     if fit is None:
         return None
-    seen = mount.tool_from_cyclopean @ fit.cyclopean_from_part
+    seen = tool_from_cyclopean @ fit.cyclopean_from_part
     tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
     left = frames.transport_covariance(tool_from_world, target.estimate.covariance) + doubt.arm()
-    there = frames.transport_covariance(mount.tool_from_cyclopean, fit.covariance)
+    there = frames.transport_covariance(tool_from_cyclopean, fit.covariance)
     there = there + frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4))
     apart = frames.difference(seen, grasped)
     chi2 = float(apart @ np.linalg.solve(left + there, apart))
@@ -222,8 +223,12 @@ def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) ->
 def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:
     """Whether a pair shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
     part hides them, it does not."""
-    eyes, near = _eyes_on_the_hand(taken, mount), frames.inverse(mount.tool_from_cyclopean)
+    eyes, near = _eyes_on_the_hand(taken, mount), _cyclopean_from_tool(taken, mount)
     return shown(closed_fingers(gripper), eyes, near, FINGERS_REACH_MM) > FINGERS_SHOW
+
+
+def _cyclopean_from_tool(taken: Taken, mount: CameraMount) -> Array:
+    return frames.inverse(mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool))
 
 
 def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> StereoImages:

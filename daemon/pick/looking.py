@@ -136,15 +136,14 @@ async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: 
     """Wait until the images are still. reading: where the arm is; rest_s: since when, on the cell's clock. Raises what
     settled_pair does."""
     pair = await settled_pair(cell, rest_s, settling)
-    world_from_cyclopean = reading.world_from_tool @ cell.tool_from_cyclopean
+    world_from_cyclopean = cell.mounting.world_from_cyclopean_at(reading.world_from_tool)
     return Taken(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean)
 
 
 def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> Taken:
     """The pair of two pictures of a cell's one eye. Raises ValueError where the arm did not move between them."""
     assert cell.alone is not None
-    tool_from_eye = cell.tool_from_cyclopean @ cell.rig.left.cyclopean_from_camera
-    from_eyes = [taken.reading.world_from_tool @ tool_from_eye for taken in (first, second)]
+    from_eyes = [taken.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera for taken in (first, second)]
     rig, world_from_cyclopean = moved_rig(cell.rig.left, cell.rig.image_size, (from_eyes[0], from_eyes[1]))
     rightwards = float((from_eyes[1] - from_eyes[0])[:3, 3] @ from_eyes[0][:3, 0]) > 0
     before, pictures = (

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
+from daemon.arm import CameraMounting
 from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.recogniser import PartRecogniser
@@ -275,12 +276,12 @@ def ranked(look: Outlook, shows: Array, seconds: Sequence[float]) -> list[Gain]:
 
 
 def places_round(
-    centre: Array, tool_from_cyclopean: Array, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
+    centre: Array, mounting: CameraMounting, distance_mm: float = CLOSE_MM, tilts: Sequence[float] = TILTS_DEG
 ) -> list[Array]:
     """Where a thing that lies at centre (3,), world, may be looked at from: world_from_tool (4, 4) each."""
     x, y, z = (float(v) for v in centre)
     views = [SurveyView((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
-    return [view.pose(tool_from_cyclopean) for view in views]
+    return [view.pose(mounting) for view in views]
 
 
 def next_best(

@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon import frames
-from daemon.arm import PATH_MM, FixtureBox, SupportContact, paths
+from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, paths
 from daemon.arrays import Array
-from daemon.pick import viewpoints
 from daemon.pick.grasp import in_the_way
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
@@ -123,12 +122,12 @@ def _on_side(place: Place, shape: Polyhedron) -> Array:
 
 
 def set_down_of(
-    goal: Goal, pose: Array, tool_from_part: Array, settings: Settings, tool_from_cyclopean: Array
+    goal: Goal, pose: Array, tool_from_part: Array, settings: Settings, mounting: CameraMounting
 ) -> SetDown:
     """How a part that is held like this gets to one of the poses of its goal."""
     manner = goal.place.manner
     at = paths.lifted(pose, manner.release_mm) @ frames.inverse(tool_from_part)
-    look = viewpoints.look_pose(at[:3, :3], goal.centre, settings.verify_mm, tool_from_cyclopean)
+    look = mounting.look_pose(at[:3, :3], goal.centre, settings.verify_mm)
     return SetDown(
         goal,
         pose,
@@ -144,14 +143,14 @@ def ways_to(
     goal: Goal,
     tool_from_part: Array,
     settings: Settings,
-    tool_from_cyclopean: Array,
+    mounting: CameraMounting,
     allowed: Reachable,
     neighbours: Sequence[Array],
 ) -> Iterator[SetDown]:
     """The ways that arm, table, fixtures and neighbours leave open. neighbours: (M, 3) world corners of the parts that
     lie at places beside it."""
     for pose in goal.poses:
-        way = set_down_of(goal, pose, tool_from_part, settings, tool_from_cyclopean)
+        way = set_down_of(goal, pose, tool_from_part, settings, mounting)
         if any(in_the_way(way.at, each, settings.gripper) for each in neighbours):
             continue
         straight = [p for a, b in pairwise(way.ways[:3]) for p in paths.steps(a, b, PATH_MM, 90.0)[:-1]]

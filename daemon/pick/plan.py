@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from daemon import frames
-from daemon.arm import PATH_MM, paths
+from daemon.arm import PATH_MM, CameraMounting, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
@@ -59,18 +59,18 @@ class LastStretch(NamedTuple):
     back: Array
 
 
-def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> LastStretch:
+def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> LastStretch:
     """From before the grasp to the look after it; centre: the part's (3,)."""
     at = grasp.world_from_tool
-    back = viewpoints.look_pose(at[:3, :3], centre, settings.verify_mm, tool_from_cyclopean)
+    back = mounting.look_pose(at[:3, :3], centre, settings.verify_mm)
     return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
 
 
-def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, tool_from_cyclopean: Array) -> list[Array]:
+def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> list[Array]:
     """Every pose of the approach and the retreat, in order; world_from_tool."""
     rotation, distances = grasp.world_from_tool[:3, :3], settings.stops.stand_offs_mm
-    looks = [viewpoints.look_pose(rotation, centre, d, tool_from_cyclopean) for d in distances]
-    return [*looks, *last_stretch(grasp, centre, settings, tool_from_cyclopean)]
+    looks = [mounting.look_pose(rotation, centre, d) for d in distances]
+    return [*looks, *last_stretch(grasp, centre, settings, mounting)]
 
 
 class NoPlan(NamedTuple):
@@ -85,7 +85,7 @@ def plan_part(
     world_from_part: Array,
     neighbours: Sequence[Array],
     settings: Settings,
-    tool_from_cyclopean: Array,
+    mounting: CameraMounting,
     allowed: Reachable,
     seen: Sequence[Facing] = (),
     unseen_from: Sequence[Array] = (),
@@ -108,8 +108,8 @@ def plan_part(
     middle = settings.stops.stand_offs_mm[len(settings.stops.stand_offs_mm) // 2]
     plans = []
     for grasp in found:
-        pose = viewpoints.look_pose(grasp.world_from_tool[:3, :3], centre, middle, tool_from_cyclopean)
-        eye = (pose @ tool_from_cyclopean)[:3, 3]
+        pose = mounting.look_pose(grasp.world_from_tool[:3, :3], centre, middle)
+        eye = mounting.world_from_cyclopean_at(pose)[:3, 3]
         if any(viewpoints.angle_at(centre, eye, centre + away) < SAME_SIDE_RAD for away in unseen_from):
             continue
         worth = viewpoints.view_worth(shape, world_from_part, eye) + seen_again(seen, eye)
@@ -120,7 +120,7 @@ def plan_part(
     approached = 0
     for plan in plans:
         if not plan.grasp.blocked:
-            poses = approach_poses(plan.grasp, centre, settings, tool_from_cyclopean)
+            poses = approach_poses(plan.grasp, centre, settings, mounting)
             if all(allowed(pose) for pose in poses) and all(
                 allowed(pose) for a, b in pairwise(poses) for pose in paths.steps(a, b, PATH_MM, 90.0)[:-1]
             ):
@@ -128,7 +128,7 @@ def plan_part(
                 if destination is None:
                     return plan
                 held = frames.inverse(plan.grasp.world_from_tool) @ world_from_part
-                way = _way_to(destination, held, settings, tool_from_cyclopean, allowed)
+                way = _way_to(destination, held, settings, mounting, allowed)
                 if way is not None:
                     return replace(plan, way=way)
     if approached and destination is not None:
@@ -141,11 +141,11 @@ def plan_part(
 
 
 def _way_to(
-    destination: Destination, held: Array, settings: Settings, tool_from_cyclopean: Array, allowed: Reachable
+    destination: Destination, held: Array, settings: Settings, mounting: CameraMounting, allowed: Reachable
 ) -> SetDown | None:
     """The first way to the first goal that has one."""
     for goal in destination.goals[:MOST_GOALS]:
-        for way in ways_to(goal, held, settings, tool_from_cyclopean, allowed, destination.taken):
+        for way in ways_to(goal, held, settings, mounting, allowed, destination.taken):
             return way
     return None
 

@@ -70,7 +70,7 @@ async def set_down(
     assert target.way is not None
     assert target.held is not None
     goal, held = target.way.goal, target.held
-    way = set_down_of(goal, target.way.pose, held, context.settings, context.cell.tool_from_cyclopean)
+    way = set_down_of(goal, target.way.pose, held, context.settings, context.cell.mounting)
     name = goal.place.name
     if not mover.dry:
         _note(context, goal, PlaceStatus.CLAIMED)
@@ -163,12 +163,12 @@ async def _go_round(
 ) -> None:
     """To where what lies at a centre (3,) can be looked at, the farthest round it from all looks before; eyes_before:
     (3,) world mm."""
-    tool_from_cyclopean = context.cell.tool_from_cyclopean
-    poses = places_round(centre, tool_from_cyclopean, context.settings.verify_mm)
+    mounting = context.cell.mounting
+    poses = places_round(centre, mounting, context.settings.verify_mm)
     poses = await context.cell.compute(_reached, poses, context.mover.reach)
     order: Sequence[int] = range(len(poses))
     if eyes_before:
-        order = freshest(centre, [(pose @ tool_from_cyclopean)[:3, 3] for pose in poses], eyes_before)
+        order = freshest(centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], eyes_before)
     refused: MoveRefusedError | OutOfReachError = OutOfReachError(
         f"{name} can be looked at from nowhere in the arm's reach"
     )

@@ -9,9 +9,8 @@ import numpy as np
 from msgspec import Meta
 
 from daemon import frames
-from daemon.arm import Arrival, Limits, Point, Settling
+from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
-from daemon.pick import viewpoints
 from daemon.pick.grasp import GripperGeometry, tool_rotation
 from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
@@ -30,10 +29,10 @@ class SurveyView:
     tilt_deg: Lean = 45.0
     """How far the tool leans from straight down, degrees."""
 
-    def pose(self, tool_from_cyclopean: Array) -> Array:
+    def pose(self, mounting: CameraMounting) -> Array:
         """world_from_tool (4, 4)."""
         rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
-        return viewpoints.look_pose(rotation, np.array(self.centre_mm), self.distance_mm, tool_from_cyclopean)
+        return mounting.look_pose(rotation, np.array(self.centre_mm), self.distance_mm)
 
 
 @dataclass(frozen=True)

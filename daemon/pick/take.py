@@ -10,7 +10,6 @@ from daemon import frames
 from daemon.arm import BeliefSource, NotSettledError, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
-from daemon.pick import viewpoints
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
 from daemon.pick.grasp import GripperGeometry
 from daemon.pick.looking import Look, Taken, taken_here
@@ -33,12 +32,12 @@ async def final(
 ) -> Literal[PickEvent.THERE, PickEvent.DRY, PickEvent.UNREACHABLE]:
     """The blind stretch: to before the part, then around it, both straight."""
     target, settings = world.the_target(), context.settings
-    stretch = last_stretch(target.plan.grasp, target.centre, settings, context.cell.tool_from_cyclopean)
+    stretch = last_stretch(target.plan.grasp, target.centre, settings, context.cell.mounting)
     try:
         if target.side_view is not None:
             far_mm = settings.stops.stand_offs_mm[0]
             rotation = stretch.at[:3, :3]
-            round_it = viewpoints.look_pose(rotation, target.centre, far_mm, context.cell.tool_from_cyclopean)
+            round_it = context.cell.mounting.look_pose(rotation, target.centre, far_mm)
             await travel(context, world, round_it, "round to the approach", target.look)
         context.mover.check_through(stretch)  # the last look moved the grasp a little, and there is one way out of it
         await travel(context, world, stretch.before, "before the grasp", target.look, straight=True)
@@ -64,12 +63,12 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
 
 async def retreat(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Straight up and back as planned, then to where the place was seen from."""
-    target, settings, tool_from_cyclopean = world.the_target(), context.settings, context.cell.tool_from_cyclopean
-    stretch = last_stretch(target.plan.grasp, target.centre, settings, tool_from_cyclopean)
+    target, settings, mounting = world.the_target(), context.settings, context.cell.mounting
+    stretch = last_stretch(target.plan.grasp, target.centre, settings, mounting)
     await travel(context, world, stretch.lifted, "lift", straight=True)
     await travel(context, world, stretch.back, "back off", straight=True)
     if target.side_view is not None:
-        seen_from = viewpoints.look_pose(target.side_view, target.centre, settings.verify_mm, tool_from_cyclopean)
+        seen_from = mounting.look_pose(target.side_view, target.centre, settings.verify_mm)
         await travel(context, world, seen_from, "where it was seen from")
     return PickEvent.THERE
 

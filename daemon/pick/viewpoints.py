@@ -1,4 +1,4 @@
-"""From where to look at a part, and what would show from there. Pure: shapes and poses in, poses and worths out."""
+"""What shows of a part from a viewpoint. Pure: shapes and poses in, worths out."""
 
 from __future__ import annotations
 
@@ -6,19 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import FACING, Polyhedron
 
 Reachable = Callable[[Array], bool]
-
-
-def look_pose(rotation: Array, centre: Array, stand_off_mm: float, tool_from_cyclopean: Array) -> Array:
-    """world_from_tool (4, 4) with the tool turned to rotation (3, 3) and the cameras' axis through centre (3,), world,
-    from stand_off_mm away."""
-    view = rotation @ tool_from_cyclopean[:3, :3]
-    world_from_cyclopean = frames.rigid(view, centre - stand_off_mm * view[:, 2])
-    return world_from_cyclopean @ frames.inverse(tool_from_cyclopean)
 
 
 def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array) -> float:

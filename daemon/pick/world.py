@@ -100,9 +100,8 @@ class PickContext:
             raise RefusedError(
                 "with one camera a look needs two places, and nothing moves while `dry` is on: say `dry off` first"
             )
-        tool_from_eye = cell.tool_from_cyclopean @ cell.rig.left.cyclopean_from_camera
-        world_from_eye = first.reading.world_from_tool @ tool_from_eye
-        eye_from_tool, refused = frames.inverse(tool_from_eye), ""
+        world_from_eye = first.world_from_cyclopean @ cell.rig.left.cyclopean_from_camera
+        eye_from_tool, refused = frames.inverse(world_from_eye) @ first.reading.world_from_tool, ""
         away_mm = moved_pair.distance_mm(world_from_eye, settings.limits.table_z_mm)
         for place in moved_pair.places_beside(world_from_eye, away_mm, known, back):
             try:

@@ -16,6 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm.belief import Beliefs
 from daemon.arm.motion import Mover
+from daemon.arm.mounting import OnHand
 from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick import take
@@ -36,6 +37,7 @@ TOOL_FROM_CYCLOPEAN = frames.rigid(
     np.column_stack([[0, 1, 0], [-np.cos(PITCH), 0, np.sin(PITCH)], [np.sin(PITCH), 0, np.cos(PITCH)]]),
     np.array([-75.0, 0.0, -110.0]),
 )
+ON_HAND = OnHand(TOOL_FROM_CYCLOPEAN)
 HEAD_DOWN = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), 0.3), np.array([420.0, 0.0, 60.0]))
 
 
@@ -327,7 +329,7 @@ take.in_hand, take.left_hand = truly_in_hand, truly_left_hand
 def build(world: World) -> Workcell:
     """The workcell of this world."""
     eyes = FakeEyes(world)
-    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), TOOL_FROM_CYCLOPEAN, asyncio.to_thread)
+    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), ON_HAND, asyncio.to_thread)
 
 
 def permitted(mover: Mover) -> Mover:

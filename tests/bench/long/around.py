@@ -106,9 +106,7 @@ async def scenes(models: dict[str, Model], count: int) -> dict[str, Counter[str]
             rig, settings = here.context.trainer.rig, here.context.trainer.settings
             sights = {name: ModelRecogniser(model, rig, settings) for name, model in models.items()}
             here.cycle.use(sights["drawn"])
-            views: list[Array] = [
-                view.pose(here.cycle.cell.tool_from_cyclopean) for view in here.cycle.settings.surveys
-            ]
+            views: list[Array] = [view.pose(here.cycle.cell.mounting) for view in here.cycle.settings.surveys]
             for k in range(count):
                 await here.cycle.move_to(views[k % len(views)], "look")
                 for label in DRAWN:

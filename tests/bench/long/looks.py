@@ -101,7 +101,7 @@ async def by_themselves(
     """Looks from fixed places: they, what each names by itself, and what they do together."""
     looks = []
     for view in (first, *more):
-        await here.cycle.move_to(view.pose(here.cycle.cell.tool_from_cyclopean), "survey")
+        await here.cycle.move_to(view.pose(here.cycle.cell.mounting), "survey")
         looks.append(await here.cycle.look())
     assert here.cycle.recogniser is not None
     together = known(looks, here.cycle.recogniser, here.cycle.settings.doubt)
@@ -112,7 +112,7 @@ async def compared(here: Hours, first: SurveyView, more: int) -> tuple[bool, dic
     """Whether the first look shows something and names nothing; right and wrong by each way; how many looks the next
     best took."""
     settings = here.cycle.settings
-    await here.cycle.move_to(first.pose(here.cycle.cell.tool_from_cyclopean), "first")
+    await here.cycle.move_to(first.pose(here.cycle.cell.mounting), "first")
     best = await here.cycle.look_around(more)
     views = [v for v in (*settings.surveys, *settings.last_surveys) if v.heading_deg != first.heading_deg][:more]
     _, alone, together = await by_themselves(here, first, views)
@@ -158,7 +158,7 @@ async def facets_found(seed: int, model: Model, rows: list[tuple[float, bool, bo
         _heap(here, rng)
         solids = [exact(frames.apply(p.pose, p.shape.hull.vertices), p.shape.hull.faces) for p in here.cell.world.parts]
         middle = np.mean([one.corners_mm.mean(axis=0) for one in solids], axis=0)
-        for pose in rng.permutation(places_round(middle, here.cycle.cell.tool_from_cyclopean))[:12]:
+        for pose in rng.permutation(places_round(middle, here.cycle.cell.mounting))[:12]:
             try:
                 await here.cycle.move_to(pose, "round")
             except NotSentError:

@@ -38,7 +38,7 @@ def test_a_pick_doubts_as_much_as_its_calibration_says_of_itself() -> None:
     workcell, settings = built(replace(calibration, quality=quality))
     assert (settings.doubt.pixels, settings.doubt.hand_eye_mm, settings.doubt.hand_eye_deg) == (0.11, 0.21, 0.03)
     assert settings.doubt.arm_mm == load_config(CONFIG).values.pick.doubt.arm_mm
-    assert workcell.tool_from_cyclopean is calibration.tool_from_cyclopean
+    assert workcell.mounting.tool_from_cyclopean is calibration.tool_from_cyclopean
 
 
 def test_a_calibration_that_says_nothing_of_itself_counts_as_the_worst_that_verification_passes() -> None:
@@ -53,7 +53,7 @@ def test_a_calibration_that_says_nothing_of_itself_counts_as_the_worst_that_veri
 def test_without_a_hand_eye_there_is_still_a_workcell_to_look_with() -> None:
     calibration = load_calibration(CONFIG.parent / "calibration.yaml")
     workcell, _ = built(replace(calibration, tool_from_cyclopean=None))
-    assert np.array_equal(workcell.tool_from_cyclopean, np.eye(4))
+    assert np.array_equal(workcell.mounting.tool_from_cyclopean, np.eye(4))
 
 
 @pytest.mark.parametrize("alone", ["left", "right"])
@@ -63,7 +63,7 @@ def test_with_one_eye_places_are_planned_for_its_usual_pair_and_the_eye_stays_wh
     assert workcell.alone == alone
     eye = getattr(calibration.rig, alone)
     assert np.allclose(
-        workcell.tool_from_cyclopean @ workcell.rig.left.cyclopean_from_camera,
+        workcell.mounting.tool_from_cyclopean @ workcell.rig.left.cyclopean_from_camera,
         calibration.tool_from_cyclopean @ eye.cyclopean_from_camera,
     )
     assert workcell.rig.left.matrix is workcell.rig.right.matrix is eye.matrix

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import OnHand
 from daemon.pick.around import (
     LEAST_PLACES,
     MOST_PLACES,
@@ -31,7 +32,7 @@ def eyes(poses: list[np.ndarray]) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [LEAST_PLACES, 9, MOST_PLACES])
 def test_the_places_lie_all_round_and_look_at_the_middle(count: int) -> None:
-    poses = tour_round(THING, count, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    poses = tour_round(THING, count, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
     assert len(poses) == count
     away = eyes(poses)
     assert np.linalg.norm(away, axis=1) == pytest.approx(NEAREST_MM, abs=1e-6)
@@ -46,14 +47,14 @@ def test_only_allowed_places_are_chosen_each_once() -> None:
     def allowed(world_from_tool: np.ndarray) -> bool:
         return bool((world_from_tool @ TOOL_FROM_CYCLOPEAN)[1, 3] > 20.0)
 
-    poses = tour_round(THING, 12, TOOL_FROM_CYCLOPEAN, allowed)
+    poses = tour_round(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), allowed)
     assert all(allowed(p) for p in poses)
     assert len({p.tobytes() for p in poses}) == len(poses) == 12
-    assert tour_round(THING, 12, TOOL_FROM_CYCLOPEAN, lambda _: False) == []
+    assert tour_round(THING, 12, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: False) == []
 
 
 def test_a_large_thing_is_looked_at_from_farther_away() -> None:
-    far = tour_round(CircledPart(THING.middle, 80.0), 6, TOOL_FROM_CYCLOPEAN, lambda _: True)
+    far = tour_round(CircledPart(THING.middle, 80.0), 6, OnHand(TOOL_FROM_CYCLOPEAN), lambda _: True)
     assert np.linalg.norm(eyes(far), axis=1).min() > 1.3 * NEAREST_MM
 
 

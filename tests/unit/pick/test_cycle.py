@@ -298,7 +298,7 @@ def test_a_hand_eye_calibration_that_is_no_longer_so_stops_the_cycle_and_is_name
     def knock(name):
         if name == "grab" and len(world.said("estimate")) == 1:
             twist = np.array([4.0, 3.0, 0, 0, 0, 0.0])
-            world.tool_from_cyclopean = frames.perturb(build(world).tool_from_cyclopean, twist)
+            world.tool_from_cyclopean = frames.perturb(build(world).mounting.tool_from_cyclopean, twist)
 
     world.before = knock
     cycle, end = picked(world, "cube")

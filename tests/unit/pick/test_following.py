@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm import Reading
+from daemon.arm import OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following
@@ -50,7 +50,7 @@ def over_a_table(
         cell.world.gap_mm = gap_mm
         cell.camera.open()
         pair = cell.camera.grab(0.0, 1.0)
-    return taken(pair, believed.rig), CameraMount(believed.rig, believed.tool_from_cyclopean)
+    return taken(pair, believed.rig), CameraMount(believed.rig, OnHand(believed.tool_from_cyclopean))
 
 
 def look_back(seed: int, holds_cube: bool) -> tuple[Any, CameraMount]:

@@ -24,7 +24,7 @@ from daemon.pick.next_view import (
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.values import UNKNOWN
 from tests.fakes import drawn
-from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, rig
+from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, rig
 
 AT = np.array([520.0, 0.0, -280.0])
 
@@ -142,7 +142,7 @@ def test_where_nothing_is_to_be_settled_the_farthest_from_all_looks_comes_first(
 
 
 def test_places_look_at_the_point_from_all_round() -> None:
-    poses = places_round(AT, TOOL_FROM_CYCLOPEAN)
+    poses = places_round(AT, ON_HAND)
     seen = [frames.apply(frames.inverse(p @ TOOL_FROM_CYCLOPEAN), AT) for p in poses]
     assert np.allclose(seen, [0, 0, 340.0], atol=1e-6)
     assert len(poses) == 48

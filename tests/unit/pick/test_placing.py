@@ -24,7 +24,7 @@ from daemon.pick.settings import Settings
 from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, Place, SolidBox
 from daemon.store.place_status import PlaceStatus, PlaceStatuses
 from drivers.simcell import parts
-from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+from tests.fakes.fake_cell import ON_HAND, shape_of
 
 ANGLES = st.floats(-180.0, 180.0)
 
@@ -89,7 +89,7 @@ def test_the_part_and_not_the_tool_is_brought_to_the_place() -> None:
     shape, settings = shape_of("cube"), Settings()
     goal = goal_of(place(release_mm=0.8, approach_mm=70.0), shape)
     held = frames.rigid(frames.rotation_from_vector(np.array([3.0, 0.1, 0.2])), np.array([1.5, -2.5, 4.0]))
-    way = set_down_of(goal, goal.poses[3], held, settings, TOOL_FROM_CYCLOPEAN)
+    way = set_down_of(goal, goal.poses[3], held, settings, ON_HAND)
     there = frames.apply(way.at @ held, shape.corners_mm)
     assert there[:, 2].min() == pytest.approx(-299.2)
     assert there - [0, 0, 0.8] == pytest.approx(frames.apply(goal.poses[3], shape.corners_mm))
@@ -101,12 +101,12 @@ def test_no_way_leads_where_the_open_fingers_would_be_in_a_part_that_lies_beside
     shape, settings = shape_of("cube"), Settings()
     goal = goal_of(place(equivalents=False), shape)
     held = frames.inverse(frames.rigid(np.diag([1.0, -1.0, -1.0]), goal.centre)) @ goal.poses[0]
-    free = [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda _: True, [])]
+    free = [*ways_to(goal, held, settings, ON_HAND, lambda _: True, [])]
     assert len(free) == 1
     tool_y = free[0].at[:3, 1]
     beside = goal.corners + 70.0 * tool_y
-    assert not [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda _: True, [beside])]
-    assert not [*ways_to(goal, held, settings, TOOL_FROM_CYCLOPEAN, lambda pose: pose[2, 3] > -250.0, [])]
+    assert not [*ways_to(goal, held, settings, ON_HAND, lambda _: True, [beside])]
+    assert not [*ways_to(goal, held, settings, ON_HAND, lambda pose: pose[2, 3] > -250.0, [])]
 
 
 def test_a_taught_pose_is_flat_and_on_the_table_where_it_nearly_is_and_as_seen_elsewhere() -> None:

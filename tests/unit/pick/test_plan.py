@@ -11,7 +11,7 @@ from daemon.pick.grasp import in_the_way
 from daemon.pick.plan import NoPlan, last_stretch, plan_part, regrasp
 from daemon.pick.settings import Settings
 from drivers.simcell.parts import part_shape
-from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN, shape_of
+from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
 
 
 def lying(label, rest, turn=0.3, x=520.0, y=0.0):
@@ -21,9 +21,9 @@ def lying(label, rest, turn=0.3, x=520.0, y=0.0):
 
 def test_a_plan_is_reachable_all_the_way_or_says_why_not():
     shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    plan = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True)
     assert not isinstance(plan, NoPlan)
-    none = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda p: bool(p[2, 3] < -200))
+    none = plan_part(shape, pose, [], Settings(), ON_HAND, lambda p: bool(p[2, 3] < -200))
     assert isinstance(none, NoPlan)
     assert none.code == "out_of_reach"
     assert "reached" in none.why
@@ -31,7 +31,7 @@ def test_a_plan_is_reachable_all_the_way_or_says_why_not():
 
 def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
     shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    plan = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True)
     assert not isinstance(plan, NoPlan)
     nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
     again = regrasp(shape, nearby, plan, Settings())
@@ -48,7 +48,7 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
     for _ in range(60):
         away = frames.rotation_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
         beside = frames.apply(lying("pyramid", 0, rng.uniform(0.0, 1.5)), corners) + away * rng.uniform(60.0, 85.0)
-        plan = plan_part(shape, pose, [beside], settings, TOOL_FROM_CYCLOPEAN, lambda _: True)
+        plan = plan_part(shape, pose, [beside], settings, ON_HAND, lambda _: True)
         if isinstance(plan, NoPlan):
             continue
         nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
@@ -63,9 +63,9 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
 def test_what_is_gone_through_without_a_look_is_what_was_checked():
     shape, pose, settings = shape_of("cube"), lying("cube", 0), Settings()
     asked = []
-    plan = plan_part(shape, pose, [], settings, TOOL_FROM_CYCLOPEAN, lambda p: asked.append(p) or True)
+    plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: asked.append(p) or True)
     centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
-    stretch = last_stretch(plan.grasp, centre, settings, TOOL_FROM_CYCLOPEAN)
+    stretch = last_stretch(plan.grasp, centre, settings, ON_HAND)
     for driven in stretch:
         assert any(np.allclose(driven, checked) for checked in asked)
     back = frames.apply(frames.inverse(stretch.at), stretch.before[:3, 3])
@@ -80,5 +80,5 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
 def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch, reached, found):
     monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
     destination = planning.Destination(goals=range(5))
-    way = planning._way_to(destination, np.eye(4), Settings(), TOOL_FROM_CYCLOPEAN, lambda _: True)
+    way = planning._way_to(destination, np.eye(4), Settings(), ON_HAND, lambda _: True)
     assert way == (f"to {reached}" if found else None)

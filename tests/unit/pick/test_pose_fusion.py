@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick import pose_fusion, viewpoints
+from daemon.arm import OnHand
+from daemon.pick import pose_fusion
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt, Stops
 from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN
@@ -20,7 +21,7 @@ ROTATION = tool_rotation(np.array([0.0, 1.0, 0.0]), 0.4)
 
 def looked(rng, distance, shared, doubt=DOUBT, knocked=None):
     """A sighting of TRUE from a distance, with errors as doubted: shared (9,) the same for all looks."""
-    at = viewpoints.look_pose(ROTATION, TRUE[:3, 3], distance, TOOL_FROM_CYCLOPEAN)
+    at = OnHand(TOOL_FROM_CYCLOPEAN).look_pose(ROTATION, TRUE[:3, 3], distance)
     cyclopean_from_part = frames.inverse(at @ TOOL_FROM_CYCLOPEAN) @ TRUE
     sigma = distance / 1000.0
     covariance = np.diag([0.1, 0.1, 0.4, 0.002, 0.002, 0.002]) ** 2 * sigma**2
