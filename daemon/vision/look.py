@@ -19,7 +19,7 @@ from daemon.vision.evidence import (
     named_by_edges,
     without_overlaps,
 )
-from daemon.vision.facets import TablePlane, facets_step_by_step, without_table
+from daemon.vision.facets import TablePlane, facets_seen, with_lone_outlines, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
 from daemon.vision.hypotheses import prepare, snapped_to_support
@@ -43,11 +43,10 @@ def look(
     """See, name and locate everything in one stereo pair.
 
     left, right: images as find_facets takes them, of the size the rig was calibrated for. Without a model every part is
-    `unknown`. With one, what both eyes outline comes first, with a brief effort; where named parts do not explain all
-    of that, what one eye outlines as well; full-size pixels, where a taught part may be there and few edges are; and
-    then straight edges, as the taught parts would show them, as far as the budget of time goes. clock: seconds of
-    processor, for the budget and for Scene.seconds by stage; without it there is neither. What is made once a model is
-    on no look's budget.
+    `unknown`. With one, what both eyes outline comes first, with a brief effort; full-size pixels, where a taught part
+    may be there and few edges are; and then straight edges, as the taught parts would show them, as far as the budget
+    of time goes. clock: seconds of processor, for the budget and for Scene.seconds by stage; without it there is
+    neither. What is made once a model is on no look's budget.
     table: where it is, for whoever knows; what lies in it is no part, and a part that lies on it is likelier.
     Raises VisionError where an image cannot be used.
     """
@@ -71,7 +70,10 @@ def look(
     found = verified = _verified(found, (), (), known, eyes) if refines else found
     seconds["refine"] = now() - start
     guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Recognised]()
-    if known.labels and not all_accounted_for(found, view, known, eyes):
+    explained = bool(known.labels) and all_accounted_for(found, view, known, eyes)
+    if not explained:
+        view = with_lone_outlines(view, eyes, by_facets.effort)
+    if known.labels and not explained:
         start = now()
         found, view = without_overlaps(found, view, (), known, eyes)
         if not all_accounted_for(found, view, known, eyes) and any(outlines(view)):
@@ -120,29 +122,23 @@ def _verified(
 
 
 class _ByFacets(NamedTuple):
-    """What facets name, the facets, and how long the naming took."""
+    """What facets name, the facets, the effort by which they were found, and how long the naming took."""
 
     found: tuple[Recognised, ...]
     view: FacetView
+    effort: VisionSettings
     seconds: float
 
 
 def _by_facets(
     eyes: StereoImages, effort: VisionSettings, known: Model, table: TablePlane | None, now: Callable[[], float]
 ) -> _ByFacets:
-    """What facets name with some effort; nothing more is asked for once all are named."""
-    groups, found, naming = None, tuple[Recognised, ...](), 0.0
-    seen_holes = hole_evidence(known, eyes)
-    for seen in facets_step_by_step(eyes, effort):
-        start = now()
-        view = seen if table is None else without_table(seen, table)
-        if seen.groups is not groups:
-            groups = seen.groups
-            found = recognise(view.groups, known, seen_holes)
-        naming += now() - start
-        if known.labels and all_accounted_for(found, view, known, eyes):
-            break
-    return _ByFacets(found, view, naming)
+    """What facets name with some effort."""
+    seen = facets_seen(eyes, effort)
+    start = now()
+    view = seen if table is None else without_table(seen, table)
+    found = recognise(view.groups, known, hole_evidence(known, eyes))
+    return _ByFacets(found, view, effort, now() - start)
 
 
 def _worth_a_closer_look(found: tuple[Recognised, ...]) -> bool:

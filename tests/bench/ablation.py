@@ -32,7 +32,6 @@ import numpy as np
 from daemon.main import tame_malloc
 from daemon.vision import look as look_module
 from daemon.vision.evidence import by_edges, missing, rivals
-from daemon.vision.facets import reconstruct
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
@@ -55,7 +54,6 @@ class Without(NamedTuple):
 FAMILY_SEEDS = range(0, 24, 2)
 """Of each family: a pair of every kind."""
 COMPONENTS: dict[str, Without] = {
-    "facets seen by one camera": Without(reconstruct, "complete", lambda *_: []),
     "the fine pass": Without(look_module, "_worth_a_closer_look", lambda _: False),
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
     "the pose that shows most": Without(refined, "most_in_view", lambda *_: 0),

@@ -23,7 +23,7 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
-from daemon.vision.facets import candidates, completion, joining, matching, merge_vertices, reconstruct
+from daemon.vision.facets import candidates, joining, matching, merge_vertices, reconstruct
 from daemon.vision.image import camera_image, stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise
@@ -39,9 +39,11 @@ BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "outlines": (camera_image.outlines_near, EYE.rough),
     "corners": (camera_image.fits,),
     "matching": (matching.in_both, matching.match_polygons, candidates.candidates, candidates.choose),
-    "completing": (completion.complete,),
     "welding": (merge_vertices, joining.settled),
-    "facets, rest": (reconstruct.facets_step_by_step,),
+    "facets, rest": (
+        reconstruct.facets_seen,
+        reconstruct.with_lone_outlines,
+    ),
     "naming": (recognise,),
     "edges": (named_by_edges, without_overlaps),
     "sharpening": (refined_parts,),

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 
 from daemon.main import tame_malloc
-from daemon.vision.facets import facets_step_by_step
+from daemon.vision.facets import facets_seen
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import open_stereo
 from daemon.vision.model import MetricModel, Model, relearnt
@@ -134,8 +134,7 @@ def many_parts() -> Set:
 
 def _facets(pair: tuple[Image, Image], rig: StereoRig) -> FacetView:
     """All that the full effort finds."""
-    *_, view = facets_step_by_step(open_stereo(*pair, rig), VisionSettings())
-    return view
+    return facets_seen(open_stereo(*pair, rig), VisionSettings())
 
 
 def table(of: Set) -> None:

@@ -5,7 +5,7 @@ from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.patterned_table import seen_table
-from daemon.vision.facets.reconstruct import facets_seen, facets_step_by_step, find_facets
+from daemon.vision.facets.reconstruct import facets_seen, find_facets, with_lone_outlines
 from daemon.vision.facets.table import TablePlane, table_at, table_of, without_table
 from daemon.vision.facets.vertices import merge_vertices
 
@@ -15,7 +15,6 @@ __all__ = [
     "TablePlane",
     "connected",
     "facets_seen",
-    "facets_step_by_step",
     "find_facets",
     "fuse",
     "group_of",
@@ -26,5 +25,6 @@ __all__ = [
     "table_at",
     "table_of",
     "triangulated_covariance",
+    "with_lone_outlines",
     "without_table",
 ]

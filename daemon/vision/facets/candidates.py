@@ -119,7 +119,7 @@ def choose(
     refused: list[tuple[Candidate, str]] = []
     flat = []
     for c in sorted(candidates, key=lambda c: -c.worth):
-        if flatness_sigmas(c.facet) > settings.planarity_sigmas:
+        if _flatness_sigmas(c.facet) > settings.planarity_sigmas:
             refused.append((c, "its corners do not lie in one plane: it is two facets"))
         else:
             flat.append(c)
@@ -133,7 +133,7 @@ def choose(
     return chosen, refused
 
 
-def flatness_sigmas(facet: Facet) -> float:
+def _flatness_sigmas(facet: Facet) -> float:
     """How far the worst corner leaves the facet's plane, in predicted sigmas; 0 for a triangle."""
     if len(facet.corners_mm) < 4:
         return 0.0

@@ -3,30 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cache
 
 import numpy as np
 
-from daemon.arrays import Array, Flags, Index
+from daemon.arrays import Flags
 from daemon.vision.geometry import fit_plane
 from daemon.vision.values import Facet, Group
 
 _APART_MM = 6.0
 _FLUSH_MM, _RISE_MM = 2.0, 6.0
-
-
-def same_edges(a: Array, b: Array, tolerance_px: float) -> Flags:
-    """(N, M) whether side i of corners a (N, 2) px is side j of b (M, 2), run the other way."""
-    near: Flags = np.abs(a[:, None] - b).max(2) < tolerance_px
-    if not near.any():
-        return near
-    return np.asarray(near[:, _turned(len(b))] & near[_turned(len(a))])
-
-
-@cache
-def _turned(count: int) -> Index:
-    """Each corner's next."""
-    return (np.arange(count) + 1) % count
 
 
 def connected(touch: Flags) -> list[list[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import median
 from typing import Any
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
-from daemon.vision.facets.completion import complete
 from daemon.vision.facets.grouping import connected, lying_under, nearest_first
 from daemon.vision.facets.joining import settled
 from daemon.vision.facets.shades import join_shaded
@@ -23,6 +22,7 @@ from daemon.vision.thesis import by_formula, converging, find_corners
 from daemon.vision.values import Facet, FacetView, Group, Polygon, Rejected
 
 _DETECTED_PX = 0.7
+UNMATCHED = "no polygon of the other eye fits along its epipolar lines"
 STOOD_ON = "the part stands on it: a shadow, or a mark on the table"
 Welded = tuple[list[Candidate], Group]
 """Candidates that hang together by shared edges, and their facets as a group."""
@@ -36,32 +36,27 @@ def find_facets(
     left, right: (H, W) uint8, or what `as_grey` takes. Facets come untyped, corners anticlockwise as seen.
     Raises VisionError where an image cannot be used; an image with nothing in it gives an empty view.
     """
-    return facets_seen(open_stereo(left, right, rig), settings or VisionSettings())
+    eyes, chosen = open_stereo(left, right, rig), settings or VisionSettings()
+    return with_lone_outlines(facets_seen(eyes, chosen), eyes, chosen)
 
 
 def facets_seen(eyes: StereoImages, settings: VisionSettings) -> FacetView:
-    """The same of images already opened; what they were asked for before is not made again."""
-    *_, view = facets_step_by_step(eyes, settings)
-    return view
-
-
-def facets_step_by_step(eyes: StereoImages, settings: VisionSettings) -> Iterator[FacetView]:
-    """The facets that both eyes outline, where each has a neighbour: a lone one is no proof of anything. Then, for who
-    asks on, with those that one eye alone outlines: the same groups again where there are none."""
+    """The facets that both eyes outline, of images already opened, which make nothing twice."""
     outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
     chosen, sets = _without_shades(chosen, eyes)
-    view = None
-    if chosen and all(len(members) > 1 for members, _ in sets):
-        view = _grouped(chosen, sets, refused, eyes, settings)
-        yield _with_unmatched(view, outlines)
-    outlines = outlines_of(eyes, settings, in_one=True)
-    added = complete(chosen, outlines, eyes, settings)
-    if added:
-        chosen, sets = _without_shades(chosen + added, eyes)
-    if added or view is None:
-        view = _grouped(chosen, sets, refused, eyes, settings)
-    yield _with_unmatched(view, outlines)
+    return _with_unmatched(_grouped(chosen, sets, refused, eyes, settings), outlines)
+
+
+def with_lone_outlines(view: FacetView, eyes: StereoImages, settings: VisionSettings) -> FacetView:
+    """The view with what one eye alone outlines as well among what is refused: a shock to the rig shows by it."""
+    return _with_unmatched(view, outlines_of(eyes, settings, in_one=True))
+
+
+def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> FacetView:
+    """The view with these of the left and the right eye's outlines that no facet uses among what is refused."""
+    alone = _unmatched(outlines[0], view.polygons_left, "left") + _unmatched(outlines[1], view.polygons_right, "right")
+    return replace(view, rejected=(*alone, *(r for r in view.rejected if r.reason != UNMATCHED)))
 
 
 def _grouped(
@@ -95,12 +90,6 @@ def _grouped(
     )
     sigma, blur = _noise_at_parts(eyes, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
-
-
-def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> FacetView:
-    """The view with the left and the right eye's outlines that no facet uses among what is refused."""
-    alone = _unmatched(outlines[0], view.polygons_left, "left") + _unmatched(outlines[1], view.polygons_right, "right")
-    return replace(view, rejected=alone + view.rejected)
 
 
 def _without_shades(candidates: list[Candidate], eyes: StereoImages) -> tuple[list[Candidate], list[Welded]]:
@@ -178,5 +167,5 @@ def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str)
     for o in outlines:
         x, y = o.corners.mean(0)
         if not any(left < x < right and top < y < bottom for left, top, right, bottom in taken):
-            alone.append(Rejected(o.corners, eye, "no polygon of the other eye fits along its epipolar lines"))
+            alone.append(Rejected(o.corners, eye, UNMATCHED))
     return tuple(alone)

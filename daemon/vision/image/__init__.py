@@ -16,7 +16,7 @@ from daemon.vision.image.edge_lines import (
     stretch_slopes,
 )
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
-from daemon.vision.image.outlines import Outline, outlined
+from daemon.vision.image.outlines import Outline
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted, fitted_from
 from daemon.vision.image.regions import Scale
 from daemon.vision.image.rims import STEP_PX, rim_slopes
@@ -58,7 +58,6 @@ __all__ = [
     "joined",
     "levels_across",
     "open_stereo",
-    "outlined",
     "outlines_near",
     "pairs_within",
     "peaks",

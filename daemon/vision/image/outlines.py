@@ -98,7 +98,7 @@ def find_outlines(wanted: Sequence[Wanted], settings: VisionSettings) -> list[li
     found: list[list[Outline]] = [[] for _ in flat]
     if variants:
         borders = [flat[k].border for _, k in variants]
-        made = outlined(images, [w.grain for w in wanted], rings([v for v, _ in variants]), borders, settings)
+        made = _outlined(images, [w.grain for w in wanted], rings([v for v, _ in variants]), borders, settings)
         for outline, (_, k) in zip(made, variants, strict=True):
             if outline is not None:
                 found[k].append(outline)
@@ -117,20 +117,18 @@ def snap(images: Images, shape: Rings, reach_px: float, expected_px: Array, sigm
     return shape.moved(met(shape, start, end))
 
 
-def outlined(
+def _outlined(
     images: Images,
     grains: Sequence[float],
     shape: Rings,
     borders: Sequence[Border],
     settings: VisionSettings,
-    reach_px: float = _SECOND_REACH_PX,
-    sigma_px: float = 1.0,
 ) -> list[Outline | None]:
     """Polygons near the gradient as outlines, their sides moved onto it, each different side once; None for one of
     which a side does not show in it."""
     own, start, end, which, turned = _once(images, shape)
     expected = np.zeros(len(start))
-    one, other, slopes = find_sides(own, start, end, reach_px, expected, expected + sigma_px)
+    one, other, slopes = find_sides(own, start, end, _SECOND_REACH_PX, expected, expected + 1.0)
     length = np.hypot(*(other - one).T)
     strength, seen = (v[which] for v in strengths(slopes, length, np.repeat(grains, [count for _, count in own])))
     one, other, length, back = one[which], other[which], length[which], turned[:, None]

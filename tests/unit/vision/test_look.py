@@ -58,7 +58,7 @@ def model() -> Model:
     return taught
 
 
-@pytest.mark.parametrize("roll", [0.3, 1.0])
+@pytest.mark.parametrize("roll", [0.3, 0.9])
 def test_a_small_part_far_away_is_looked_at_closer_and_named_by_its_facets(model: Model, roll: float) -> None:
     far = pose(np.array((0.7, 0.55, -0.6)), roll, 780.0)
     pair = paint_pair([(PYRAMID, far)], np.random.default_rng(0))

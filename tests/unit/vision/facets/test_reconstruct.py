@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.candidates import choose, find_candidates, outlines_of
-from daemon.vision.facets.completion import complete
+from daemon.vision.facets.candidates import outlines_of
 from daemon.vision.facets.corner_adjustment import EdgeObservations, settle
 from daemon.vision.facets.grouping import lying_under
 from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
@@ -235,18 +234,6 @@ def test_the_shadows_of_two_lamps_are_told_from_a_flat_part_s_faces() -> None:
     assert len(faces) == 4
     assert lying_under(faces) == ()
     assert lying_under([*faces, *shadows]) == (4, 5)
-
-
-def test_a_facet_outlined_by_one_eye_only_is_found_in_the_other() -> None:
-    settings_ = VisionSettings()
-    eyes = open_stereo(*paint_pair([(CUBE, pose(DIRECTION, 0.4))], np.random.default_rng(11)), rig())
-    left, right = outlines_of(eyes, settings_, in_one=False)
-    chosen, _ = choose(find_candidates((left, right), eyes, settings_), settings_)
-    assert len(chosen) == 3
-    found = complete(chosen[:2], (left, ()), eyes, settings_)
-    assert len(found) == 1
-    middle = found[0].facet.corners_mm.mean(0)
-    assert middle == pytest.approx(chosen[2].facet.corners_mm.mean(0), abs=1.0)
 
 
 def test_what_one_eye_alone_outlines_is_left_for_a_second_look() -> None:
