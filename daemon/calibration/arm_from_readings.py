@@ -387,7 +387,7 @@ def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
     """Values and standard deviations; joint 6's zero takes the tool's rotation about its axis, which is equivalent."""
     count = len(readings)
     x, rows = model.parameters, 12 * count
-    variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18)) if count > 3 else 1.0
+    variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18))
     sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian.T @ model.jacobian)) * variance)
     angles = np.array([k < ANGLES or 9 <= k < 12 for k in range(18)])
     open_ones = sigma > np.where(angles, np.radians(1.0), PRIOR_MM / 100.0)

@@ -145,10 +145,10 @@ def _seen(image: Grey, ids: NDArray[np.int64], fitted: FittedCorners, board: Boa
 def _named_by_markers(image: Grey, board: Board) -> str | None:
     """A message that names the ChArUco board of the markers in view; None where there are too few, or it is the one
     named."""
-    found = [one for mirrored in (False, True) for one in _boards_in_view(image, board, mirrored)]
-    if not found:
+    found = next((one for mirrored in (False, True) for one in _boards_in_view(image, board, mirrored)), None)
+    if found is None:
         return None
-    seen, mirrored, named = max(found, key=lambda one: one[0])
+    seen, mirrored, named = found
     if mirrored:
         return "mirrored: its markers read backwards; unset the camera's flip, or the board was printed so"
     if named == board:

@@ -29,7 +29,8 @@ from daemon.calibration.least_squares import (
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
 
-FEWEST_PAIRS = 6
+FEWEST_PAIRS, FEWEST_SHARED = 6, 8
+"""Pairs of a calibration; corners that both cameras must see in a pair."""
 WORST_SHARE = 0.02
 """Largest relative standard deviation of a focal length or baseline that counts as measured."""
 POSE = slice(2 * INTRINSICS, 2 * INTRINSICS + 6)
@@ -69,13 +70,13 @@ class StereoResult:
 
 
 def matched(pair: Pair, board: Board) -> MatchedCorners:
-    """Corners in both images of a pair. Raises StereoError where they are fewer than 8, or only one camera is in
-    use."""
+    """Corners in both images of a pair. Raises StereoError where they are fewer than FEWEST_SHARED, or only one
+    camera is in use."""
     if pair.right is None:
         raise StereoError(f"{pair.name}: one camera saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
-    if len(ids) < 8:
-        raise StereoError(f"{pair.name}: the cameras share {len(ids)} corners, 8 are needed")
+    if len(ids) < FEWEST_SHARED:
+        raise StereoError(f"{pair.name}: the cameras share {len(ids)} corners, {FEWEST_SHARED} are needed")
     return MatchedCorners(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
 
 

@@ -42,7 +42,7 @@ def scores(found: StereoResult) -> dict[str, float]:
 def painted(board: Board, distance_mm: float, blur_px: float, seed: int) -> tuple[StereoResult, float] | str:
     """One calibration from painted pictures, and the rms error of its corners (px); or why there is none."""
     rng, pairs, errors = np.random.default_rng(seed), list[Pair](), []
-    painters = [Painter(camera, board, blur_px=blur_px) for camera in (TRUTH.left, TRUTH.right)]
+    painters = [Painter(camera, board, blur_px=blur_px, rays=5) for camera in (TRUTH.left, TRUTH.right)]
     for k in range(PAIRS):
         pose = tilted(board, rng, distance_mm * rng.uniform(0.85, 1.2))
         try:

@@ -19,8 +19,6 @@ BOARD = Board(9, 6, 10.0)
 PX_A_SQUARE = 240
 """Resolution of the drawing: usual marker widths and their modules are whole pixels in it."""
 WHITE, BLACK, AROUND = 215.0, 25.0, 150.0
-PARTS = 5
-"""A pixel is the mean of PARTS x PARTS rays."""
 
 
 def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
@@ -45,23 +43,27 @@ def drawing(board: Board) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Painter:
-    """One camera's pictures of a board: blur_px, sigma of the lens's spread; noise, sigma in grey levels."""
+    """One camera's pictures of a board: blur_px, sigma of the lens's spread; noise, sigma in grey levels; rays x
+    rays make a pixel."""
 
     camera: Camera
     board: Board
     image_size: tuple[int, int] = (640, 480)
     blur_px: float = 0.7
     noise: float = 1.5
+    rays: int = 3
 
     def picture(self, cyclopean_from_board: Array, rng: np.random.Generator) -> np.ndarray:
         """(height, width) uint8, lit a little unevenly."""
         width, height = self.image_size
         image = np.full((height, width), AROUND, np.float32)
         (left, top), (right, bottom) = self._window(cyclopean_from_board)
-        steps = [(np.arange(a * PARTS, b * PARTS) + 0.5) / PARTS - 0.5 for a, b in ((left, right), (top, bottom))]
+        steps = [
+            (np.arange(a * self.rays, b * self.rays) + 0.5) / self.rays - 0.5 for a, b in ((left, right), (top, bottom))
+        ]
         px = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
         grey = self._grey(px, frames.inverse(self.camera.cyclopean_from_camera) @ cyclopean_from_board)
-        image[top:bottom, left:right] = grey.reshape(bottom - top, PARTS, right - left, PARTS).mean(axis=(1, 3))
+        image[top:bottom, left:right] = grey.reshape(bottom - top, self.rays, right - left, self.rays).mean(axis=(1, 3))
         image *= np.linspace(0.85, 1.0, width, dtype=np.float32)
         image = cv2.GaussianBlur(image, (0, 0), self.blur_px) if self.blur_px > 0 else image
         return np.clip(np.round(image + rng.normal(0, self.noise, image.shape)), 0, 255).astype(np.uint8)

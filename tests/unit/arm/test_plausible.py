@@ -134,6 +134,45 @@ def test_limits_that_cannot_be_meant_are_told(limits, keys, told):
     assert told in found[0].problem
 
 
+def bounded(value: float) -> dict[str, list[plausible.Implausible]]:
+    """What is found at each bound, in units of that bound."""
+    metre_mm = value * plausible.METRES_MM
+    small = (Capsule("x", "tool", (0, 0, 0), (0, 0, metre_mm - 0.5), 0.5),)
+    high = tuple(np.add(LIMITS.box_low_mm, (plausible.SMALLEST_BOX_MM * value, 900, 900)))
+    nearest = tuple(np.add(LIMITS.box_low_mm, (value * REACH_MM - LIMITS.box_low_mm[0], 0, 0)))
+    moved_box = replace(LIMITS, box_low_mm=nearest, box_high_mm=tuple(np.add(nearest, 900)))
+    low, off = LIMITS.box_low_mm[2], plausible.FROM_TABLE_MM * value
+    return {
+        "long hand": list(plausible.tool(moved(TOOL, 0, 0, plausible.LONGEST_HAND_MM * value))),
+        "cameras": list(plausible.hand_eye(moved(EYES, -300 * value, 0, 0), 600.0)),
+        "reach": list(plausible.limits(moved_box, REACH_MM)),
+        "table below": list(plausible.limits(replace(LIMITS, table_z_mm=low - off), REACH_MM)),
+        "table above": list(plausible.limits(replace(LIMITS, table_z_mm=low + off), REACH_MM)),
+        "fingers": list(
+            plausible.fingers(replace(LIMITS, capsules=(), body_mm=((0, 9, 9),)), 9 + value * plausible.DIGITS_MM, 9)
+        ),
+        "metres, tool": list(plausible.tool(moved(TOOL, 0, 0, metre_mm))),
+        "metres, capsule": list(plausible.limits(replace(LIMITS, capsules=(*ARM, *small)), REACH_MM)),
+        "metres, points": list(plausible.limits(replace(LIMITS, body_mm=((0.0, 0.0, metre_mm),)), REACH_MM)),
+        "metres, keep-out": list(plausible.limits(replace(LIMITS, keep_out=(box(high=(metre_mm,) * 3),)), REACH_MM)),
+        "small box": list(plausible.limits(replace(LIMITS, box_high_mm=high), REACH_MM)),
+    }
+
+
+def test_each_bound_itself_is_plausible_and_what_is_just_beyond_is_told():
+    least = {"metres, tool", "metres, capsule", "metres, points", "metres, keep-out", "small box"}
+    assert {name for name, found in bounded(1.0).items() if found} == set()
+    assert {name for name, found in bounded(0.999).items() if found} == least
+    assert {name for name, found in bounded(1.001).items() if found} == bounded(1.0).keys() - least
+
+
+def test_a_gripper_of_capsules_or_of_points_is_enough():
+    assert list(plausible.limits(replace(LIMITS, body_mm=()), REACH_MM)) == []
+    assert (
+        list(plausible.limits(replace(LIMITS, body_mm=((0.0, 0.0, 50.0),), capsules=without("tool")), REACH_MM)) == []
+    )
+
+
 @pytest.mark.parametrize(("tip_mm", "outside_mm", "key"), [(60.0, 53.0, "tip_mm"), (10.0, 70.0, "opening_mm")])
 def test_fingers_that_reach_beyond_the_hand_that_is_guarded_are_told(tip_mm, outside_mm, key):
     """Taken over without a word, longer fingers went 25 mm under the table: the guard kept those it had."""

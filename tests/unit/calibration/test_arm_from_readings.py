@@ -7,7 +7,8 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.arm_from_readings import ArmFound, NoArmError, find_arm, poses, refined
+from daemon.calibration.arm_from_readings import LEAST_READINGS, ArmFound, NoArmError, find_arm, poses, refined
+from daemon.calibration.arm_hypotheses import NAMES
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED, likeness
 from drivers.val2.location import Location, location_from_matrix, matrix_from_location
@@ -110,6 +111,29 @@ def test_what_the_readings_leave_open_is_named() -> None:
     assert {"a2", "d4"} <= set(found.undetermined)
 
 
+def test_the_misfit_is_that_of_its_poses_and_what_exceeds_the_rounding_widens_the_standard_deviations() -> None:
+    rng = np.random.default_rng(2)
+    truth = Truth(ArmGeometry(), np.ones(6), np.zeros(6))
+    joints = rng.uniform(LOW, HIGH, (LEAST_READINGS + 2, 6))
+    printed, exact = truth.printed_deg(joints), truth.places(joints)
+    errors = np.hstack([rng.normal(0.0, 0.16, (len(joints), 3)), rng.normal(0.0, 1.6e-4, (len(joints), 3))])
+    one, other = (
+        find_arm(np.array([frames.perturb(*each) for each in zip(exact, k * errors, strict=True)]), printed)
+        for k in (0.0, 1.0)
+    )
+    off = [
+        frames.difference(frames.perturb(a, e), b) for a, e, b in zip(exact, errors, poses(other, printed), strict=True)
+    ]
+    mm2, rad2 = (float(np.sum(np.square(part))) for part in np.hsplit(np.array(off), 2))
+    assert other.place_mm**2 == pytest.approx(mm2 / len(joints), rel=1e-3)
+    assert np.radians(other.turn_deg) ** 2 == pytest.approx(rad2 / len(joints), rel=1e-3)
+    assert other.misfit == pytest.approx(mm2 / 0.02**2 + rad2 / 2e-5**2, rel=1e-3)
+    wider = np.array(list(other.sigma.values())) / np.array(list(one.sigma.values()))
+    freedom = 6 * len(joints) - len(NAMES)
+    assert one.misfit < freedom
+    np.testing.assert_allclose(wider, np.sqrt(other.misfit / freedom), rtol=0.02)
+
+
 def test_an_arm_of_another_kind_is_none() -> None:
     rng = np.random.default_rng(3)
     truth = Truth(ArmGeometry(), np.ones(6), np.zeros(6))
@@ -121,8 +145,8 @@ def test_an_arm_of_another_kind_is_none() -> None:
 
 
 def test_too_few_readings_are_refused() -> None:
-    with pytest.raises(NoArmError, match="at least 7"):
-        find_arm(np.tile(np.eye(4), (3, 1, 1)), np.zeros((3, 6)))
+    with pytest.raises(NoArmError, match=f"{LEAST_READINGS - 1} readings: at least {LEAST_READINGS}"):
+        find_arm(np.tile(np.eye(4), (LEAST_READINGS - 1, 1, 1)), np.zeros((LEAST_READINGS - 1, 6)))
 
 
 def test_a_260_that_counts_in_inches_is_known_by_its_proportions() -> None:
@@ -136,7 +160,7 @@ def test_lengths_like_nobody_s_are_nobody_s() -> None:
     assert likeness((500.0, 10.0, 100.0, 480.0), (0.01,) * 4) is None
 
 
-@pytest.mark.parametrize("turned_deg", [0.0, 90.0, -180.0, 12.0])
+@pytest.mark.parametrize("turned_deg", [0.0, 90.0, 12.0])
 def test_a_tool_that_is_square_on_the_flange_is_refined_to_be_just_that_and_another_is_left(turned_deg: float) -> None:
     rng = np.random.default_rng(5)
     square = geometry((431.8, 20.3, 150.05, 431.8), rng, tilted=False)

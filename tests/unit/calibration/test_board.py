@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import Board, BoardError, parse_board
+from daemon.calibration.board import MOST_CORNERS, Board, BoardError, parse_board
 from daemon.calibration.board_detection import find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
@@ -39,10 +39,23 @@ def test_a_mirrored_charuco_board_is_told_as_such() -> None:
         find_board(np.ascontiguousarray(image[:, ::-1]), board)
 
 
-@pytest.mark.parametrize("text", ["9", "9x", "x6", "2x6", "9x6x3", "-9x6"])
+@pytest.mark.parametrize("text", ["9", "9x", "x6", "2x6", "9x2", "9x6x3", "-9x6", f"{MOST_CORNERS + 1}x6"])
 def test_a_malformed_board_size_says_what_was_expected(text: str) -> None:
     with pytest.raises(BoardError, match="expected COLUMNSxROWS"):
         parse_board(text, 10.0)
+
+
+def test_the_least_and_the_largest_board_are_boards_and_a_square_without_a_length_is_none() -> None:
+    assert parse_board(f"3X{MOST_CORNERS}", 1e-3) == Board(3, MOST_CORNERS, 1e-3)
+    for square_mm in (0.0, -1.0, np.nan):
+        with pytest.raises(BoardError, match="expected a length above 0"):
+            parse_board("9x6", square_mm)
+
+
+def test_a_board_needs_as_many_markers_as_its_dictionary_has() -> None:
+    assert parse_board("9x9", 10.0, ["charuco", "4x4_50"]).dictionary == "DICT_4X4_50"  # 50 of 100 squares
+    with pytest.raises(BoardError, match="55 markers, DICT_4X4_50 has only 50"):
+        parse_board("10x9", 10.0, ["charuco", "4x4_50"])
 
 
 RIG = rig(centres_px=((322.7, 241.0), (316.8, 237.4)))
