@@ -208,7 +208,7 @@ def _shooter(camera: StereoCamera, config: Config, plain: bool) -> Callable[[], 
 
     rig = None if plain else _rig(config)
     model_store = ModelStore(config.state)
-    model = model_store.load(model_store.current) if rig and model_store.current is not None else None
+    model = model_store.load(model_store.current).model if rig and model_store.current is not None else None
     before: list[tuple[Any, Any]] = []
 
     def shoot() -> Shot:

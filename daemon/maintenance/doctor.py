@@ -127,7 +127,7 @@ def _model(config: Config, _: bool) -> Iterator[CheckResult]:
     if model_store.current is None:
         yield CheckResult("note", "model", "no model is in use yet", "Make one: `teach LABEL`, `train`, `accept`")
     else:
-        labels = ", ".join(model_store.load(model_store.current).labels)
+        labels = ", ".join(model_store.load(model_store.current).model.labels)
         yield CheckResult("good", "model", f"version {model_store.current} with the parts {labels}")
     for view in model_store.views():
         if view.damage:

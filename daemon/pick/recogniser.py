@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.compute.calls import ByReference
-from daemon.store.model import digest, load_file
+from daemon.store.model import ModelFile, load_file
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.look import look
@@ -51,20 +51,19 @@ class PartRecogniser(Protocol):
 
 
 class ModelRecogniser(ByReference):
-    """A PartRecogniser. Never changed; another model is another one. file: where the model is stored, if it is."""
+    """A PartRecogniser. Never changed; another model is another one. file: the one that has the model, if one has."""
 
     def __init__(
-        self, model: Model, rig: StereoRig, settings: VisionSettings | None = None, file: Path | None = None
+        self, model: Model, rig: StereoRig, settings: VisionSettings | None = None, file: ModelFile | None = None
     ) -> None:
         self.model, self.rig, self.settings, self.file = model, rig, settings, file
-        self._digest = None if file is None else digest(file)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process reads a stored model itself: to pickle a large one would hold up this one. Where it starts
         anew amid a pick, and somebody has replaced the file, it refuses the other model."""
         if self.file is None:
             return ModelRecogniser, (self.model, self.rig, self.settings)
-        return of_file, (self.file, self._digest, self.rig, self.settings)
+        return of_file, (self.file.path, self.file.sha256, self.rig, self.settings)
 
     def see(self, left: Image, right: Image, table: TablePlane | None = None, rig: StereoRig | None = None) -> Scene:
         """Parts in a stereo pair, in the cyclopean frame; what lies in the table is none; rig: this pair's, where it is
@@ -94,6 +93,7 @@ class ModelRecogniser(ByReference):
         return self.model.labels
 
 
-def of_file(file: Path, expected: str, rig: StereoRig, settings: VisionSettings | None) -> ModelRecogniser:
-    """The recogniser with a stored model. expected: the file's digest. Raises ModelError."""
-    return ModelRecogniser(load_file(file, expected).model, rig, settings, file)
+def of_file(path: Path, sha256: str, rig: StereoRig, settings: VisionSettings | None) -> ModelRecogniser:
+    """The recogniser with the model of a file whose sha256 is this. Raises ModelError."""
+    file = load_file(path, sha256)
+    return ModelRecogniser(file.model, rig, settings, file)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -127,12 +127,14 @@ class _FirstHeader(_AnyHeader, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model and the rest of its file. trained: ISO time, UTC, or empty; codes: {label: ART-b bits}."""
+    """A model and the rest of its file. trained: ISO time, UTC, or empty; codes: {label: ART-b bits}; sha256: of all
+    that the file says, the same wherever it lies; path: where it was read."""
 
     model: Model
     trained: str
     codes: dict[str, str]
     sha256: str
+    path: Path = Path()
 
 
 def save(model: Model, path: Path, *, trained: str = "", codes: dict[str, str] | None = None) -> None:
@@ -151,20 +153,16 @@ def load(path: Path) -> Model:
     return load_file(path).model
 
 
-def digest(path: Path) -> str:
-    """sha256 of a model file's content. Raises FileError."""
-    return hashlib.sha256(read_file(path, LARGEST_FILE)).hexdigest()
-
-
 def load_file(path: Path, expected: str | None = None) -> ModelFile:
-    """As `load`, with the rest of the file. expected: its `digest`; ModelError where the file has been replaced."""
+    """As `load`, with the rest of the file. expected: its sha256; ModelError where the file has been replaced."""
     content = read_file(path, LARGEST_FILE)
-    if expected is not None and hashlib.sha256(content).hexdigest() != expected:
-        raise ModelError(f"{path}: replaced while it was in use: put the file back, or restart facetd to use this one")
     try:
-        return from_bytes(content)
+        file = replace(from_bytes(content), path=path)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from None
+    if expected not in (None, file.sha256):
+        raise ModelError(f"{path}: replaced while it was in use: put the file back, or restart facetd to use this one")
+    return file
 
 
 def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = None) -> bytes:

@@ -196,9 +196,9 @@ class ModelStore:
         """The file of a version."""
         return self.folder / "models" / f"{version:04d}.npz"
 
-    def load(self, version: int) -> Model:
-        """The model of a version. Raises ModelError."""
-        return files.load(self.path(version))
+    def load(self, version: int) -> files.ModelFile:
+        """A version's file. Raises ModelError."""
+        return files.load_file(self.path(version))
 
     def versions(self) -> list[int]:
         """Every stored version, oldest first."""
@@ -208,7 +208,7 @@ class ModelStore:
     def summary(self, version: int) -> ModelSummary:
         """What a version's file holds, without raising."""
         try:
-            file = files.load_file(self.path(version))
+            file = self.load(version)
         except FileError as error:
             return ModelSummary("", (), str(error))
         return ModelSummary(file.trained, file.model.labels, ", ".join(file.model.labels))
@@ -225,8 +225,8 @@ class ModelStore:
             self._write(msgspec.structs.replace(self._state(), candidate=version))
         return version
 
-    def accept(self, version: int | None) -> tuple[int, Model]:
-        """Take the candidate into use; returns its version and the model. version: the candidate that the caller means.
+    def accept(self, version: int | None) -> tuple[int, files.ModelFile]:
+        """Take the candidate into use; returns its version and its file. version: the candidate that the caller means.
 
         Raises FileError, with nothing changed: no candidate, another one, or an unreadable one.
         """
@@ -236,26 +236,26 @@ class ModelStore:
                 raise ModelStoreError("there is no candidate: `train` makes one")
             if state.candidate != version:
                 raise ModelStoreError(f"the candidate is now version {state.candidate}: try it with `try`")
-            model = self.load(state.candidate)
+            file = self.load(state.candidate)
             self._write(_ModelState(state.candidate, None, state.past()))
-        return state.candidate, model
+        return state.candidate, file
 
-    def rollback(self) -> tuple[int, Model]:
+    def rollback(self) -> tuple[int, files.ModelFile]:
         """Return to the version used before, as accept; the present one becomes the candidate."""
         with self._locked():
             state = self._state()
             if not state.history:
                 raise ModelStoreError("there is no earlier model to go back to")
-            model = self.load(state.history[-1])
+            file = self.load(state.history[-1])
             self._write(_ModelState(state.history[-1], state.current, state.history[:-1]))
-        return state.history[-1], model
+        return state.history[-1], file
 
-    def use(self, version: int) -> Model:
-        """Take any version into use; returns the model. A rollback returns to the version before. As accept."""
+    def use(self, version: int) -> files.ModelFile:
+        """Take any version into use; returns its file. A rollback returns to the version before. As accept."""
         with self._locked():
-            state, model = self._state(), self.load(version)
+            state, file = self._state(), self.load(version)
             self._write(_ModelState(version, None if state.candidate == version else state.candidate, state.past()))
-        return model
+        return file
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:

@@ -9,7 +9,6 @@ import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal, NamedTuple
 
@@ -19,6 +18,7 @@ from daemon import frames
 from daemon.pick.moved_pair import Places, places_of, with_arm
 from daemon.pick.recogniser import Image, ModelRecogniser
 from daemon.store.library import PartEntry
+from daemon.store.model import ModelFile
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
@@ -109,9 +109,9 @@ class Trainer:
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
         self.memory = memory or MemorySettings()
         self.model = start or empty_model(library)
-        self._file: Path | None = None
+        self._file: ModelFile | None = None
         if model_store.current is not None:
-            self._take(model_store.current, model_store.load(model_store.current))
+            self._take(model_store.load(model_store.current))
         self._in_use: ModelRecogniser | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -128,11 +128,11 @@ class Trainer:
 
     def version(self, version: int) -> ModelRecogniser:
         """The recogniser with that version. Raises ModelError."""
-        file = self.model_store.path(version)
-        return ModelRecogniser(self.model_store.load(version), self.rig, self.settings, file)
+        file = self.model_store.load(version)
+        return ModelRecogniser(file.model, self.rig, self.settings, file)
 
-    def _take(self, version: int, model: Model) -> None:
-        self.model, self._file = model, self.model_store.path(version)
+    def _take(self, file: ModelFile) -> None:
+        self.model, self._file = file.model, file
 
     def untaught(self) -> list[str]:
         """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
@@ -284,19 +284,19 @@ class Trainer:
 
     def accept(self, version: int | None) -> int:
         """Take the candidate that is meant into use; returns its version. Raises FileError (nothing changes)."""
-        accepted, model = self.model_store.accept(version)
-        self._take(accepted, model)
+        accepted, file = self.model_store.accept(version)
+        self._take(file)
         return accepted
 
     def rollback(self) -> int:
         """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
-        version, model = self.model_store.rollback()
-        self._take(version, model)
+        version, file = self.model_store.rollback()
+        self._take(file)
         return version
 
     def take(self, version: int) -> None:
         """Any version into use. Raises FileError (nothing changes)."""
-        self._take(version, self.model_store.use(version))
+        self._take(self.model_store.use(version))
 
     def _codes(self, model: Model) -> dict[str, str] | None:
         """ART-b bits as parts.yaml has them; None where it does not name every part."""
@@ -309,7 +309,7 @@ class Trainer:
 
     def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
         """Every part that a version knows. Raises ModelError."""
-        model = self.model_store.load(version)
+        model = self.model_store.load(version).model
         return tuple(self.judge(model, label) for label in model.labels)
 
     def sufficiency(self, label: str) -> Sufficiency | None:

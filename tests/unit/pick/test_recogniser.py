@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from daemon.pick.recogniser import ModelRecogniser
+from daemon.pick.recogniser import ModelRecogniser, of_file
 from daemon.store.library import load_facets
-from daemon.store.model import ModelError, save
+from daemon.store.model import ModelError, load_file, save
 from daemon.vision.model.model import Model, empty_model, learn_solid
 from tests.fakes import drawn
 from tests.fakes.rigs import rig
@@ -24,7 +24,7 @@ def taught(label: str, height_mm: float = 30.0) -> Model:
 def stored(tmp_path: Path) -> ModelRecogniser:
     file = tmp_path / "0001.npz"
     save(taught("cube"), file)
-    return ModelRecogniser(taught("cube"), rig(), None, file)
+    return of_file(file, load_file(file).sha256, rig(), None)
 
 
 def test_a_worker_reads_the_model_in_use_from_its_file(stored: ModelRecogniser) -> None:
@@ -37,6 +37,6 @@ def test_a_worker_that_starts_anew_takes_no_other_model_that_lies_in_the_place_o
     stored: ModelRecogniser,
 ) -> None:
     assert stored.file is not None
-    save(taught("cube", 20.0), stored.file)
+    save(taught("cube", 20.0), stored.file.path)
     with pytest.raises(ModelError, match=r"0001\.npz: replaced while it was in use: put the file back"):
         pickle.loads(pickle.dumps(stored))

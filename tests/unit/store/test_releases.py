@@ -51,7 +51,8 @@ except ImportError:
 
 def labels(version):
     try:
-        return list(store.load(version).labels)
+        file = store.load(version)
+        return list(getattr(file, "model", file).labels)  # an older one loads the model alone
     except ModelError as error:
         return str(error)
 

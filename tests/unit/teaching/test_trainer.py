@@ -132,7 +132,7 @@ def test_a_model_recalls_as_the_settings_say_that_it_was_trained_with(trainer: T
     other = Trainer(trainer.model_store, trainer.rig, trainer.library, trainer.parts, memory=loose)
     other.store_mesh("cube", "cube.obj", drawn.obj(*drawn.box()), "mm", {})
     version = other.train().version
-    kept = trainer.model_store.load(version)
+    kept = trainer.model_store.load(version).model
     assert kept.parameters == loose
     assert kept.artmap.beta == loose.beta
     assert trainer.learnt()[0].parameters == MemorySettings()
