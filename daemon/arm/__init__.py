@@ -4,7 +4,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 """
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
-from daemon.arm.body import ARM, Capsule, FixtureBox, ball_of, body_like, capsule_around, carried_part
+from daemon.arm.body import ARM, Capsule, FixtureBox, body_like, capsule_around, carried_part, held_anyhow
 from daemon.arm.guard import Limits, MoveCommand, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
@@ -71,10 +71,10 @@ __all__ = [
     "VoidingEvent",
     "Waiting",
     "Workcell",
-    "ball_of",
     "body_like",
     "capsule_around",
     "carried_part",
+    "held_anyhow",
     "said",
     "settled_pair",
     "speed_pct",

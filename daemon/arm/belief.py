@@ -126,7 +126,7 @@ CONTROLLER = PLACE | {"tool", "closed"}
 GRIPPER = frozenset({"closed", "holding", "load"})
 VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.MOVE_BEGUN: PLACE,
-    VoidingEvent.GRIPPER_CLOSES: frozenset({"closed", "holding"}),
+    VoidingEvent.GRIPPER_CLOSES: GRIPPER,
     VoidingEvent.GRIPPER_OPENS: frozenset({"closed"}),
     VoidingEvent.STOPPED: CONTROLLER,
     VoidingEvent.FAULT_CLEARED: CONTROLLER,
@@ -134,16 +134,22 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.RESTARTED: CONTROLLER | GRIPPER,
     VoidingEvent.OPERATOR_TYPED: CONTROLLER,
     VoidingEvent.GRIPPER_TYPED: GRIPPER,
-    VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed"},
+    VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "load"},
     VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
 }
-"""Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go."""
+"""Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go. A
+closing gripper, or one that a pendant may have worked, may hold another part than the one that is guarded."""
+RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED})
+"""After which nobody knows what is in the gripper, and no other record of the run says so."""
 
 
 def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
     """What is still believed after a change. An opening gripper that is believed empty stays empty; one on an arm that
-    a pendant moved may have been worked as well, so that it is only assumed to be empty."""
+    a pendant moved may have been worked as well, so that it is only assumed to be empty. An assumed load is the largest
+    of all that may be held, whatever is."""
     unknown = VOIDS[change]
+    if belief.load is not None and belief.load.source is BeliefSource.ASSUMED:
+        unknown -= {"load"}
     if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
         unknown |= {"holding"}
     elif change is VoidingEvent.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
@@ -174,7 +180,7 @@ class Beliefs:
         does nothing where anything else was learnt or voided meanwhile."""
         before, after = self.now, voided(self.now, change)
         self.now = after
-        if "load" in VOIDS[change] and change is not VoidingEvent.RESTARTED:
+        if change in RECORDED:
             self._record("holding", held=None)
 
         def undo() -> None:

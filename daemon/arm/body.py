@@ -201,11 +201,17 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
     return Capsule(name, "tool", _point(start), _point(end), radius)
 
 
-def ball_of(parts_mm: Iterable[Array], name: str) -> Capsule:
-    """A ball about the tool centre point that holds any of the parts, corners (N, 3) each, wherever it is gripped."""
-    longest = (float(np.linalg.norm(part[:, None] - part, axis=-1).max()) for part in parts_mm)
-    middle = (0.0, 0.0, 0.0)
-    return Capsule(name, "tool", middle, middle, max(longest, default=0.0))
+def held_anyhow(parts_mm: Iterable[Array], name: str, back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:
+    """What holds any of the parts, corners (N, 3) each, wherever and however it is gripped; None where there are none.
+
+    The pads reach from back_mm behind the tool centre point to tip_mm before it, width_mm across. A part between them
+    has a point within half of width_mm of the line midway between them, and no other point of it is farther from that
+    one than the part is long.
+    """
+    longest = [float(np.linalg.norm(part[:, None] - part, axis=-1).max()) for part in parts_mm]
+    if not longest:
+        return None
+    return Capsule(name, "tool", (0.0, 0.0, -back_mm), (0.0, 0.0, tip_mm), max(longest) + width_mm / 2)
 
 
 def _point(place: Array) -> Point:

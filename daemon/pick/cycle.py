@@ -28,7 +28,7 @@ from daemon.arm import (
     Supervisor,
     VoidingEvent,
     Workcell,
-    ball_of,
+    held_anyhow,
 )
 from daemon.arrays import Array
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
@@ -138,7 +138,10 @@ class PickCycle:
         }
 
     def use(self, recogniser: PartRecogniser | None) -> None:
-        """Take another recogniser or model into use, from the next pick on (None: picking is refused)."""
+        """Take another recogniser or model into use, from the next pick on (None: picking is refused). What may be in
+        the gripper may be a part of the model that was in use until now."""
+        if self.belief.holds_part is not False:
+            self._assume_the_longest()
         self.recogniser = recogniser
         self.use_places(self.placing)
 
@@ -332,7 +335,7 @@ class PickCycle:
         if self.recogniser is None:
             raise RefusedError("there is no model to recognise parts with: teach and train first")
         mover = self.supervisor.mover
-        before = await self._set_out_to_look()
+        before = await mover.rest() if self.cell.alone is None else await self._set_out_to_look()
         look = await self._context(self.recogniser).lit_look(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
@@ -392,17 +395,34 @@ class PickCycle:
         return here
 
     def guard_the_hand(self) -> None:
-        """What may be in the hand, and nobody saw how, is guarded any way round from now on: as a ball that the longest
-        of the parts known fits in, also one that was taught since, wherever it is held."""
-        load = self.belief.load
-        if self.belief.holds_part is False or self.recogniser is None:
+        """What may be in the hand, and nobody saw how, is guarded any way round from now on: as large as the longest of
+        the parts known, also one that was taught since, wherever it is held. Raises RefusedError where no part is
+        known: any could be in the hand."""
+        if self.belief.holds_part is False:
             return
+        self._assume_the_longest()
+        if not self.belief.capsules:
+            raise RefusedError(
+                "a part may be in the gripper, and none is taught, so that facetd does not know how large it may be: "
+                "open the gripper (`hand open`), or look, and where it is empty say `holding no`"
+            )
+
+    def _assume_the_longest(self) -> None:
+        """Guard what may be in the hand as the longest part of the model, or as what was assumed before."""
+        load, recogniser, gripper = self.belief.load, self.recogniser, self.settings.gripper
         if load is not None and load.source is not BeliefSource.ASSUMED:  # facetd grasped it, and knows how it lies
             return
-        taught = [shape.corners_mm for label in self.recogniser.labels if (shape := self.recogniser.shape(label))]
-        balls = self.belief.capsules + ((ball_of(taught, "what may be in the hand"),) if taught else ())
-        largest = tuple(sorted(balls, key=lambda ball: ball.radius_mm)[-1:])
-        self.beliefs.learn(BeliefSource.ASSUMED, load=largest)
+        shapes = [] if recogniser is None else [recogniser.shape(label) for label in recogniser.labels]
+        held = held_anyhow(
+            [shape.corners_mm for shape in shapes if shape is not None],
+            "what may be in the hand",
+            gripper.pad_back_mm,
+            gripper.tip_mm,
+            gripper.finger_width_mm,
+        )
+        loads = self.belief.capsules + (() if held is None else (held,))
+        if loads:
+            self.beliefs.learn(BeliefSource.ASSUMED, load=(max(loads, key=lambda load: load.radius_mm),))
 
     def _order(self, pick_order: PickOrder | None) -> None:
         """What auto has to bring from now on; None: it is done, or given up."""

@@ -18,7 +18,7 @@ from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.history import DropRecord, GraspRecord
+from drivers.simcell.history import DropRecord, GraspRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
@@ -77,7 +77,7 @@ class SimulatedCell:
             repeatability_mm=settings.repeatability_mm,
             rng=settling,
         )
-        self.world = World(self._settings)
+        self.world = World(self._settings, self._on_held)
         self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
         self._board: tuple[RenderedSolid, ...] = ()
         self.controller = Controller(
@@ -202,12 +202,17 @@ class SimulatedCell:
         tool = self.arm.pose_at(now_s)
         if closed:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in PATH_CHECKED_S])
-            if (held := self.world.held) is not None:
-                corners = apply(held.pose, held.shape.hull.vertices)
-                self._machine.history.add(GraspRecord(now_s, self._machine.by, held.label, corners))
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
             self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, where is PartPlace.BIN))
+
+    def _on_held(self, held: PlacedPart | None) -> None:
+        now_s, by = self.server.now_s(), self._machine.by
+        if held is None:
+            self._machine.history.add(ReleaseRecord(now_s, by))
+        else:
+            corners = apply(held.pose, held.shape.hull.vertices)
+            self._machine.history.add(GraspRecord(now_s, by, held.label, corners))
 
     def _scene_at(self, real_s: float) -> SimulatedScene:
         tool = self.world_from_tool(real_s)

@@ -68,8 +68,17 @@ class GraspRecord:
 
 
 @dataclass(frozen=True)
+class ReleaseRecord:
+    """The jaws hold no part from now on: they opened, the part slipped out, or somebody took it."""
+
+    began_s: float
+    by: str
+
+
+@dataclass(frozen=True)
 class DropRecord:
-    """A released part. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into the bin."""
+    """A part that the jaws let go. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into
+    the bin."""
 
     began_s: float
     by: str
@@ -78,7 +87,7 @@ class DropRecord:
     over_bin: bool
 
 
-HistoryRecord = MotionRecord | StopRecord | GripperRecord | GraspRecord | DropRecord
+HistoryRecord = MotionRecord | StopRecord | GripperRecord | GraspRecord | ReleaseRecord | DropRecord
 
 KEPT = 4000
 """Number of events kept; a straight motion takes some 7 kB, and a cell may run for weeks."""

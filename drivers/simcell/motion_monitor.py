@@ -25,6 +25,7 @@ from drivers.simcell.history import (
     History,
     HistoryRecord,
     MotionRecord,
+    ReleaseRecord,
     StopRecord,
 )
 from drivers.simcell.rigid import inverse
@@ -203,6 +204,11 @@ class MotionMonitor:
         cell's: nothing of it is answered for here, but what comes after it is."""
         self._others.setdefault(by, at_s)
 
+    @property
+    def carries(self) -> str | None:
+        """The label of what the gripper holds by what was judged last."""
+        return None if self._carried is None else self._carried.label
+
     def violations(self, until_s: float) -> tuple[Violation, ...]:
         """Everything found up to a moment, oldest first; the way of a motion is judged once it is over."""
         first, events = self._history.since(self._read)
@@ -222,6 +228,9 @@ class MotionMonitor:
         return event.began_s >= self._others.get(event.by, float("inf"))
 
     def _judged(self, event: HistoryRecord) -> Iterator[Violation]:
+        if isinstance(event, GraspRecord | ReleaseRecord):  # whoever did it
+            self._carried = event if isinstance(event, GraspRecord) else None
+            return
         if self._of_others(event):
             if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
@@ -230,10 +239,7 @@ class MotionMonitor:
         if isinstance(event, StopRecord):
             if not (self._tried.at(event.began_s) or self._made_by_noise(event)):
                 self.stop_received(event.began_s, event.by)
-        elif isinstance(event, GraspRecord):
-            self._carried = event
         elif isinstance(event, DropRecord):
-            self._carried = None
             yield from self._dropped(event)
         else:
             yield from self._unallowed(event)
@@ -350,12 +356,14 @@ class MotionMonitor:
                 self._left_mm.pop(rule, None)
 
     def _pressed(self, leg: MotionRecord) -> Iterator[Violation]:
-        """The part in the gripper into the table, where a motion ends or on its way."""
+        """The part in the gripper into the table, where a motion ends or on its way, as long as it is in there."""
         if self._carried is None:
             return
         motion = leg.motion
-        count = max(2, ceil((motion.ends_s - motion.started_s) / SAMPLE_S) + 1)
-        times = np.linspace(motion.started_s, motion.ends_s, count)
+        later = self._history.since(self._read)[1]
+        lost_s = next((event.began_s for event in later if isinstance(event, ReleaseRecord)), float("inf"))
+        ends_s = max(motion.started_s, min(motion.ends_s, lost_s))
+        times = np.linspace(motion.started_s, ends_s, max(2, ceil((ends_s - motion.started_s) / SAMPLE_S) + 1))
         corners = self._body.carried(motion, times, self._carried.corners_mm)
         deep_mm = self._table.height_mm - corners[..., 2].min(axis=1)
         k = int(np.argmax(deep_mm))

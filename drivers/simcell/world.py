@@ -5,7 +5,7 @@ Poses only; the caller passes the pose of the tool.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from threading import RLock
@@ -64,8 +64,11 @@ class Closing:
 class World:
     """The parts of the cell. Thread-safe."""
 
-    def __init__(self, truth: Truth) -> None:
-        self._truth = truth
+    def __init__(self, truth: Truth, on_held: Callable[[PlacedPart | None], None] = lambda held: None) -> None:
+        """on_held: called with what the gripper holds from now on, whatever changed that."""
+        self._truth, self._on_held = truth, on_held
+        self._held: PlacedPart | None = None
+        """What on_held was told last."""
         self._lock = RLock()
         self._parts: dict[str, PlacedPart] = {}
         self._drawn: dict[str, PartShape] = {}
@@ -90,7 +93,7 @@ class World:
         """Remove all parts."""
         with self._lock:
             self._parts.clear()
-            self.changes += 1
+            self._changed()
 
     def draw(self, shapes: Sequence[PartShape]) -> None:
         """Add shapes from drawings, which override built-in ones of the same label; parts on the table stay."""
@@ -149,7 +152,7 @@ class World:
         """Remove one part."""
         with self._lock:
             del self._parts[name]
-            self.changes += 1
+            self._changed()
 
     def close_hand(self, world_from_tool: Array, path: Sequence[Array] = ()) -> None:
         """Close the jaws at a pose; the result is the last of `closings`.
@@ -182,7 +185,13 @@ class World:
 
     def _set(self, part: PlacedPart) -> None:
         self._parts[part.name] = part
+        self._changed()
+
+    def _changed(self) -> None:
         self.changes += 1
+        if self.held is not self._held:
+            self._held = self.held
+            self._on_held(self._held)
 
     def _close_on(self, near: Sequence[PlacedPart], world_from_tool: Array) -> Grip:
         part, tool_from_world = near[0], inverse(world_from_tool)

@@ -1,7 +1,7 @@
 """What is believed of arm and gripper: what each change leaves unknown, how it was learnt, and who voids it when."""
 
 import asyncio
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
     ("change", "lost"),
     [
         (VoidingEvent.MOVE_BEGUN, PLACE),
-        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding"}),
+        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding", "load"}),
         (VoidingEvent.GRIPPER_OPENS, {"closed", "holding"}),
         (VoidingEvent.STOPPED, CONTROLLER),
         (VoidingEvent.FAULT_CLEARED, CONTROLLER),
@@ -56,12 +56,18 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
         (VoidingEvent.RESTARTED, set(FACTS)),
         (VoidingEvent.OPERATOR_TYPED, CONTROLLER),
         (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "load"}),
-        (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed"}),
+        (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
         (VoidingEvent.OTHERS_TYPED, set(FACTS)),
     ],
 )
 def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(change, lost):
     assert unknown(voided(everything(), change)) == lost
+
+
+@pytest.mark.parametrize("change", list(VoidingEvent))
+def test_what_is_guarded_as_the_largest_that_may_be_held_stays_whatever_happens(change):
+    assumed = replace(everything(), load=Belief(LOAD, BeliefSource.ASSUMED, 1.0))
+    assert voided(assumed, change).capsules == LOAD
 
 
 def test_every_change_has_its_row():
@@ -138,7 +144,7 @@ def mover_in(world: World) -> Mover:
     return mover
 
 
-@pytest.mark.parametrize(("closes", "lost"), [(True, {"closed", "holding"}), (False, {"closed", "holding"})])
+@pytest.mark.parametrize(("closes", "lost"), [(True, {"closed", "holding", "load"}), (False, {"closed", "holding"})])
 def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(closes, lost):
     world = World(np.random.default_rng(0))
     mover, during = mover_in(world), []

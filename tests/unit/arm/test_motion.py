@@ -339,7 +339,7 @@ def test_what_is_carried_is_guarded_until_the_hand_was_opened():
     asyncio.run(mover.hand(closed=True))
     assert [record["sent"] for record in world.said("hand")] == [True]
     mover.beliefs.learn(BeliefSource.COMMANDED, load=(CARRIED,))
-    asyncio.run(mover.hand(closed=True))
+    asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "a test", look_taken_s=world.clock())))
     assert CARRIED in mover.bounds.capsules
     asyncio.run(mover.hand(closed=False))
     assert CARRIED not in mover.bounds.capsules

@@ -411,3 +411,15 @@ def test_a_hand_amid_the_parts_goes_aside_for_no_look_of_one_camera():
         return None if (story.cell.world_from_tool() == before).all() else "aside among the parts"
 
     proven(act, "aside among the parts", (Mover, "low", False))
+
+
+def test_a_part_in_the_gripper_that_the_model_in_use_does_not_know_is_pressed_into_nothing():
+    """The gripper was closed by hand, and then the model was emptied: nothing of what it held was guarded."""
+
+    def act(story: Story) -> None:
+        story.replace_model(empty=True)
+        for text in ("hand close", "go home", "jog ry 20", *["jog z -100"] * 3, "jog z -45"):
+            typed(story, text, 5.0)
+
+    unguarded: tuple[Guard, ...] = ((PickCycle, "guard_the_hand", nothing), (PickCycle, "_assume_the_longest", nothing))
+    proven(act, "pressed", *unguarded, holds=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,9 +15,10 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.gripper import finger_rods
-from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, StopRecord
+from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
 from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
 
 TRUTH = load_truth(Path(__file__).parents[3] / "etc" / "simcell.yaml")
@@ -245,6 +247,63 @@ def test_a_part_let_go_in_the_cell_is_on_record_with_its_height() -> None:
         assert [violation.rule for violation in cell.violations()] == ["dropped"]
 
 
+def cell_that_holds_a_cube(loop: SimulatedLoop) -> SimulatedCell:
+    """The arm is 40 mm above the table, the cube's lowest corners 15 mm below the tool centre point."""
+    cell = SimulatedCell(Path(__file__).parents[3] / "etc" / "simcell.yaml", seed=1, loop=loop)
+    cell.motion_monitor.may_move(0.0, True)
+    tool = cell.world_from_tool()
+    cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+    cell.world.close_hand(tool)
+    assert cell.world.held is not None
+    return cell
+
+
+TAKEN: tuple[Callable[[SimulatedCell], object], ...] = (
+    lambda cell: cell.world.open_hand(cell.world_from_tool()),
+    lambda cell: cell.world.remove(cell.world.parts[0].name),
+    lambda cell: cell.scatter(["cube"]),
+    lambda cell: cell.place_for_teaching("cube", 0),
+    lambda cell: cell.bring_back(()),
+)
+
+
+@pytest.mark.parametrize("take", TAKEN)
+def test_whatever_takes_a_part_out_of_the_gripper_the_motion_monitor_knows(take: Callable[[SimulatedCell], object]):
+    """What slipped out, or was taken as parts were scattered anew, was judged as if it were still held."""
+    loop = SimulatedLoop()
+    cell = cell_that_holds_a_cube(loop)
+    assert cell.violations() == ()
+    assert cell.motion_monitor.carries == "cube", "also what nobody closed the jaws on by a line"
+    take(cell)
+    assert cell.violations() == ()
+    assert cell.motion_monitor.carries is None
+    loop.close()
+
+
+def test_a_part_that_slips_on_the_way_is_pressed_into_nothing_behind_that() -> None:
+    cell = Cell()
+    cell.types(ABOVE_TABLE)
+    corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
+    history = cell.controller.machine.history
+    for slips_after_s, found in ((0.05, []), (30.0, ["pressed"])):
+        history.add(GraspRecord(cell.now_s, "", "cube", corners))
+        began_s = cell.now_s
+        cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
+        history.add(ReleaseRecord(began_s + slips_after_s, ""))
+        assert cell.found() == found
+        cell.types(ABOVE_TABLE)
+
+
+def test_a_part_that_somebody_else_had_the_gripper_close_on_is_carried_by_our_next_motion() -> None:
+    cell = Cell()
+    cell.types(ABOVE_TABLE)
+    cell.motion_monitor.others(cell.now_s, "DO CLOSEI")
+    corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
+    cell.controller.machine.history.add(GraspRecord(cell.now_s, "DO CLOSEI", "cube", corners))
+    cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
+    assert cell.found() == ["pressed"]
+
+
 def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
     rng = np.random.default_rng(0)
     for joints in rng.uniform(-2, 2, (20, 6)):
@@ -464,6 +523,6 @@ def test_a_part_in_the_gripper_may_touch_the_table_and_not_be_pressed_into_it(z_
     cell.controller.machine.history.add(GraspRecord(cell.now_s, "DO CLOSEI", "cube", corners))
     cell.types(f"DO MOVE TRANS(520,0,{z_mm:g},0,90,0)")
     assert [v.rule for v in cell.motion_monitor.violations(cell.now_s)] == found
-    cell.controller.machine.history.add(DropRecord(cell.now_s, "DO OPENI", "cube", 0.0, False))
+    cell.controller.machine.history.add(ReleaseRecord(cell.now_s, "DO OPENI"))
     cell.types(ABOVE_TABLE)
     assert [v.rule for v in cell.motion_monitor.violations(cell.now_s)] == found

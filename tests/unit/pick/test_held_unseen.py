@@ -1,0 +1,118 @@
+"""What may be in the gripper, and nobody saw how it got there, is guarded as the longest part that is known."""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arm.belief import BeliefSource, VoidingEvent
+from daemon.arm.body import carried_part
+from daemon.arm.operators import RefusedError
+from daemon.pick.cycle import PickCycle
+from tests.fakes.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
+
+UNSEEN = ["what may be in the hand"]
+SMALL, LARGE = "pyramid", "cube"
+
+
+def longest_mm(label: str) -> float:
+    corners = shape_of(label).corners_mm
+    return float(np.linalg.norm(corners[:, None] - corners, axis=-1).max())
+
+
+def moves(world: World) -> int:
+    return sum(name == "move" for name, _ in world.wire)
+
+
+def guarded(cycle: PickCycle) -> list[str]:
+    return [capsule.name for capsule in cycle.belief.capsules]
+
+
+def radius_mm(cycle: PickCycle) -> float:
+    (capsule,) = cycle.belief.capsules
+    return capsule.radius_mm
+
+
+@pytest.mark.parametrize("labels", [None, ()])
+def test_with_a_part_in_the_gripper_perhaps_and_none_taught_the_arm_does_not_set_out(labels: tuple[str, ...] | None):
+    """Nothing was guarded then, and the arm went wherever it was sent."""
+    world = one_part()
+    cycle = cycle_of(world)
+    cycle.use(None if labels is None else TruthRecogniser(world, labels))
+    asyncio.run(cycle.hand(closed=True))
+    for act in (lambda: cycle.go("home"), lambda: cycle.jog(lambda at: at, "jog")):
+        with pytest.raises(RefusedError, match=r"hand open.*holding no"):
+            asyncio.run(act())
+    assert moves(world) == 0
+    asyncio.run(cycle.hand(closed=False))
+    asyncio.run(cycle.go("home"))
+    assert moves(world) > 0
+
+
+def test_a_word_that_it_is_empty_lets_an_arm_go_without_a_model():
+    world = one_part()
+    cycle = cycle_of(world)
+    cycle.use(None)
+    asyncio.run(cycle.hand(closed=True))
+    cycle.holding(False)
+    asyncio.run(cycle.go("home"))
+    assert moves(world) > 0
+
+
+def test_a_look_that_moves_nothing_needs_no_word_about_the_gripper():
+    world = one_part()
+    cycle = cycle_of(world)
+    cycle.use(TruthRecogniser(world, ()))
+    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.look())
+    assert moves(world) == 0
+
+
+@pytest.mark.parametrize("after", [None, (SMALL,), ()])
+def test_what_was_gripped_before_the_model_was_exchanged_is_a_part_of_the_one_before(after: tuple[str, ...] | None):
+    world = one_part()
+    cycle = cycle_of(world)
+    cycle.use(TruthRecogniser(world, (LARGE,)))
+    asyncio.run(cycle.hand(closed=True))
+    cycle.use(None if after is None else TruthRecogniser(world, after))
+    asyncio.run(cycle.go("home"))
+    assert guarded(cycle) == UNSEEN
+    assert radius_mm(cycle) > longest_mm(LARGE) > longest_mm(SMALL) + 10.0
+
+
+def test_what_was_taught_since_may_be_in_the_gripper_too():
+    world = one_part()
+    cycle = cycle_of(world)
+    cycle.use(TruthRecogniser(world, (SMALL,)))
+    asyncio.run(cycle.hand(closed=True))
+    asyncio.run(cycle.go("home"))
+    assert longest_mm(SMALL) < radius_mm(cycle) < longest_mm(LARGE)
+    cycle.use(TruthRecogniser(world, (SMALL, LARGE)))
+    asyncio.run(cycle.go("home"))
+    assert radius_mm(cycle) > longest_mm(LARGE)
+
+
+def closed_again(cycle: PickCycle) -> None:
+    asyncio.run(cycle.hand(closed=True))
+
+
+def moved_by_others(cycle: PickCycle) -> None:
+    cycle.beliefs.void(VoidingEvent.MOVED_BY_OTHERS)
+
+
+@pytest.mark.parametrize("happens", [closed_again, moved_by_others])
+def test_a_part_that_facetd_grasped_stands_for_no_other_that_came_into_the_gripper(
+    happens: Callable[[PickCycle], None],
+):
+    """The part of the last grasp was guarded, small as it was, for whatever the gripper had closed on since."""
+    world = one_part()
+    cycle = cycle_of(world)
+    known = carried_part(frames.apply(np.eye(4), 0.1 * shape_of("cube").corners_mm), "cube in the gripper")
+    cycle.beliefs.learn(BeliefSource.COMMANDED, closed=True, holding=True, load=known)
+    asyncio.run(cycle.go("home"))
+    assert cycle.belief.capsules == known
+    happens(cycle)
+    asyncio.run(cycle.go("home"))
+    assert guarded(cycle) == UNSEEN
