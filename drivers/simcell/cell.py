@@ -204,7 +204,8 @@ class SimulatedCell:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in PATH_CHECKED_S])
         elif (fallen := self.world.open_hand(tool)) is not None:
             label, fell_mm, where = fallen
-            self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, where is PartPlace.BIN))
+            over_bin, theirs = where is PartPlace.BIN, self._machine.theirs
+            self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, over_bin, theirs))
 
     def _on_held(self, held: PlacedPart | None) -> None:
         now_s, by = self.server.now_s(), self._machine.by

@@ -20,7 +20,8 @@ class MotionRecord:
     """One motion of the arm, as started or, after a halt, as cut short.
 
     by: the typed line that caused it; given_s: when the controller had received all of it (or the answer to a
-    question). speed_percent (0 for CAL), flange_from_tool (4, 4) mm, hand_closed: in force at its start.
+    question). speed_percent (0 for CAL), flange_from_tool (4, 4) mm, hand_closed: in force at its start. theirs:
+    somebody beside the daemon ended that line, or moved the arm by the pendant.
     """
 
     motion: Motion
@@ -29,6 +30,7 @@ class MotionRecord:
     speed_percent: float
     flange_from_tool: Array
     hand_closed: bool
+    theirs: bool = False
 
     @property
     def began_s(self) -> float:
@@ -41,20 +43,22 @@ CONTROL_C = "control-C"
 
 @dataclass(frozen=True)
 class StopRecord:
-    """A stop command to the controller. by: the line, or CONTROL_C."""
+    """A stop command to the controller. by: the line, or CONTROL_C; theirs: see MotionRecord."""
 
     began_s: float
     by: str
+    theirs: bool = False
 
 
 @dataclass(frozen=True)
 class GripperRecord:
-    """An action of the gripper. by, given_s: see MotionRecord."""
+    """An action of the gripper. by, given_s, theirs: see MotionRecord."""
 
     began_s: float
     by: str
     given_s: float
     closed: bool
+    theirs: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +82,14 @@ class ReleaseRecord:
 @dataclass(frozen=True)
 class DropRecord:
     """A part that the jaws let go. fell_mm: height of its lowest corner above the table; over_bin: whether it fell into
-    the bin."""
+    the bin; theirs: see MotionRecord."""
 
     began_s: float
     by: str
     label: str
     fell_mm: float
     over_bin: bool
+    theirs: bool = False
 
 
 HistoryRecord = MotionRecord | StopRecord | GripperRecord | GraspRecord | ReleaseRecord | DropRecord

@@ -144,7 +144,6 @@ class MotionMonitor:
         self._stops: list[tuple[float, str]] = []
         self._said_to_rest: list[tuple[float, str]] = []
         self._by_hand: dict[str, float] = {}
-        self._others: dict[str, float] = {}
         self._others_moved_s = float("-inf")
         """When a motion of somebody else's began last."""
         self._left_mm: dict[str, float] = {}
@@ -199,11 +198,6 @@ class MotionMonitor:
         That it may move, and that it stops, is not; nor does the next motion answer for starting where theirs ended."""
         self._by_hand.setdefault(line, at_s)
 
-    def others(self, at_s: float, by: str) -> None:
-        """What comes of this line (or of the pendant) from a moment on is somebody else's, who is no operator of the
-        cell's: nothing of it is answered for here, but what comes after it is."""
-        self._others.setdefault(by, at_s)
-
     @property
     def carries(self) -> str | None:
         """The label of what the gripper holds by what was judged last."""
@@ -217,21 +211,18 @@ class MotionMonitor:
             self._read = first
         for event in events:
             if isinstance(event, MotionRecord) and event.motion.ends_s > until_s:
-                if self._of_others(event):
+                if event.theirs:
                     break
                 return (*self._found, *self._unallowed(event), *self._ways(event, over=False))
             self._read += 1
             self._found += self._judged(event)
         return tuple(self._found)
 
-    def _of_others(self, event: HistoryRecord) -> bool:
-        return event.began_s >= self._others.get(event.by, float("inf"))
-
     def _judged(self, event: HistoryRecord) -> Iterator[Violation]:
         if isinstance(event, GraspRecord | ReleaseRecord):  # whoever did it
             self._carried = event if isinstance(event, GraspRecord) else None
             return
-        if self._of_others(event):
+        if event.theirs:  # nothing of it is answered for here, but what comes after it is
             if isinstance(event, MotionRecord):
                 self._left_mm = self._depths_at_rest(event)
                 self._others_moved_s = event.began_s

@@ -59,7 +59,7 @@ from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model, learn_view
 from drivers.simcell.boards import BoardPrint
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import PENDANT, Manners, Mishap
+from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
@@ -784,13 +784,10 @@ class Story:
     def type_beside(self, text: str) -> None:
         """Another terminal on the arm's line types a line; what it makes of what stood there half typed is its own."""
         with self.cell.server.controller() as controller:
-            for begun in ("", controller.half_typed):
-                self.cell.motion_monitor.others(self.now_s, f"{begun}{text}".strip())
-            self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s))
+            self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s, theirs=True))
 
     def by_pendant(self, joint: int, degrees: float, at_rest: bool = False) -> None:
         """A person at the teach pendant turns a joint from 0 to 5, now or, at_rest, as the motion under way ends."""
-        self.cell.motion_monitor.others(self.now_s, PENDANT)
         with self.cell.server.controller() as controller:
             if at_rest and not controller.machine.at_rest():
                 self.loop.call_at(controller.arm.rests_s + MOMENT_S, self.by_pendant, joint, degrees)

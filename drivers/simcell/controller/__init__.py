@@ -3,9 +3,9 @@ pseudo-terminal (server) or memory (memory_line)."""
 
 from drivers.simcell.controller.core import Controller
 from drivers.simcell.controller.faults import Faults, LineFault, Mishap
-from drivers.simcell.controller.machine import PENDANT, Machine
+from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.memory_line import MemoryLine
 from drivers.simcell.controller.server import PtyServer
 
-__all__ = ["PENDANT", "Controller", "Faults", "LineFault", "Machine", "Manners", "MemoryLine", "Mishap", "PtyServer"]
+__all__ = ["Controller", "Faults", "LineFault", "Machine", "Manners", "MemoryLine", "Mishap", "PtyServer"]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import monitor
@@ -34,6 +35,15 @@ MESSAGES = {
     Mishap.EMERGENCY_STOP: "*Emergency stop*",
     Mishap.ENVELOPE_ERROR: "*Envelope error* Joint 2",
 }
+
+
+@dataclass(frozen=True)
+class TypedLine:
+    """A complete line: when the controller had all of it, and whether somebody beside the daemon ended it."""
+
+    text: str
+    given_s: float
+    theirs: bool
 
 
 class Controller:
@@ -57,8 +67,8 @@ class Controller:
         self._terminal = ControllerTerminal(manners.line_editing, manners.line_ends, self._newline)
         self._typed_s = float("-inf")
         self._second_prompts = 0
-        self._ahead: deque[tuple[str, float]] = deque(maxlen=TYPE_AHEAD_LINES)
-        """Typed-ahead lines, and when each was complete."""
+        self._ahead: deque[TypedLine] = deque(maxlen=TYPE_AHEAD_LINES)
+        """Typed-ahead lines."""
         self._running: Command | None = None
         self._waits_for: Wait | Ask | None = None
         self._output: deque[tuple[float, bytes]] = deque()
@@ -78,8 +88,9 @@ class Controller:
 
     # The line
 
-    def receive(self, data: bytes, now_s: float) -> None:
-        """Receive typed bytes."""
+    def receive(self, data: bytes, now_s: float, theirs: bool = False) -> None:
+        """Receive typed bytes. theirs: from somebody beside the daemon, as whose counts a line that one of them ends,
+        whatever the line made of it."""
         self.tick(now_s)
         if not self.machine.alive:
             return
@@ -93,11 +104,11 @@ class Controller:
             if isinstance(completed, Line) and completed.second:
                 self._take_second_end()
             elif isinstance(completed, Line):
-                self._take_line(completed.text)
+                self._take_line(TypedLine(completed.text, self.now_s, theirs))
             elif completed is LineKey.CANCEL:
                 self._again()
             elif completed is LineKey.INTERRUPT:
-                self.abort()
+                self.abort(theirs=theirs)
 
     def output(self, now_s: float) -> bytes:
         """Bytes printed up to now."""
@@ -137,9 +148,9 @@ class Controller:
 
     # What may happen to it
 
-    def abort(self, by: str = CONTROL_C) -> None:
+    def abort(self, by: str = CONTROL_C, theirs: bool = False) -> None:
         """Brake, drop the running command and type-ahead; the prompt follows when the arm is at rest."""
-        self.machine.stop(by)
+        self.machine.stop(by, theirs)
         self._drop()
         self._start(come_to_rest(self.machine))
 
@@ -160,8 +171,8 @@ class Controller:
             self._say(MESSAGES[what])
             self._print_prompt()
 
-    def _take_line(self, text: str) -> None:
-        self.lines.append(text)
+    def _take_line(self, line: TypedLine) -> None:
+        self.lines.append(line.text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
         self._emit_delayed()
@@ -169,15 +180,15 @@ class Controller:
             self.faults.late_answers -= 1
             self._delayed = bytearray()
         if isinstance(self._waits_for, Ask):
-            self._answer(text, self.now_s)
+            self._answer(line)
         elif self._running is None:
-            self._carry_out(text, self.now_s)
-        elif monitor.stops(text, self.machine.manners):
-            self.abort(text.strip())
-        elif monitor.is_abort(text, self.machine.manners):
+            self._carry_out(line)
+        elif monitor.stops(line.text, self.machine.manners):
+            self.abort(line.text.strip(), line.theirs)
+        elif monitor.is_abort(line.text, self.machine.manners):
             self._ahead.clear()
         else:
-            self._ahead.append((text, self.now_s))
+            self._ahead.append(line)
 
     def _emit_delayed(self) -> None:
         delayed, self._delayed = self._delayed, None
@@ -191,9 +202,9 @@ class Controller:
         elif isinstance(self._waits_for, Wait):
             self._second_prompts += 1
 
-    def _carry_out(self, text: str, given_s: float) -> None:
-        self.machine.by, self.machine.given_s = text.strip(), given_s
-        self._start(monitor.run(self.machine, text))
+    def _carry_out(self, line: TypedLine) -> None:
+        self.machine.by, self.machine.given_s, self.machine.theirs = line.text.strip(), line.given_s, line.theirs
+        self._start(monitor.run(self.machine, line.text))
 
     def _start(self, command: Command) -> None:
         self._running, self._waits_for = command, None
@@ -222,20 +233,20 @@ class Controller:
     def _finish(self) -> None:
         self._running = self._waits_for = None
         if self._ahead:
-            self._carry_out(*self._ahead.popleft())
+            self._carry_out(self._ahead.popleft())
         else:
             self._print_prompt()
 
     def _ask(self, ask: Ask) -> None:
         if self._ahead:
-            self._answer(*self._ahead.popleft())
+            self._answer(self._ahead.popleft())
             return
         self._begin_line()
         self._emit(ask.question.encode("ascii") + b" ")
 
-    def _answer(self, text: str, given_s: float) -> None:
-        self.machine.given_s = given_s
-        self._step(text)
+    def _answer(self, line: TypedLine) -> None:
+        self.machine.given_s = line.given_s
+        self._step(line.text)
 
     def _again(self) -> None:
         """Repeat the prompt or the question after a cancelled line."""

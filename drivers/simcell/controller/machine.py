@@ -42,8 +42,9 @@ class Machine:
         self.hand_closed = False
         self._zero_found_s = 0.0
         """End of CAL's motion."""
-        self.by, self.given_s = "", float("-inf")
-        """The last command line and its time, recorded as the cause of what follows."""
+        self.by, self.given_s, self.theirs = "", float("-inf"), False
+        """The last command line, its time and whether somebody beside the daemon ended it: recorded as the cause of
+        what follows."""
         self.printed_place: list[str] = []
         """The output of the last WHERE."""
         self.history = History()
@@ -149,7 +150,7 @@ class Machine:
                 self.arm.move_joints(joints_rad, PENDANT_PERCENT / FULL_PERCENT, self.now_s)
                 motion = self.arm.motion
                 self.history.add(
-                    MotionRecord(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed)
+                    MotionRecord(motion, PENDANT, self.now_s, PENDANT_PERCENT, self.arm.tool, self.hand_closed, True)
                 )
 
     def calibrate(self) -> float:
@@ -165,15 +166,15 @@ class Machine:
         self.history.cut(self.now_s, braking)
         self._zero_found_s = min(self._zero_found_s, self.now_s)
 
-    def stop(self, by: str) -> None:
+    def stop(self, by: str, theirs: bool) -> None:
         """Record a stop command and brake."""
-        self.history.add(StopRecord(self.now_s, by))
+        self.history.add(StopRecord(self.now_s, by, theirs))
         self.halt()
 
     def hand(self, closed: bool) -> None:
         """Close or open the gripper."""
         self.hand_closed = closed
-        self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed))
+        self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed, self.theirs))
         self._on_hand(closed)
 
     def _started(self, percent: float) -> None:
@@ -184,7 +185,9 @@ class Machine:
             self._mishap = self.now_s + share * (self.arm.rests_s - self.now_s), what
 
     def _record(self, motion: Motion, percent: float) -> None:
-        self.history.add(MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed))
+        self.history.add(
+            MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed, self.theirs)
+        )
 
     # What may befall it
 

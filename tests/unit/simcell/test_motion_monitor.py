@@ -38,9 +38,9 @@ class Cell:
         self.motion_monitor.may_move(0.0, True)
         self.types("DO NOFLIP", 0.1)
 
-    def types(self, line: str, wait_s: float = 30.0) -> None:
+    def types(self, line: str, wait_s: float = 30.0, theirs: bool = False) -> None:
         """A line, and time for it."""
-        self.controller.receive(line.encode() + b"\r", self.now_s)
+        self.controller.receive(line.encode() + b"\r", self.now_s, theirs)
         self.now_s += wait_s
         self.controller.tick(self.now_s)
 
@@ -297,11 +297,33 @@ def test_a_part_that_slips_on_the_way_is_pressed_into_nothing_behind_that() -> N
 def test_a_part_that_somebody_else_had_the_gripper_close_on_is_carried_by_our_next_motion() -> None:
     cell = Cell()
     cell.types(ABOVE_TABLE)
-    cell.motion_monitor.others(cell.now_s, "DO CLOSEI")
     corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
+    cell.types("DO CLOSEI", theirs=True)
     cell.controller.machine.history.add(GraspRecord(cell.now_s, "DO CLOSEI", "cube", corners))
     cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
     assert cell.found() == ["pressed"]
+
+
+def test_nothing_is_answered_for_of_a_line_of_somebody_else_s_and_all_of_the_same_line_typed_later() -> None:
+    cell = Cell(fastest_percent=40.0)
+    cell.motion_monitor.may_move(0.0, False)
+    for line in ("DO DRIVE 1,5,100", "DO CLOSEI", "ABORT"):
+        cell.types(line, theirs=True)
+    cell.motion_monitor.may_move(cell.now_s, True)
+    cell.types("DO OPENI")
+    assert cell.found() == [], "nor is a stop of theirs one of ours"
+    cell.types("DO DRIVE 1,5,100")
+    assert cell.found() == ["too fast"]
+
+
+def test_a_motion_of_ours_that_was_typed_right_behind_one_of_theirs_answers_for_no_way_that_began_elsewhere() -> None:
+    cell = Cell(longest_step_mm=20.0)
+    cell.types("DO DRIVE 1,5,100", 0.2, theirs=True)
+    assert cell.found() == [], "nor while it is under way"
+    cell.types("DO DRIVE 1,25,100")
+    assert cell.found() == []
+    cell.types("DO DRIVE 1,25,100")
+    assert cell.found() == ["step too long"]
 
 
 def test_the_forearm_ends_at_the_elbow_and_at_the_wrist() -> None:
