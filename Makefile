@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo docs test test-long check rig bench bench-faults bench-soak clean
+.PHONY: all help setup demo deb docs test test-long check rig bench bench-faults bench-soak clean
 
 all: setup help
 
@@ -18,6 +18,7 @@ help:
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make test-long    10,000 random steps against the motion monitor, whole first days, a hall of cells: minutes"
 	@echo "make docs         the references in docs/, made from the code"
+	@echo "make deb          Debian packages for this release of Debian, amd64 and arm64, in build/"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators, first days and years, mutations: tables (a night)"
@@ -67,6 +68,10 @@ test-long: $(VENV)/.dev
 
 docs: $(VENV)/.dev
 	$(BIN)/python -m tests.manuals
+
+# ARCH=amd64: for one architecture only.
+deb:
+	LINTIAN=yes debian/build.sh $(ARCH)
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)

@@ -50,11 +50,11 @@ def document() -> str:
     commands = every_command("simulated")
     tool, jobs = ctl._parser([*ctl.OFFLINE.values(), ctl.TRAIN])
     parts = [HEAD, "## Commands of the daemon\n", "| command | what it does |", LINE]
-    parts += [f"| [`{one.name}`](#{one.name}) | {_sentence(one.summary)} |" for one in commands]
+    parts += [f"| [`{one.name}`](#{one.name}) | {sentence(one.summary)} |" for one in commands]
     parts += ["", *(described(one) for one in commands)]
     parts += ["## Jobs of `facetctl`, without the daemon\n", "| job | what it does |", LINE]
     parts += [
-        f"| `facetctl {usage.replace('|', chr(92) + '|')}` | {_cell(_sentence(text))} |"
+        f"| `facetctl {usage.replace('|', chr(92) + '|')}` | {_cell(sentence(text))} |"
         for usage, text in ctl.OWN.values()
     ]
     parts += [f"| [`facetctl {name}`](#facetctl-{name}) | {_about(tool, name)} |" for name in jobs]
@@ -66,7 +66,7 @@ def document() -> str:
 
 def described(command: ConsoleCommand) -> str:
     """One command of the daemon's: what help of it says."""
-    lines = [f"### {command.name}\n", f"`{command.usage}`\n", f"{_sentence(command.summary)}\n"]
+    lines = [f"### {command.name}\n", f"`{command.usage}`\n", f"{sentence(command.summary)}\n"]
     if command.details:
         lines.append(f"```text\n{command.details}\n```\n")
     now = command.at_once
@@ -80,36 +80,42 @@ def described(command: ConsoleCommand) -> str:
 def options(name: str, parser: argparse.ArgumentParser, program: str = "facetctl ") -> Iterator[str]:
     """A job's arguments as a table; of a job of several kinds a table each."""
     kinds = next((a.choices for a in parser._actions if isinstance(a, argparse._SubParsersAction)), {})
-    rows = [action for action in parser._actions if not isinstance(action, argparse._SubParsersAction)]
-    told = [row for row in rows if row.help != argparse.SUPPRESS and "--help" not in row.option_strings]
+    told = shown(parser)
     yield f"### {program}{name}\n"
     if told:
         yield "| argument | meaning |\n" + LINE
-        yield "\n".join(f"| `{_named(row)}` | {_cell(_sentence(row.help or ''))} |" for row in told) + "\n"
+        yield "\n".join(f"| `{_cell(named(row))}` | {_cell(sentence(row.help or ''))} |" for row in told) + "\n"
     for kind, inner in kinds.items():
         yield from options(f"{name} {kind}", inner, program)
 
 
-def _named(action: argparse.Action) -> str:
+def shown(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    """The arguments that the references show; a job's kinds are apart."""
+    rows = [action for action in parser._actions if not isinstance(action, argparse._SubParsersAction)]
+    return [row for row in rows if row.help != argparse.SUPPRESS and "--help" not in row.option_strings]
+
+
+def named(action: argparse.Action) -> str:
     """--out FILE, or DIR."""
     meta = action.metavar or (None if action.nargs == 0 else action.dest.upper())
     if isinstance(meta, tuple):
         meta = " ".join(meta)
     if action.choices:
         meta = "{" + ",".join(map(str, action.choices)) + "}"
-    return _cell(f"{action.option_strings[-1]} {meta or ''}".strip() if action.option_strings else str(meta))
+    return f"{action.option_strings[-1]} {meta or ''}".strip() if action.option_strings else str(meta)
 
 
 def _about(parser: argparse.ArgumentParser, name: str) -> str:
     group = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    return _cell(_sentence(next((str(c.help) for c in group._choices_actions if c.dest == name and c.help), "")))
+    return _cell(sentence(next((str(c.help) for c in group._choices_actions if c.dest == name and c.help), "")))
 
 
 def _cell(text: str) -> str:
     return re.sub(r"(?<!\\)\|", r"\\|", text)
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Help text as it begins a sentence, on one line."""
     text = " ".join(text.split()).replace(" (default: %(default)s)", "")
     first = text.partition(" ")[0].rstrip(",:;")
     return f"{text[:1].upper()}{text[1:]}" if first.isalpha() else text
