@@ -45,7 +45,7 @@ $(VENV)/.runtime: pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,dashboard,drawings,export,fleet]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,dashboard,drawings,export,fleet,plots]'
 	@tests/browser.sh
 	@touch $@
 

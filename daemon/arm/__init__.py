@@ -4,7 +4,17 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 """
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
-from daemon.arm.body import ARM, Capsule, FixtureBox, body_like, capsule_around, carried_part, held_anyhow
+from daemon.arm.body import (
+    ARM,
+    Capsule,
+    FixtureBox,
+    KeepOut,
+    body_like,
+    body_of,
+    capsule_around,
+    carried_part,
+    held_anyhow,
+)
 from daemon.arm.guard import Limits, MoveCommand, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
@@ -45,6 +55,7 @@ __all__ = [
     "Grant",
     "HeldBackError",
     "Interruption",
+    "KeepOut",
     "Kinematics",
     "Limits",
     "MotionPermit",
@@ -72,6 +83,7 @@ __all__ = [
     "Waiting",
     "Workcell",
     "body_like",
+    "body_of",
     "capsule_around",
     "carried_part",
     "held_anyhow",

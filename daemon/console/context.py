@@ -173,6 +173,7 @@ class CommandContext:
             utc_offset_s=int((datetime.now().astimezone().utcoffset() or timedelta()).total_seconds()),
             limits={"grasp_mm": pick.stops.enough_mm, "arrival_mm": pick.arrival.within_mm},
             config=log.keep(config.path),
+            arm=None if config.values.arm.file is None else log.keep(config.file(config.values.arm.file)),
             calibration=log.keep(config.calibration),
             model=model,
             seed=self.hardware.seed,

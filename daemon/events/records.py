@@ -145,6 +145,7 @@ class RunStart(EventRecord, kw_only=True):
     name: Annotated[Text, meaning("of its computer")] = None
     utc_offset_s: Annotated[Annotated[int, Meta(ge=-86_400, le=86_400)] | None, meaning("of its clock", "s")] = None
     config: Annotated[Text, meaning("file in kept/")] = None
+    arm: Annotated[Text, meaning("arm.yaml, where the configuration names one: file in kept/")] = None
     calibration: Annotated[Text, meaning("file in kept/")] = None
     model: Annotated[Text, meaning("file in kept/")] = None
     limits: Annotated[dict[str, Number] | None, meaning("grasp_mm and arrival_mm that it works to", "mm")] = None

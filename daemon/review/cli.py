@@ -12,6 +12,7 @@ from typing import Any
 
 from daemon.errors import DONE, printable
 from daemon.events.records import Record
+from daemon.quantities import whole
 from daemon.store import folders
 from daemon.store.files import being_written
 from daemon.store.runs import RUN, find_run, follow
@@ -24,6 +25,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
     )
     review.add_argument("--against", metavar="RUN", help="compare it with another run")
+    review.add_argument("--cycle", type=whole, metavar="N", help="one cycle in 3-D and over time (extra `plots`)")
     review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
     export = with_run(command(subparsers, "export", _export, "a run for other tools"))
     kind = export.add_mutually_exclusive_group(required=True)
@@ -69,6 +71,11 @@ def _review(args: argparse.Namespace) -> int:
         from daemon.review.week import write_week
 
         print(write_week(folder.parent, folder, args.out or folder.parent / "week.html"))
+        return DONE
+    if args.cycle is not None:
+        from daemon.review.cycle_page import write_cycle_page
+
+        print(write_cycle_page(folder, args.cycle, args.out or folder / f"cycle-{args.cycle}.html"))
         return DONE
     against = folder_of(args, args.against) if args.against else None
     print(write_page(folder, args.out or folder / "report.html", against))

@@ -85,15 +85,18 @@ def read_digest(folder: Path, scenes_of: Container[int] | None = None) -> Digest
     return digest(folder.name, found.records, found.skipped, being_written(folder / "run.jsonl"))
 
 
-def render(name: str, data: dict[str, Any], pictures: dict[str, str], package: str = "daemon.review") -> str:
+def render(
+    name: str, data: dict[str, Any], pictures: dict[str, str], package: str = "daemon.review", library: str = ""
+) -> str:
     """A page as text: the files `name`.html, .css and .js of `package` in the frame, style and script that all pages
-    share, with data and images."""
+    share, with data and images. library: script of others that the page uses."""
     assets, own = (resources.files(name) / "assets" for name in ("daemon.review", package))
     style, run = own / f"{name}.css", data.get("run")
     parts = {
         "STYLE": (assets / "style.css").read_text(),
         "OWN": style.read_text() if style.is_file() else "",
         "MAIN": (own / f"{name}.html").read_text(),
+        "LIBRARY": library,
         "SHARED": (assets / "shared.js").read_text(),
         "PROGRAM": (own / f"{name}.js").read_text(),
         "DATA": _embedded(data),

@@ -71,18 +71,20 @@ if (data.against) {
 }
 
 // ---- the run on one axis: cycles, marks, and each measure with its limit
-const WIDTH = 1000, span = [0, Math.max(data.seconds, ...data.timeline.map((b) => b.to), 1)];
-const across = (s) => 100 * s / span[1];
-const bars = el("div", { id: "timeline", role: "img", "aria-label": "cycles over time" }, ...data.timeline.map((bar) => el("i", {
-  class: bar.outcome.replace(" ", "-"), "data-cycle": bar.n, title: `cycle ${bar.n}: ${bar.label || "?"} ${bar.outcome}`, onclick: () => open(bar.n),
-  style: `left:${across(bar.from)}%;width:${across(bar.to - bar.from)}%` })));
-const marks = el("div", { id: "marks" }, ...data.events.filter((e) => e.kind !== "run_end").map((e) => el("i", { class: e.kind, title: `${clock(e.t, offset)} ${e.text}`,
-  style: `left:${across(e.s)}%`, onclick: () => e.cycle !== null && open(e.cycle) })));
+const WIDTH = 1000, all = Math.max(data.seconds, ...data.timeline.map((b) => b.to), 1), span = [0, all];
+const width = () => span[1] - span[0], across = (s) => 100 * (s - span[0]) / width(), atS = (s) => (data.started ? new Date(Date.parse(data.started) + 1000 * s).toISOString() : null);
+const placed = [];                                     // [element, from, to]: what stands at a time, moved when the time line is zoomed
+const standing = (node, from, to = null) => { placed.push([node, from, to]); return node; };
+const bars = el("div", { id: "timeline", role: "img", "aria-label": "cycles over time" }, ...data.timeline.map((bar) => standing(el("i", {
+  class: bar.outcome.replace(" ", "-"), "data-cycle": bar.n, title: `cycle ${bar.n}: ${bar.label || "?"} ${bar.outcome}`, onclick: () => open(bar.n) }), bar.from, bar.to)));
+const marks = el("div", { class: "marks" }, ...data.events.filter((e) => e.kind !== "run_end").map((e) => standing(el("i", { class: e.kind, title: `${clock(e.t, offset)} ${e.text}`,
+  onclick: () => e.cycle !== null && open(e.cycle) }), e.s)));
+const began = new Map(data.timeline.map((b) => [b.n, b.from]));
+const looks = data.cycles.flatMap((c) => c.stops.map((stop, k) => ({ n: c.n, k, stop, s: began.get(c.n) + (Date.parse(stop.t) - Date.parse(c.t)) / 1000 })));
+const lookMarks = el("div", { class: "marks looks" }, ...looks.map(({ n, k, stop, s }) => standing(el("i", { title: `${clock(stop.t, offset)} cycle ${n}: ${stop.purpose}`,
+  onclick: () => open(n, k) }), s)));
 const cursor = el("div", { id: "cursor", hidden: true });
-const ends = [0, 0.25, 0.5, 0.75, 1].map((part) => {
-  const at = data.started ? new Date(Date.parse(data.started) + 1000 * span[1] * part).toISOString() : null;
-  return el("span", { style: `left:${100 * part}%` }, at ? clock(at, offset).slice(0, span[1] < 600 ? 8 : 5) : duration(span[1] * part));
-});
+const ends = el("div", { class: "ends" });
 const row = (name, track, value = "", kind = "") => el("div", { class: `strip ${kind}` }, el("div", { class: "name" }, name), el("div", { class: "track" }, track), el("div", { class: "value" }, value));
 const within = (strip) => (known(strip.limit) ? `${strip.above ? "most" : "least"} ${number(strip.worst)}, limit ${number(strip.limit)} ${strip.unit}` : `most ${strip.unit === "s" ? duration(strip.worst) : `${number(strip.worst)} ${strip.unit}`}`);
 function stripRow(strip) {
@@ -95,7 +97,7 @@ function stripRow(strip) {
       const y = height - height * ((strip.limit || 0) - low) / (top - low);
       if (known(strip.limit)) layer.append(svg("rect", { x: 0, width: WIDTH, y: strip.above ? 0 : y, height: strip.above ? y : height - y, class: "beyond" }), svg("line", { x1: 0, x2: WIDTH, y1: y, y2: y, class: "limit" }));
       Object.values(strip.lines).forEach((line, k) => {
-        const drawn = curve(strip.s.map((s, i) => [s, line[i]]), span, [low, top], WIDTH, height, WIDTH / 15);
+        const drawn = curve(strip.s.map((s, i) => [s, line[i]]), span, [low, top], WIDTH, height, WIDTH / 15 * all / width());
         layer.append(svg("path", { d: drawn.path, class: `line c${k}` }));
       });
       const names = Object.keys(strip.lines).filter(Boolean);
@@ -106,22 +108,46 @@ function stripRow(strip) {
     }
   };
   made.querySelector(".name").addEventListener("click", () => { made.classList.toggle("open"); draw(); });
-  made.strip = strip;
-  draw();
-  return made;
+  return Object.assign(made, { strip, draw });
 }
 const strips = [...data.strips].sort((a, b) => b.near - a.near).map(stripRow);
-by("strips").append(row("cycles", bars), data.events.length ? row("faults, changes", marks) : "", ...strips, row("", el("div", { class: "ends" }, ...ends)), cursor);
+by("strips").append(row("cycles", bars), looks.length ? row("looks", lookMarks) : "", data.events.length ? row("faults, changes", marks) : "", ...strips, row("", ends), cursor);
+function show(from, to) {                             // the time line from one moment to another, s
+  const wide = Math.min(Math.max(to - from, 1), all), begin = Math.min(Math.max(from, 0), all - wide);
+  span.splice(0, 2, begin, begin + wide);
+  for (const [node, at, until] of placed) {
+    node.hidden = (until ?? at) < span[0] || at > span[1];
+    node.style.left = `${across(at)}%`;
+    if (until !== null) node.style.width = `${across(until) - across(at)}%`;
+  }
+  ends.replaceChildren(...[0, 0.25, 0.5, 0.75, 1].map((part) => {
+    const s = span[0] + width() * part, at = atS(s);
+    return el("span", { style: `left:${100 * part}%` }, at ? clock(at, offset).slice(0, width() < 600 ? 8 : 5) : duration(s));
+  }));
+  for (const made of strips) made.draw();
+  for (const name of ["zoom-out", "zoom-all"]) by(name).disabled = wide === all;
+}
+const zoom = (factor, part = 0.5) => show(span[0] + part * width() * (1 - factor), span[0] + part * width() * (1 - factor) + width() * factor);
+by("zoom-in").addEventListener("click", () => zoom(0.5));
+by("zoom-out").addEventListener("click", () => zoom(2));
+by("zoom-all").addEventListener("click", () => show(0, all));
+by("strips").addEventListener("wheel", (e) => {
+  const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
+  if (part < 0 || part > 1 || !(e.ctrlKey || e.shiftKey)) return;
+  e.preventDefault();
+  const turn = e.deltaY || e.deltaX;
+  if (e.ctrlKey) zoom(turn > 0 ? 1.25 : 0.8, part); else show(span[0] + Math.sign(turn) * width() / 10, span[1] + Math.sign(turn) * width() / 10);
+}, { passive: false });
+show(0, all);
 const calm = data.strips.filter((s) => s.near === 0 && known(s.limit)).length;
-by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it. Click a bar to open the cycle with its images.`));
+by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it. Click a bar or a look to open it with its images. Zoom with Ctrl and the wheel, move with Shift and the wheel.`));
 const atPointer = (e) => {                            // what was there at the moment under the pointer
   const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
   if (part < 0 || part > 1) { cursor.hidden = true; return; }
-  const s = part * span[1], cycle = data.timeline.find((b) => b.from <= s && s <= b.to);
+  const s = span[0] + part * width(), cycle = data.timeline.find((b) => b.from <= s && s <= b.to);
   cursor.hidden = false;
   cursor.style.left = `${track.left - by("strips").getBoundingClientRect().left + part * track.width}px`;
-  const t = data.started ? new Date(Date.parse(data.started) + 1000 * s).toISOString() : null;
-  cursor.replaceChildren(el("span", {}, `${clock(t, offset)}${cycle ? ` cycle ${cycle.n} ${cycle.label || ""} ${cycle.outcome}` : ""}`));
+  cursor.replaceChildren(el("span", {}, `${clock(atS(s), offset)}${cycle ? ` cycle ${cycle.n} ${cycle.label || ""} ${cycle.outcome}` : ""}`));
   for (const made of strips) {
     const { strip } = made, k = nearest(strip.s, s);
     const here = Object.entries(strip.lines).filter(([, line]) => known(line[k])).map(([name, line]) => `${name} ${number(line[k])}`.trim());
@@ -174,7 +200,7 @@ filters(by("filters"), [...counts.keys()], (name) => `${name} ${counts.get(name)
 fill();
 
 // ---- one cycle
-function open(number_) {
+function open(number_, look = null) {
   const cycle = data.cycles.find((c) => c.n === number_);
   if (!cycle) return;
   if (opened !== null && rows.get(opened)) rows.get(opened).classList.remove("open");
@@ -198,8 +224,9 @@ function open(number_) {
     ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
     el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
       el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,
+    el("p", { class: "dim" }, "Arm and parts in 3-D, joints, tool and speed over time: ", el("code", {}, `facetctl review ${data.run} --cycle ${cycle.n}`)),
     cycle.decisions.length ? el("details", { open: cycle.decisions.length < 8 }, el("summary", {}, plural(cycle.decisions.length, "decision")), el("ul", {}, ...cycle.decisions.map((d) => el("li", {}, el("b", {}, d.text), ` — ${d.why || ""}`)))) : null].filter(Boolean));
-  if (cycle.stops.length) choose(telling(cycle));
+  if (cycle.stops.length) choose(look ?? telling(cycle));
   place.scrollIntoView({ behavior: "auto", block: "start" });
 }
 // The look to begin with: where the first cause shows; of a good pick the last estimate.

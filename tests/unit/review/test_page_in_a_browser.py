@@ -182,3 +182,24 @@ def test_a_thousand_cycles_open_and_nothing_out_of_sight_is_drawn(browser: Any, 
     open_page(browser, big)
     assert len(rows(browser)) == 1000
     assert browser.find_elements("css selector", "img, image, canvas") == []
+
+
+def test_the_time_line_zooms_and_a_look_on_it_opens(browser: Any, page: Path) -> None:
+    open_page(browser, page)
+    bars = "return [...document.querySelectorAll('#timeline i:not([hidden])')].map((b) => parseFloat(b.style.width))"
+    whole = browser.execute_script(bars)
+    for _ in range(2):
+        browser.find_element("id", "zoom-in").click()
+    closer = browser.execute_script(bars)
+    assert len(closer) < len(whole)
+    assert max(closer) == pytest.approx(4 * max(whole), rel=0.01)
+    browser.find_element("id", "zoom-all").click()
+    assert browser.execute_script(bars) == whole
+    assert not browser.find_element("id", "zoom-out").is_enabled()
+    marks = browser.find_elements("css selector", ".looks i")
+    assert len(marks) == 9
+    browser.execute_script("arguments[0].click()", marks[5])
+    cycle = browser.find_element("id", "cycle")
+    assert "Cycle 2" in cycle.text
+    assert cycle.find_element("css selector", "button[data-stop='2']").get_attribute("aria-pressed") == "true"
+    assert browser.get_log("browser") == []

@@ -1,0 +1,49 @@
+"""The arm of a recorded run as bodies in the world, for pages that draw it. Reads the kept files; opens no device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from daemon.arm import KeepOut, body_of
+from daemon.arrays import Array
+from daemon.cell.arm_on_link import PumaKinematics
+from daemon.cell.pick_cell import guarded
+from daemon.cell.sections import arm_geometry
+from daemon.config import OBSOLETE, Config, ConfigFile
+from daemon.store.yamlfile import read
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedArm:
+    """Kinematics and bodies of the arm, and what it must not touch."""
+
+    kinematics: PumaKinematics
+    config: Config
+
+    @property
+    def table_z_mm(self) -> float:
+        """Height of the table in the world, mm."""
+        return self.config.values.pick.limits.table_z_mm
+
+    @property
+    def keep_out(self) -> tuple[KeepOut, ...]:
+        """The boxes of the configuration that the arm keeps out of."""
+        return self.config.values.pick.limits.keep_out
+
+    def capsules(self, joints_rad: Array) -> tuple[list[float], Array]:
+        """Radii of its C capsules, mm, and their ends (N, C, 2, 3), mm in the world, at joints (N, 6) rad."""
+        limits = guarded(self.config.values.pick.limits, self.kinematics.arm)
+        body = body_of(limits.capsules, ())
+        solid = body.radius_mm > 0
+        return body.radius_mm[solid].tolist(), body.placed(self.kinematics.frames(joints_rad))[:, solid]
+
+
+def recorded_arm(config: Path, arm_file: Path | None) -> RecordedArm:
+    """The arm of a kept configuration, and of the arm.yaml that was kept with it. Raises ConfigError."""
+    document, _ = read(config).without(OBSOLETE)
+    values = document.convert(ConfigFile)
+    if arm_file is not None:
+        values = replace(values, arm=replace(values.arm, file=str(arm_file)))
+    made = Config(values, document, values.cell)
+    return RecordedArm(PumaKinematics(arm_geometry(made)), made)
