@@ -1,7 +1,7 @@
 """Whether an echo that is not what was typed holds another's line as well, or noise alone. Pure; bytes in.
 
 Noise flips a byte, loses one, doubles or adds a few. Whoever types on the same line loses none of our letters, adds a
-line's worth of his own, and ends a line that we had not ended.
+line's worth of his own, or as little as an Enter, and ends a line that we had not ended.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ LINE_END = re.compile(rb"[\r\n]")
 BEGINS_WITH_PROMPT = re.compile(rb"^" + PROMPT_DOTS.pattern)
 UNTYPED = bytes(byte for byte in range(256) if not (0x21 <= byte <= 0x7E or byte == 0x07))
 """What is not counted: a space may stand behind a prompt. A bell is a character that found no room in its line."""
+REFUSES = re.compile(rb"illegal|syntax|ambiguous|undefined|not defined|misspelled", re.IGNORECASE)
+"""How a controller refuses half a line."""
 ANSWERS = re.compile(rb"\*|\.\s*$|X *Y|X/JT1")
 """Where an answer of the controller's begins, should the line end before it be lost."""
 
@@ -29,7 +31,20 @@ def typed_beside(ours: bytes, back: bytes) -> bool:
     if len(lines) == 1 or b"?" in back:
         return False
     echoed = lines[0] + b"".join(BEGINS_WITH_PROMPT.sub(b"", line) for line in lines[1:] if not _is_answer(line))
-    return _length(echoed) - _length(ours) >= SHORTEST_TYPED
+    return _length(echoed) - _length(ours) >= SHORTEST_TYPED or (_ended(lines[1:]) and _holds(echoed, ours))
+
+
+def _ended(lines: list[bytes]) -> bool:
+    """Whether what came behind the first line end is what a controller says to a line: its prompt at once, or that it
+    knows no such command; and nothing that it says by itself."""
+    first = next((line for line in lines if line.strip()), b"")
+    return BEGINS_WITH_PROMPT.match(first) is not None or REFUSES.search(first) is not None
+
+
+def _holds(echoed: bytes, ours: bytes) -> bool:
+    """Whether all of our letters are there, in order: noise that makes a line end of one loses it."""
+    left = iter(echoed.translate(None, UNTYPED))
+    return all(byte in left for byte in ours.translate(None, UNTYPED))
 
 
 def typed_behind(said: bytes) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from drivers.val2.interleaved import SHORTEST_TYPED, typed_behind, typed_beside
@@ -38,16 +38,39 @@ harms = st.tuples(st.floats(0, 1), st.sampled_from(["flip", "drop", "double", "i
 
 
 @given(st.sampled_from(["WHERE", "SPEED 40", "DO BREAK", OURS]), st.lists(harms, max_size=SHORTEST_TYPED))
-@example("WHERE", [(0.5, "insert", 13), (0.5, "double", 0), (0.5, "double", 0)])
+@example("WHERE", [(0.5, "flip", 13), (0.5, "double", 0), (0.5, "double", 0)])
 @example(OURS, [(0.3, "insert", 35)] * SHORTEST_TYPED)
 def test_up_to_three_bytes_of_noise_are_nobodys_line(ours: str, noisy: list[tuple[float, str, int]]) -> None:
-    """Also where one of them ends the line, and what stood there is refused."""
+    """Also where one of them ends the line, and what stood there is refused. Noise that adds a line end, and harms no
+    letter, is what somebody's Enter is: of what noise adds, one byte in 128."""
     back = ours.encode()
     for share, harm, instead in noisy:
         if back:
             back = spoiled(back, min(int(share * len(back)), len(back) - 1), harm, instead)
     first, *rest = back.replace(b"\n", b"\r").split(b"\r")
+    assume(not rest or not subsequence(ours.encode(), back))
     assert not typed_beside(ours.encode(), first + b"".join(REFUSED + piece for piece in rest))
+
+
+def subsequence(some: bytes, of: bytes) -> bool:
+    left = iter(of)
+    return all(byte in left for byte in some)
+
+
+@given(
+    ours=lines,
+    at=st.integers(0, 30),
+    theirs=st.sampled_from(["", "Y", "N", "GO"]),
+    said=st.sampled_from([b"*Illegal command*\r\n.", b"*Syntax error*\r\n.", b"*Ambiguous name*\r\n. ", b"."]),
+)
+def test_an_enter_and_few_letters_before_it_amid_ours_are_noticed_as_none_of_ours_is_lost(
+    ours: str, at: int, theirs: str, said: bytes
+) -> None:
+    """Somebody who answers a question that nobody asks, or looks whether the controller is there."""
+    before, after = ours[:at].encode(), ours[at:].encode()
+    assert typed_beside(ours.encode(), before + theirs.encode() + b"\r\n" + said + after)
+    if after:
+        assert not typed_beside(ours.encode(), before + theirs.encode() + b"\r\n" + said + after[1:])
 
 
 @pytest.mark.parametrize(
@@ -82,6 +105,11 @@ def test_behind_a_whole_echo_a_line_is_anothers_and_a_spoiled_line_end_is_not(sa
 
 def test_a_line_that_another_program_types_amid_a_moves_turn_is_noticed_at_every_moment() -> None:
     assert shares(typed_beside_by("SPEED 100", 0.001), 40) == {"noticed": 40}
+
+
+def test_an_enter_amid_a_moves_turn_is_noticed_but_while_the_arm_moves() -> None:
+    """Typed ahead then, it does nothing but a line end more, which controllers print as they like."""
+    assert shares(typed_beside_by("", 0.001), 40)["noticed"] >= 36
 
 
 @pytest.mark.parametrize("harm", ["drop", "flip", "insert"])
