@@ -41,6 +41,7 @@ NOT_OF_POWER_UP = (
     "`{}` is not a known power-up question (arm.dialect.power_up_asks). A yes may move the arm, and the arm is not "
     "enabled. `stop` answers N and ends the program that asks"
 )
+CAL = "CAL, in which each joint turns a little and the guard checks nothing"
 ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
 
@@ -81,7 +82,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
     if what == "cal":
         no_more(words, 1, "robot cal")
         reply = context.config.values.arm.calibrate_answer
-        said = await with_questions(context, by_hand("CAL", lambda: arm.calibrate(reply)), frontend)
+        said = await with_questions(context, by_hand(CAL, lambda: arm.calibrate(reply)), frontend)
         return _replies([*said, f"(answered {reply}) The arm is calibrated and at rest."])
     if not text:
         return await monitor(context, frontend)

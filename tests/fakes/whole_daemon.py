@@ -171,7 +171,7 @@ class Words:
             self._by_hand = {line: status for line, status in self._by_hand.items() if status is None}
             motion_monitor.may_drop(now_s, bool(self._by_hand))
         if is_word(word, "robot"):
-            motion_monitor.by_hand(now_s, text.partition("onitor")[2].strip())
+            motion_monitor.by_hand(now_s, typed_to_controller(text))
         self._tell(any(is_word(word, known) for known in MOVES))
 
     def _held_or_not(self, text: str, key: Key, now_s: float) -> None:
@@ -312,6 +312,14 @@ def first_word(text: str) -> str:
     except ValueError:
         words = text.split()
     return words[0].lower() if words else ""
+
+
+def typed_to_controller(text: str) -> str:
+    """What comes of a line that begins with `robot`: where CAL moves the arm is for the operator to say who confirms
+    it, as for any other line of theirs."""
+    rest = text.split()[1:]
+    calibrates = len(rest) == 1 and is_word(rest[0].lower(), "cal")
+    return "CAL" if calibrates else text.partition("onitor")[2].strip()
 
 
 def is_word(typed: str, name: str) -> bool:

@@ -15,6 +15,7 @@ from daemon.cli.commission_steps import (
     _survey,
     _zero,
 )
+from daemon.commands.controller_terminal import CAL
 from daemon.store.outside import FileError
 
 WHERE = {"world_from_tool": [[1, 0, 0, 420.0], [0, 1, 0, 0.0], [0, 0, 1, 60.0], [0, 0, 0, 1]]}
@@ -167,7 +168,7 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
                 return done("the controller asks 'Initialize (Y/N)?': answer that first", status=1)
             if text == "robot cal":
                 self.said.append(text)
-                assert ask("CAL. Send it? [y/n]") == "y", "the person's own yes"
+                assert ask(f"{CAL}. Send it? [y/n]") == "y", "the person's own yes"
                 self.zero, self.power = self.power, True
                 return done("calibrated") if self.zero else done("*ARM POWER OFF*", status=1)
             if text == "go survey" and not self.zero:
@@ -180,7 +181,7 @@ def test_a_controller_that_was_switched_on_is_answered_and_finds_its_zero() -> N
         CommissioningSession(link, person, CommissioningPlan("9x6", 16.0, 4.0, "cube")), {}, lambda _: None
     )
     assert link.said.count("robot cal") == 2
-    assert asked.count("CAL. Send it? [y/n]") == 2, "no motion is confirmed for somebody"
+    assert asked.count(f"{CAL}. Send it? [y/n]") == 2, "no motion is confirmed for somebody"
 
 
 def test_a_part_is_shown_from_as_many_sides_as_the_person_wants() -> None:

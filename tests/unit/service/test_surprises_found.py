@@ -1089,3 +1089,23 @@ def test_nothing_that_moves_is_typed_once_more_after_a_hold_that_was_said_while_
         story.wait(3.0)
     assert ((story.cell.world_from_tool() == before[0]).all(), machine.hand_closed) != (True, before[1])
     assert story.violations() == ()
+
+
+@pytest.mark.parametrize("answer", ["y", "n"])
+def test_cal_where_the_pendant_left_the_arm_is_for_who_confirms_it_to_answer_for(story: Story, answer: str) -> None:
+    """A controller without its zero does not know where the arm is: people are asked, and facetd cannot say more."""
+    before = len(story.cell.controller.lines)
+    for joint, degrees in ((1, 40.0), (2, 90.0)):
+        story.sockets[0].say("robot cal")
+        story.wait(2.0)
+        assert story.sockets[0].question is not None
+        assert "each joint turns a little" in story.sockets[0].question[1]
+        story.by_pendant(joint, degrees)
+        story.sockets[0].answer(answer)
+        story.wait(20.0)
+    story.sockets[0].say("robot cal")
+    story.wait(2.0)
+    story.sockets[0].answer(answer)
+    story.wait(20.0)
+    assert list(story.cell.controller.lines)[before:].count("CAL") == (3 if answer == "y" else 0)
+    assert story.violations() == ()
