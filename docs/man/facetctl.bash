@@ -18,7 +18,7 @@ _facetctl() {
             model) words="-h --help show --json diff check" ;;
             recognise) words="-h --help --calibration --model --json --draw" ;;
             replay) words="-h --help --runs --with --workers --cluster --out --json" ;;
-            review) words="-h --help --runs --out --against --week" ;;
+            review) words="-h --help --runs --out --against --cycle --week" ;;
             runs) words="-h --help --runs --last --json collect --into --free" ;;
             snap) words="-h --help --count --every --config --sim --json" ;;
             stream) words="-h --help --port --fps --plain --config --sim --json" ;;
