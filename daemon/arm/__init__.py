@@ -6,6 +6,7 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import (
     ARM,
+    CAMERAS_ON_HAND,
     Capsule,
     FixtureBox,
     KeepOut,
@@ -15,10 +16,10 @@ from daemon.arm.body import (
     carried_part,
     held_anyhow,
 )
-from daemon.arm.guard import Limits, MoveCommand, Point, SupportContact
+from daemon.arm.guard import CAMERA_POINTS_MM, Limits, MoveCommand, Point, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
-from daemon.arm.mounting import CameraMounting, OnHand
+from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.paths import speed_pct
 from daemon.arm.permit import Grant, MotionPermit
@@ -41,6 +42,8 @@ from daemon.arm.workcell import (
 __all__ = [
     "ABORT_S",
     "ARM",
+    "CAMERAS_ON_HAND",
+    "CAMERA_POINTS_MM",
     "EYES",
     "PATH_MM",
     "Arrival",
@@ -54,6 +57,7 @@ __all__ = [
     "FixtureBox",
     "Grant",
     "HeldBackError",
+    "InWorld",
     "Interruption",
     "KeepOut",
     "Kinematics",
@@ -84,9 +88,11 @@ __all__ = [
     "Workcell",
     "body_like",
     "body_of",
+    "cameras_box",
     "capsule_around",
     "carried_part",
     "held_anyhow",
+    "in_view",
     "said",
     "settled_pair",
     "speed_pct",

@@ -77,6 +77,12 @@ class FixtureBox(KeepOut):
     heading_deg: float = 0.0
 
 
+CAMERAS_ON_HAND: tuple[Capsule, ...] = (
+    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
+    Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
+)
+"""What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
+
 ARM: tuple[Capsule, ...] = (
     Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
     Capsule("upper arm", "upper_arm", (-340.0, 0.0, 218.5), (0.0, 0.0, 218.5), 135.0),
@@ -86,8 +92,7 @@ ARM: tuple[Capsule, ...] = (
     Capsule("palm", "tool", (0.0, -25.0, -85.0), (0.0, 25.0, -85.0), 36.0),
     Capsule("left finger", "tool", (0.0, 49.0, -50.0), (0.0, 49.0, 2.5), 7.5),
     Capsule("right finger", "tool", (0.0, -49.0, -50.0), (0.0, -49.0, 2.5), 7.5),
-    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
-    Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
+    *CAMERAS_ON_HAND,
 )
 """A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
 (UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;

@@ -18,15 +18,18 @@ from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
 # The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
+CAMERA_POINTS_MM: tuple[Point, ...] = (
+    (-85.0, 50.0, -80.0),
+    (-85.0, -50.0, -80.0),
+    (-100.0, 50.0, -110.0),
+    (-100.0, -50.0, -110.0),
+)
 BODY_MM: tuple[Point, ...] = (
     (7.5, 45.0, 10.0),
     (-7.5, 45.0, 10.0),
     (7.5, -45.0, 10.0),
     (-7.5, -45.0, 10.0),
-    (-85.0, 50.0, -80.0),
-    (-85.0, -50.0, -80.0),
-    (-100.0, 50.0, -110.0),
-    (-100.0, -50.0, -110.0),
+    *CAMERA_POINTS_MM,
 )
 
 

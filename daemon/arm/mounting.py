@@ -1,4 +1,4 @@
-"""How the cameras are mounted: on the hand (eye-in-hand), where they move with the tool. Pure: arrays in, arrays out.
+"""How the cameras are mounted: on the hand (eye-in-hand), or fixed in the world (eye-to-hand). Pure: arrays in and out.
 
 Every pose of the cameras, and every pose of the arm for a look, comes from here.
 """
@@ -10,7 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
+from daemon.arm import paths
+from daemon.arm.body import ArmBody, KeepOut, Point
 from daemon.arrays import Array
+from daemon.vision.geometry import StereoRig
+
+CAMERA_MM = 60.0
+"""Half of a camera with its lens and bracket: fixed cameras are kept out of the arm's way by a box that reaches this
+far beyond their optical centres."""
+CAMERAS = "the fixed cameras"
+"""The name of that box."""
+APART_MM = 20.0
+"""How far apart points on a capsule's axis are that are projected into the pictures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,5 +45,69 @@ class OnHand:
         world_from_cyclopean = frames.rigid(view, centre - stand_off_mm * view[:, 2])
         return world_from_cyclopean @ frames.inverse(self.tool_from_cyclopean)
 
+    def approach_pose(self, grasp: Array, centre: Array, distance_mm: float) -> Array:
+        """world_from_tool (4, 4) on the way to a grasp (4, 4) of a part at centre (3,), from where it is looked at."""
+        return self.look_pose(grasp[:3, :3], centre, distance_mm)
 
-CameraMounting = OnHand
+
+@dataclass(frozen=True, eq=False)
+class InWorld:
+    """Eye-to-hand: world_from_cyclopean, (4, 4) mm, is constant, and every look is from out_of_view, world_from_tool
+    (4, 4), where the arm hides nothing. pivot: (3,) world, about which the error of world_from_cyclopean turns."""
+
+    world_from_cyclopean: Array
+    out_of_view: Array
+    pivot: Array
+
+    def world_from_cyclopean_at(self, _world_from_tool: Array) -> Array:
+        """See OnHand."""
+        return self.world_from_cyclopean
+
+    def tool_from_cyclopean_at(self, world_from_tool: Array) -> Array:
+        """See OnHand."""
+        return np.asarray(frames.inverse(world_from_tool) @ self.world_from_cyclopean)
+
+    def look_pose(self, _rotation: Array, _centre: Array, _stand_off_mm: float) -> Array:
+        """See OnHand: the cameras see all that they see from where they are."""
+        return self.out_of_view
+
+    def approach_pose(self, grasp: Array, _centre: Array, distance_mm: float) -> Array:
+        """See OnHand: straight back from the grasp, as nothing is looked at from there."""
+        return paths.backed_off(grasp, distance_mm)
+
+
+CameraMounting = OnHand | InWorld
+
+
+def cameras_box(rig: StereoRig, world_from_cyclopean: Array) -> KeepOut:
+    """The upright box around fixed cameras that nothing of the arm may enter."""
+    centres = [(world_from_cyclopean @ eye.cyclopean_from_camera)[:3, 3] for eye in (rig.left, rig.right)]
+    return KeepOut(CAMERAS, _point(np.min(centres, axis=0) - CAMERA_MM), _point(np.max(centres, axis=0) + CAMERA_MM))
+
+
+def _point(place: Array) -> Point:
+    x, y, z = (float(value) for value in place)
+    return x, y, z
+
+
+def in_view(links: Array, body: ArmBody, rig: StereoRig, world_from_cyclopean: Array) -> str | None:
+    """What of an arm, its links at (8, 4, 4), fixed cameras have in view: the first piece's name, or None.
+
+    A piece is the balls along its axis; each is in a picture where its middle is no farther outside than its radius
+    appears there.
+    """
+    width, height = rig.image_size
+    for name, (start, end), radius in zip(body.names, body.placed(links[None])[0], body.radius_mm, strict=True):
+        count = int(np.ceil(np.linalg.norm(end - start) / APART_MM)) + 1
+        points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        seen = frames.apply(frames.inverse(world_from_cyclopean), points)
+        for eye in (rig.left, rig.right):
+            depth = frames.apply(frames.inverse(eye.cyclopean_from_camera), seen)[:, 2]
+            before = depth > radius
+            if not before.any():
+                continue
+            px, margin = eye.project(seen[before]), radius * eye.matrix[0, 0] / depth[before]
+            inside = (px > -margin[:, None]) & (px < (width, height) + margin[:, None])
+            if inside.all(axis=1).any():
+                return name
+    return None

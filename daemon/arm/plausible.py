@@ -28,6 +28,8 @@ FROM_TABLE_MM = 250.0
 """How far the workspace box may begin above the table, or below it, and still be meant."""
 LOOKS_ALONG = 0.2
 """Least cosine between the cameras' axis and the way the gripper approaches."""
+LOWEST_MM = 100.0
+"""Fixed cameras are at least this far above the table."""
 LIMITS: Keys = ("pick", "limits")
 DIGITS_MM = 0.1
 AS_METRES = "metres? write them times 1000"
@@ -86,6 +88,28 @@ def hand_eye(tool_from_cyclopean: Array, reach_mm: float) -> Iterator[Implausibl
     elif before_mm > 0:
         found = f"them {before_mm:.0f} mm before"
         yield _found(keys, "cameras behind the tool centre point (z < 0)", found, "invert the matrix?")
+
+
+def fixed_cameras(world_from_cyclopean: Array, guard: Limits, reach_mm: float) -> Iterator[Implausible]:
+    """hand_eye.world_from_cyclopean (4, 4) of cameras fixed over the table of an arm that reaches reach_mm."""
+    keys: Keys = ("hand_eye", "world_from_cyclopean")
+    above_mm, down = float(world_from_cyclopean[2, 3]) - guard.table_z_mm, -float(world_from_cyclopean[2, 2])
+    if 0.0 < float(np.linalg.norm(world_from_cyclopean[:3, 3])) < METRES_MM:
+        found = f"a translation of {np.linalg.norm(world_from_cyclopean[:3, 3]):g} altogether"
+        yield _found(keys, "millimetres", found, AS_METRES)
+    elif above_mm < LOWEST_MM:
+        yield _found(keys, "cameras above the table", f"them {above_mm:.0f} mm above it", "invert the matrix?")
+    elif down < LOOKS_ALONG:
+        yield _found(keys, "cameras that look down at the table", "another way", "swapped axes? calibrate again")
+    elif (off_mm := float(np.linalg.norm(on_table(world_from_cyclopean, guard.table_z_mm)))) > 1.5 * reach_mm:
+        found = f"them to look at a place {off_mm:.0f} mm off, the arm's reach is {reach_mm:.0f}"
+        yield _found(keys, "cameras that look at where the arm reaches", found, "calibrate hand-eye again")
+
+
+def on_table(world_from_cyclopean: Array, table_z_mm: float) -> Array:
+    """(3,) world mm where the axis of cameras that look down meets the table."""
+    along = (table_z_mm - world_from_cyclopean[2, 3]) / world_from_cyclopean[2, 2]
+    return np.asarray(world_from_cyclopean[:3, 3] + along * world_from_cyclopean[:3, 2])
 
 
 def limits(guard: Limits, reach_mm: float, shoulder_mm: Array = ORIGIN) -> Iterator[Implausible]:

@@ -27,12 +27,20 @@ Rows = Sequence[Sequence[float]]
 
 
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
-    """Quality of a calibration when it was made: rms px, rms mm and degrees; when and how it was made."""
+    """Quality of a calibration when it was made: rms px, rms mm and degrees; when and how it was made.
+
+    Of fixed cameras hand_eye_mm and hand_eye_deg are their error about about_mm (world); arm_mm and arm_deg, a standard
+    deviation per axis, how far the arm was from where it reported to be: it goes from one calibrated place to another
+    to grasp, and no camera comes with it.
+    """
 
     reprojection_px: float | None = None
     epipolar_px: float | None = None
     hand_eye_mm: float | None = None
     hand_eye_deg: float | None = None
+    about_mm: tuple[float, float, float] | None = None
+    arm_mm: float | None = None
+    arm_deg: float | None = None
     views: int | None = None
     method: str | None = None
     made: datetime | None = None
@@ -40,7 +48,8 @@ class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defa
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """rig: both cameras; tool_from_cyclopean: (4, 4) mm, None before the hand-eye calibration.
+    """rig: both cameras; tool_from_cyclopean: (4, 4) mm, of cameras on the hand; world_from_cyclopean: (4, 4) mm, of
+    fixed cameras. Both are None before the hand-eye calibration, and one always.
 
     alone: the only camera in use; the rig's other camera is then the same one at the second place of a usual moved
     pair.
@@ -50,6 +59,12 @@ class Calibration:
     tool_from_cyclopean: Array | None = None
     quality: Quality = field(default_factory=Quality)
     alone: EyeName | None = None
+    world_from_cyclopean: Array | None = None
+
+    @property
+    def hand_eye(self) -> Array | None:
+        """The pose of the cameras (4, 4) mm, on the tool or in the world; None before the hand-eye calibration."""
+        return self.tool_from_cyclopean if self.world_from_cyclopean is None else self.world_from_cyclopean
 
 
 def now() -> datetime:
@@ -57,7 +72,7 @@ def now() -> datetime:
     return datetime.now(UTC).replace(microsecond=0)
 
 
-def calibration_of(result: StereoResult, tool_from_cyclopean: Array | None = None) -> Calibration:
+def calibration_of(result: StereoResult, before: Calibration | None = None) -> Calibration:
     """The Calibration of a stereo result. A hand-eye from before is a start value at best: the cyclopean frame has
     moved."""
     quality = Quality(
@@ -67,7 +82,10 @@ def calibration_of(result: StereoResult, tool_from_cyclopean: Array | None = Non
         method="stereo",
         made=now(),
     )
-    return Calibration(result.rig, tool_from_cyclopean, quality)
+    if before is None:
+        return Calibration(result.rig, quality=quality)
+    on_tool, in_world = before.tool_from_cyclopean, before.world_from_cyclopean
+    return Calibration(result.rig, on_tool, quality, world_from_cyclopean=in_world)
 
 
 def same_geometry(a: Calibration, b: Calibration) -> bool:
@@ -75,7 +93,7 @@ def same_geometry(a: Calibration, b: Calibration) -> bool:
 
     def numbers(calibration: Calibration) -> list[Array]:
         cameras = (calibration.rig.left, calibration.rig.right)
-        hand_eye = calibration.tool_from_cyclopean
+        hand_eye = calibration.hand_eye
         return [
             np.array(calibration.rig.image_size),
             *(
@@ -84,6 +102,7 @@ def same_geometry(a: Calibration, b: Calibration) -> bool:
                 for array in (camera.matrix, camera.distortion, camera.cyclopean_from_camera)
             ),
             np.zeros(0) if hand_eye is None else hand_eye,
+            np.array([calibration.world_from_cyclopean is None]),
         ]
 
     return all(map(np.array_equal, numbers(a), numbers(b)))
@@ -95,8 +114,9 @@ class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
     cyclopean_from_camera: list[list[float]]
 
 
-class _HandEye(msgspec.Struct, forbid_unknown_fields=True):
-    tool_from_cyclopean: list[list[float]]
+class _HandEye(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    tool_from_cyclopean: list[list[float]] | None = None
+    world_from_cyclopean: list[list[float]] | None = None
 
 
 class _CalibrationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -129,9 +149,19 @@ def _checked(document: Document) -> Calibration:
         raise document.error(
             ("left", "cyclopean_from_camera"), "the left camera is to the right of the right one: exchange the two"
         )
-    keys: tuple[Key, ...] = ("hand_eye", "tool_from_cyclopean")
-    tool = None if file.hand_eye is None else rigid(document, keys, file.hand_eye.tool_from_cyclopean)
-    return Calibration(rig, tool, file.quality, "left" if file.right is None else None)
+    on_tool, in_world = (_hand_eye(document, file.hand_eye, name) for name in ("tool_from_cyclopean", IN_WORLD))
+    if file.hand_eye is not None and (on_tool is None) == (in_world is None):
+        problem = f"expected tool_from_cyclopean (cameras on the hand) or {IN_WORLD} (fixed cameras), one of them"
+        raise document.error(("hand_eye",), problem)
+    return Calibration(rig, on_tool, file.quality, "left" if file.right is None else None, in_world)
+
+
+IN_WORLD = "world_from_cyclopean"
+
+
+def _hand_eye(document: Document, entry: _HandEye | None, name: str) -> Array | None:
+    rows = None if entry is None else getattr(entry, name)
+    return None if rows is None else rigid(document, ("hand_eye", name), rows)
 
 
 def rig_of_one(camera: Camera, image_size: tuple[int, int]) -> StereoRig:
@@ -154,18 +184,24 @@ def save_calibration(calibration: Calibration, path: Path) -> None:
 def calibration_text(calibration: Calibration) -> bytes:
     """The content of calibration.yaml."""
     rig = calibration.rig
-    tool = calibration.tool_from_cyclopean
     file = _CalibrationFile(
         version=1,
         image_size=list(rig.image_size),
         left=_entry(rig.left),
         right=None if calibration.alone else _entry(rig.right),
-        hand_eye=None if tool is None else _HandEye(tool.tolist()),
+        hand_eye=_entry_of_hand_eye(calibration),
         quality=calibration.quality,
     )
     plain = msgspec.to_builtins(file, builtin_types=(datetime,))
     text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=110)
     return f"# Lengths in mm, images in px (OpenCV pixel centres). Written by facetctl.\n{text}".encode()
+
+
+def _entry_of_hand_eye(calibration: Calibration) -> _HandEye | None:
+    pose = calibration.hand_eye
+    if pose is None:
+        return None
+    return _HandEye(pose.tolist()) if calibration.world_from_cyclopean is None else _HandEye(None, pose.tolist())
 
 
 def _camera(document: Document, name: str, entry: _CameraEntry) -> Camera:

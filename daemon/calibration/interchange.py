@@ -136,7 +136,7 @@ def _before(path: Path) -> Calibration | None:
 
 def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:
     """Without the old hand-eye, which is of another cyclopean frame."""
-    if before is not None and before.tool_from_cyclopean is not None:
+    if before is not None and before.hand_eye is not None:
         print("the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next")
     return Calibration(rig, None, Quality(method="imported"))
 

@@ -212,7 +212,7 @@ async def _so_far(views: list[BoardView], board: Board, calibration: Calibration
 def solve_stereo(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, StereoResult]:
     """Stereo calibration from the views; the old hand-eye stays, and needs a new calibration. Raises StereoError."""
     result = calibrate_stereo([v.pair for v in views], board, before.rig.image_size)
-    return calibration_of(result, before.tool_from_cyclopean), result
+    return calibration_of(result, before), result
 
 
 def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, CameraResult]:

@@ -8,7 +8,19 @@ from statistics import median
 
 import numpy as np
 
-from daemon.arm import ARM, Limits, OnHand, Recorder, Workcell, body_like
+from daemon.arm import (
+    ARM,
+    CAMERA_POINTS_MM,
+    CAMERAS_ON_HAND,
+    CameraMounting,
+    InWorld,
+    Limits,
+    OnHand,
+    Recorder,
+    Workcell,
+    body_like,
+    cameras_box,
+)
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
@@ -36,14 +48,43 @@ def pick_cell(
     rig, alone = calibration.rig, hardware.cameras.alone
     if alone is not None:
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
-    workcell = Workcell(
-        hardware.robot, hardware.cameras, log, hardware.clock, rig, OnHand(tool_from_cyclopean), compute, alone
-    )
     settings = config.values.pick
     keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
     limits = guarded(replace(settings.limits, keep_out=keep_out), hardware.robot.arm)
-    doubt = doubt_of(calibration.quality, settings.doubt)
-    return workcell, replace(settings, limits=limits, doubt=doubt)
+    settings = replace(settings, limits=limits, doubt=doubt_of(calibration.quality, settings.doubt))
+    mounting: CameraMounting = OnHand(tool_from_cyclopean)
+    if calibration.world_from_cyclopean is not None:
+        settings = looking_once(settings, calibration)
+        about = calibration.quality.about_mm
+        pivot = calibration.world_from_cyclopean[:3, 3] if about is None else np.array(about)
+        mounting = InWorld(calibration.world_from_cyclopean, settings.home.pose(), pivot)
+    workcell = Workcell(hardware.robot, hardware.cameras, log, hardware.clock, rig, mounting, compute, alone)
+    return workcell, settings
+
+
+def looking_once(settings: Settings, calibration: Calibration) -> Settings:
+    """The settings of a pick with fixed cameras: they see a part from one place and no nearer, so that one look before
+    the grasp says what all would. The cameras are kept out of, and are no part of the hand; the arm's accuracy counts
+    at the grasp."""
+    assert calibration.world_from_cyclopean is not None
+    limits, quality = settings.limits, calibration.quality
+    stops = replace(settings.stops, stand_offs_mm=settings.stops.stand_offs_mm[-1:], least_looks=1, most_looks=1)
+    hand = tuple(piece for piece in limits.capsules if piece not in CAMERAS_ON_HAND)
+    points = tuple(point for point in limits.body_mm if point not in CAMERA_POINTS_MM)
+    box = cameras_box(calibration.rig, calibration.world_from_cyclopean)
+    return replace(
+        settings,
+        surveys=settings.surveys[:1],
+        last_surveys=(),
+        views_of_doubtful=0,
+        stops=stops,
+        limits=replace(limits, capsules=hand, body_mm=points, keep_out=(*limits.keep_out, box)),
+        doubt=replace(
+            settings.doubt,
+            arm_mm=max(settings.doubt.arm_mm, WORST_MM if quality.arm_mm is None else quality.arm_mm),
+            arm_deg=max(settings.doubt.arm_deg, WORST_DEG if quality.arm_deg is None else quality.arm_deg),
+        ),
+    )
 
 
 def place_table(config: Config) -> PlaceTable:

@@ -8,18 +8,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from msgspec import Meta
 
-from daemon.arm import EYES, EyeName, plausible
+from daemon.arm import ARM, CAMERAS_ON_HAND, EYES, EyeName, body_like, body_of, in_view, plausible
+from daemon.arrays import Array
 from daemon.calibration.file import Calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.config import Config, Matrix4
 from daemon.store.yamlfile import Document, read
-from drivers.camera.settings import CameraSettings
-from drivers.puma560 import PUMA560, ArmGeometry, reachable
+from daemon.vision.geometry import StereoRig
+from drivers.camera.settings import CameraSettings, Mounting
+from drivers.puma560 import PUMA560, ArmGeometry, link_frames, reachable, solutions
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
@@ -190,10 +192,52 @@ def check_hand_eye(config: Config, calibration: Calibration) -> None:
         raise config.document.error(("cameras",), problem)
     for camera in implausible_rig(calibration.rig):
         raise read(config.calibration).error(camera.keys, camera.problem)
-    if calibration.tool_from_cyclopean is None:
-        return
-    for wrong in plausible.hand_eye(calibration.tool_from_cyclopean, arm_geometry(config).reach_mm):
-        raise read(config.calibration).error(wrong.keys, wrong.problem)
+    arm, fixed, on_hand = arm_geometry(config), calibration.world_from_cyclopean, calibration.tool_from_cyclopean
+    if (fixed if mounting(config) == "hand" else on_hand) is not None:
+        is_of, key = ("on the hand", "hand") if fixed is None else ("fixed in the world", "world")
+        problem = f"expected `mounting: {key}`, as {config.calibration} is of cameras {is_of}"
+        raise config.document.error(("cameras",), problem)
+    if mounting(config) == "world":
+        _check_fixed(config)
+    wrong: Iterator[plausible.Implausible] = iter(())
+    if fixed is not None:
+        wrong = plausible.fixed_cameras(fixed, config.values.pick.limits, arm.reach_mm)
+    elif on_hand is not None:
+        wrong = plausible.hand_eye(on_hand, arm.reach_mm)
+    for each in wrong:
+        raise read(config.calibration).error(each.keys, each.problem)
+    if fixed is not None and (piece := _home_in_view(config, calibration.rig, fixed, arm)):
+        problem = f"expected the arm out of the fixed cameras' view, found its {piece} in it: move home, or the cameras"
+        raise config.document.error(("pick", "home"), problem)
+
+
+def mounting(config: Config) -> Mounting:
+    """Where the configuration says that the cameras are. Raises ConfigError."""
+    where: Mounting = config.values.cameras.get("mounting", "hand")
+    if where not in get_args(Mounting):
+        raise config.document.error(("cameras", "mounting"), f"expected hand or world, found {where!r}")
+    return where
+
+
+def _check_fixed(config: Config) -> None:
+    """What needs cameras on the hand. Raises ConfigError."""
+    if alone(config) is not None:
+        problem = "expected two cameras: one that is fixed in the world cannot be moved to see depth"
+        raise config.document.error(("cameras",), problem)
+    if config.places.places:
+        problem = f"expected no places in {config.places_file}: no fixed camera measures how the gripper holds a part"
+        raise config.document.error(("cameras", "mounting"), problem)
+
+
+def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmGeometry) -> str | None:
+    """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
+    out of reach."""
+    limits = config.values.pick.limits
+    capsules = limits.capsules if limits.capsules != ARM else body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)
+    body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())
+    ways = [joints for _, joints in solutions(config.values.pick.home.pose(), arm)]
+    seen = [in_view(link_frames(joints[None], arm)[0], body, rig, world_from_cyclopean) for joints in ways]
+    return seen[0] if seen and all(seen) else None
 
 
 def truth(config: Config) -> Path:
@@ -202,7 +246,10 @@ def truth(config: Config) -> Path:
 
     path = config.file(config.values.simulated.truth)
     try:
-        load_truth(path)
+        told = load_truth(path)
     except TruthError as error:
         raise config.document.error(("simulated", "truth"), " ".join(str(error).split())) from None
+    key = "hand" if told.world_from_cyclopean is None else "world"
+    if key != mounting(config):
+        raise config.document.error(("cameras",), f"expected `mounting: {key}`, as {path} has the cameras there")
     return path

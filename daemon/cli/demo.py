@@ -67,6 +67,9 @@ def register(subparsers: Any) -> None:
         action="store_true",
         help="also a bracket and a knob, taught from drawings, with bores and roundings",
     )
+    parser.add_argument(
+        "--fixed", action="store_true", help="cameras fixed over the table (eye-to-hand) in place of on the gripper"
+    )
     parser.add_argument("--runs", type=Path, help="where the run is written (as the daemon does)")
     parser.set_defaults(run=run)
 
@@ -85,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         written = Path(link.do("status", "demo", say)["data"]["run"])
         _begin_default_state(runs, written)
         look = "".join(f" --{name} {kind}" for name, kind in _variety(args).items() if kind != "plain")
-        look += " --machined" if args.machined else ""
+        look += "".join(f" --{name}" for name in ("machined", "fixed") if getattr(args, name))
         parts = (*PARTS, *MACHINED) if args.machined else PARTS
         again = f"seed {seed} (repeat it with --seed {seed}{look})"
         say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
@@ -133,7 +136,8 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
     """
     from daemon.config import load_config
 
-    config = load_config(folders.ETC / "facetd.yaml", simulated=True)
+    config = load_config(folders.ETC / ("fixed" if args.fixed else "") / "facetd.yaml", simulated=True)
+    own = config.document.data if args.fixed else {}
     files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
     truth, limits = str(config.file(config.values.simulated.truth)), config.values.pick.limits
     room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
@@ -143,7 +147,8 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "files": files,
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
-        "pick": {"stops": {"least_looks": 3}, "limits": room},
+        "cameras": own.get("cameras", {}),
+        "pick": own.get("pick", {}) | {"stops": {"least_looks": 3}, "limits": room},
         "simulated": {
             "truth": truth,
             "time_scale": args.time_scale,

@@ -98,6 +98,12 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
 def _check_eyes(context: CommandContext, kind: str) -> None:
     """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
     one = sections.alone(context.config)
+    if kind != "by-hand" and sections.mounting(context.config) == "world":
+        raise CommandError(
+            f"calibrate {kind}: moves cameras on the hand, and these are fixed; calibrate the pair by hand, and enter "
+            "hand_eye.world_from_cyclopean in calibration.yaml",
+            NOT_DONE,
+        )
     if context.hardware.cameras.alone != one:
         raise CommandError(
             f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`", NOT_DONE

@@ -58,8 +58,8 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
 
 
 def _eyes_on_hand(context: CommandContext) -> bool:
-    """Whether it is known how the cameras sit on the hand: without that no move is permitted."""
-    return context.calibration.tool_from_cyclopean is not None
+    """Whether it is known where the cameras are, on the hand or in the world: without that no move is permitted."""
+    return context.calibration.hand_eye is not None
 
 
 async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Grant:

@@ -106,7 +106,7 @@ def _calibration(config: Config, _: bool) -> Iterator[CheckResult]:
             yield CheckResult(
                 "bad", "calibration", f"{name} error {value:.2f} px, more than {good}", "Repeat the calibration"
             )
-    if calibration.tool_from_cyclopean is None:
+    if calibration.hand_eye is None:
         mend = "Run `facetctl calibrate hand-eye`; until then only `robot` can move the arm"
         yield CheckResult("bad", "calibration", f"{config.calibration} has no hand_eye", mend)
 

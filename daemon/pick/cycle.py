@@ -22,13 +22,16 @@ from daemon.arm import (
     BeliefSource,
     CellBelief,
     Interruption,
+    InWorld,
     OperatorRefusedError,
     Reading,
     RefusedError,
     Supervisor,
     VoidingEvent,
     Workcell,
+    body_of,
     held_anyhow,
+    in_view,
 )
 from daemon.arrays import Array
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
@@ -207,6 +210,7 @@ class PickCycle:
         """Look from where the arm stands, and from up to so many places more, each the one that settles most, until
         all that lies there has a name and two sides more show nothing new; what is known then. RefusedError when it may
         not start, or a part is in the hand: it would be taken for one that lies there, and gone round with it."""
+        self._must_move_the_cameras("look around")
         self._may_pick()
         self._must_be_empty()
         return await self.supervisor.run("look around", self._around(most))
@@ -214,6 +218,7 @@ class PickCycle:
     async def walk_round(self, recogniser: PartRecogniser, count: int, told: Told) -> tuple[CircledPart, list[Look]]:
         """Look at the one thing there is from `count` places round it; recogniser: what the looks are made with. Raises
         NoThingError, RefusedError (see look_around)."""
+        self._must_move_the_cameras("teach --around")
         self.supervisor.may_move()
         self._must_know_the_hand()
         self._must_be_empty()
@@ -297,6 +302,11 @@ class PickCycle:
         if self.recogniser is None or not self.recogniser.labels:
             raise RefusedError("there is no model: teach and train first")
 
+    def _must_move_the_cameras(self, command: str) -> None:
+        """Raise RefusedError where a command needs looks from several sides, and the cameras are fixed."""
+        if isinstance(self.cell.mounting, InWorld):
+            raise RefusedError(f"`{command}` needs cameras on the hand; these are fixed and see from one side only")
+
     def _must_know_the_hand(self) -> None:
         if self.belief.holds_part is None:
             raise RefusedError(
@@ -336,6 +346,7 @@ class PickCycle:
             raise RefusedError("there is no model to recognise parts with: teach and train first")
         mover = self.supervisor.mover
         before = await mover.rest() if self.cell.alone is None else await self._set_out_to_look()
+        self._must_be_out_of_view(before)
         look = await self._context(self.recogniser).lit_look(before, purpose)
         if self.cell.alone is not None:  # who looks ten times finds the arm where it was
             await mover.travel(before.world_from_tool, "back from beside", lambda _: self.settings.near_pct, True)
@@ -393,6 +404,16 @@ class PickCycle:
                 "with one camera a look moves the gripper aside, and it is low over the table: raise it first, `jog z`"
             )
         return here
+
+    def _must_be_out_of_view(self, here: Reading) -> None:
+        """Raise RefusedError where fixed cameras have the arm in view: it may hide a part."""
+        cell, limits = self.cell, self.settings.limits
+        if not isinstance(cell.mounting, InWorld):
+            return
+        links, body = cell.robot.kinematics.frames(here.joints_rad[None])[0], body_of(limits.capsules, limits.body_mm)
+        piece = in_view(links, body, cell.rig, cell.mounting.world_from_cyclopean)
+        if piece is not None:
+            raise RefusedError(f"the arm's {piece} is in the fixed cameras' view: `go home` first")
 
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as large as the longest of

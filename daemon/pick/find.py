@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.arm import CameraMounting, Reach
+from daemon.arm import CameraMounting, InWorld, Reach
 from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
@@ -221,7 +221,10 @@ def _side_view(
     part: ObservedPart, unseen: Sequence[Array], settings: Settings, mounting: CameraMounting, reach: Reach
 ) -> Array | None:
     """(3, 3) how the tool was turned in the look that named the part, for one that looks along its approaches do
-    not show, and where the arm can look at it so from every stand-off; None: look along the approach."""
+    not show, and where the arm can look at it so from every stand-off; None: look along the approach. Fixed cameras
+    look while the arm is out of their view."""
+    if isinstance(mounting, InWorld):
+        return mounting.out_of_view[:3, :3]
     if not unseen:
         return None
     view: Array = part.look.reading.world_from_tool[:3, :3]

@@ -243,14 +243,15 @@ def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> StereoImages:
 
 def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
     """A fit in a look, brought to the world with its errors. What is in a fit of a moved pair already does not count
-    again: the arm's errors, and no offset of one eye against another."""
-    one_moment = look.taken.moved is None
+    again: the arm's errors, and no offset of one eye against another. The arm moves no fixed cameras."""
+    one_moment, pivot = look.taken.moved is None, look.taken.pivot
+    carrier = look.reading.world_from_tool if pivot is None else frames.rigid(np.eye(3), pivot)
     return pose_fusion.sighting(
-        look.reading.world_from_tool,
-        frames.inverse(look.reading.world_from_tool) @ look.world_from_cyclopean,
+        carrier,
+        frames.inverse(carrier) @ look.world_from_cyclopean,
         fit.cyclopean_from_part,
         fit.covariance,
-        doubt if one_moment else replace(doubt, arm_mm=0.0, arm_deg=0.0),
+        doubt if one_moment and pivot is None else replace(doubt, arm_mm=0.0, arm_deg=0.0),
         float(rig.left.matrix[0, 0]),
         rig.baseline_mm if one_moment else np.inf,
     )

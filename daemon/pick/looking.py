@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arm import Pictures, Reading, Settling, Workcell, settled_pair
+from daemon.arm import InWorld, Pictures, Reading, Settling, Workcell, settled_pair
 from daemon.arrays import Array
 from daemon.compute.calls import ByReference, Compute
 from daemon.events.codes import BY_MEASURE
@@ -54,7 +54,7 @@ class MisleadingImagesError(VisionError):
 class Taken(ByReference):
     """A pair that is still: the pair before it; reading: where the arm is after it; settled_s: from the arm's rest to
     the first pair known to be still; rig and world_from_cyclopean: this pair's; moved: where the one eye was for each
-    picture, None where both are of one moment."""
+    picture, None where both are of one moment; pivot: that of fixed cameras (see InWorld), None on the hand."""
 
     before: Pictures
     pictures: Pictures
@@ -63,6 +63,7 @@ class Taken(ByReference):
     rig: StereoRig
     world_from_cyclopean: Array
     moved: Places | None = None
+    pivot: Array | None = None
 
     @property
     def images(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -137,7 +138,8 @@ async def taken_here(cell: Workcell, reading: Reading, rest_s: float, settling: 
     settled_pair does."""
     pair = await settled_pair(cell, rest_s, settling)
     world_from_cyclopean = cell.mounting.world_from_cyclopean_at(reading.world_from_tool)
-    return Taken(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean)
+    pivot = cell.mounting.pivot if isinstance(cell.mounting, InWorld) else None
+    return Taken(pair.before, pair.pictures, reading, pair.seconds, cell.rig, world_from_cyclopean, pivot=pivot)
 
 
 def moved_pair_of(cell: Workcell, first: Taken, second: Taken, doubt: Doubt) -> Taken:

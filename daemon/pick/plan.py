@@ -62,14 +62,14 @@ class LastStretch(NamedTuple):
 def last_stretch(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> LastStretch:
     """From before the grasp to the look after it; centre: the part's (3,)."""
     at = grasp.world_from_tool
-    back = mounting.look_pose(at[:3, :3], centre, settings.verify_mm)
+    back = mounting.approach_pose(at, centre, settings.verify_mm)
     return LastStretch(paths.backed_off(at, settings.pregrasp_mm), at, paths.lifted(at, settings.lift_mm), back)
 
 
 def approach_poses(grasp: PlannedGrasp, centre: Array, settings: Settings, mounting: CameraMounting) -> list[Array]:
     """Every pose of the approach and the retreat, in order; world_from_tool."""
-    rotation, distances = grasp.world_from_tool[:3, :3], settings.stops.stand_offs_mm
-    looks = [mounting.look_pose(rotation, centre, d) for d in distances]
+    at = grasp.world_from_tool
+    looks = [mounting.approach_pose(at, centre, distance) for distance in settings.stops.stand_offs_mm]
     return [*looks, *last_stretch(grasp, centre, settings, mounting)]
 
 

@@ -96,7 +96,8 @@ def sighting(
     focal_px: float,
     baseline_mm: float,
 ) -> Sighting:
-    """Bring one look's pose, covariance (6, 6) in the cyclopean frame, to the world; see Sighting."""
+    """Bring one look's pose, covariance (6, 6) in the cyclopean frame, to the world; see Sighting. world_from_tool: of
+    fixed cameras that of the frame about whose origin their pose errs."""
     world_from_cyclopean = world_from_tool @ tool_from_cyclopean
     world_from_part = world_from_cyclopean @ cyclopean_from_part
     anew = frames.transport_covariance(world_from_cyclopean, covariance)

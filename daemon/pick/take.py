@@ -36,8 +36,7 @@ async def final(
     try:
         if target.side_view is not None:
             far_mm = settings.stops.stand_offs_mm[0]
-            rotation = stretch.at[:3, :3]
-            round_it = context.cell.mounting.look_pose(rotation, target.centre, far_mm)
+            round_it = context.cell.mounting.approach_pose(stretch.at, target.centre, far_mm)
             await travel(context, world, round_it, "round to the approach", target.look)
         context.mover.check_through(stretch)  # the last look moved the grasp a little, and there is one way out of it
         await travel(context, world, stretch.before, "before the grasp", target.look, straight=True)

@@ -12,7 +12,7 @@ _facetctl() {
             calibrate) words="-h --help board --paper a2 a3 a4 letter --out stereo --board --square-mm --charuco --dictionary --legacy --left --right --json quick import --ros --opencv --size --unit --swap export --calibration" ;;
             cameras) words="-h --help --seconds --config --sim --json" ;;
             dashboard) words="-h --help --port --socket" ;;
-            demo) words="-h --help --seed --time-scale --table plain patterned --parts printed --machined --runs" ;;
+            demo) words="-h --help --seed --time-scale --table plain patterned --parts printed --machined --fixed --runs" ;;
             export) words="-h --help --runs --csv --mcap --out --cell" ;;
             fleet) words="-h --help --runs --days --out" ;;
             model) words="-h --help show --json diff check" ;;

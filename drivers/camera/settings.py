@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -13,6 +13,7 @@ from drivers.camera.pixels import FORMATS
 
 Device = Annotated[str, Meta(min_length=1, max_length=4096)]
 Side = Annotated[int, Meta(ge=16, le=20_000)]
+Mounting = Literal["hand", "world"]
 Wish = Annotated[float, Meta(ge=-1e10, le=1e10)] | str
 """A number, or `auto`: the camera's automatic control, frozen during a look."""
 
@@ -26,6 +27,9 @@ class CameraSettings:
     `facetctl cameras` lists it, or a number."""
     right: Device | None = None
     """The right camera, named as `left`. Unset: one camera alone."""
+    mounting: Mounting = "hand"
+    """Where the cameras are: `hand`, where they move with the gripper (eye-in-hand), or `world`, fixed over the table
+    (eye-to-hand)."""
     width: Side = 640
     """Image width, px."""
     height: Side = 480

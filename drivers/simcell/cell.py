@@ -23,9 +23,9 @@ from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.simulated_time import SimulatedLoop
-from drivers.simcell.stand import characteristic_pose, drawn_pose
+from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
-from drivers.simcell.truth import load_truth, rigid_matrix
+from drivers.simcell.truth import load_truth
 from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
@@ -33,6 +33,8 @@ from drivers.simcell.world import PartPlace, PlacedPart, World
 PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
 """Cell seconds before the gripper closes in which its path is checked for collisions."""
 FINGER_ALBEDO = 0.3
+HELD_UP = 0.85
+"""Of the way from fixed cameras to the table, where a part is held up for teaching."""
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """World axes of a board face up on the table, its rows across the arm's reach and its top farthest out."""
 
@@ -78,7 +80,6 @@ class SimulatedCell:
             rng=settling,
         )
         self.world = World(self._settings, self._on_held)
-        self._tool_from_cyclopean = rigid_matrix(self._settings.tool_from_cyclopean)
         self._board: tuple[RenderedSolid, ...] = ()
         self.controller = Controller(
             self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
@@ -125,7 +126,7 @@ class SimulatedCell:
 
     def world_from_cyclopean(self, real_s: float | None = None) -> Array:
         """The true pose of the cameras (4, 4)."""
-        return self.world_from_tool(real_s) @ self._tool_from_cyclopean
+        return self._settings.world_from_cyclopean_at(self.world_from_tool(real_s))
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations found by the motion monitor up to now."""
@@ -162,10 +163,13 @@ class SimulatedCell:
         self.clear()
         at = self.world_from_cyclopean()
         centres = [side.lens().cyclopean_from_camera[:3, 3] for side in (self._settings.left, self._settings.right)]
+        lighting, away_mm = self._settings.lighting, DISTANCE_MM
+        if self._settings.world_from_cyclopean is not None:
+            away_mm = HELD_UP * float((self._settings.table.height_mm - at[2, 3]) / at[2, 2])
         if self.world.drawn(label):
-            pose = drawn_pose(self.world.shape(label), view, at, centres, self._settings.lighting)
+            pose = drawn_pose(self.world.shape(label), view, at, centres, lighting, away_mm)
         else:
-            pose = characteristic_pose(label, view, at, centres, self._settings.lighting)
+            pose = characteristic_pose(label, view, at, centres, lighting, away_mm)
         return self.world.put(label, pose, PartPlace.STAND)
 
     def show_board(self, board: BoardPrint | None = None, world_from_board: Array | None = None) -> Array:
@@ -232,4 +236,5 @@ class SimulatedCell:
         )
         teaching = any(part.where is PartPlace.STAND for part in parts)
         state = self.world.changes, carried
-        return SimulatedScene(tool @ self._tool_from_cyclopean, (*solids, *self._board), state, gripper, teaching)
+        eyes = self._settings.world_from_cyclopean_at(tool)
+        return SimulatedScene(eyes, (*solids, *self._board), state, gripper, teaching)

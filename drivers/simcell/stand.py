@@ -50,38 +50,45 @@ def characteristic_pose(
     world_from_cyclopean: Array,
     centres_cyclopean_mm: Sequence[Array],
     lighting: Lighting,
+    distance_mm: float = DISTANCE_MM,
 ) -> Array:
     """Pose world_from_part (4, 4) that shows both cameras the view-th characteristic view, lit as clearly as possible.
 
-    centres_cyclopean_mm: optical centres (3,). Raises NoViewError where the part has no such view.
+    centres_cyclopean_mm: optical centres (3,); distance_mm: from the cameras. Raises NoViewError where
+    the part has no such view.
     """
     views = VIEWS.get(label, ())
     if not 0 <= view < len(views):
         raise NoViewError(f"{label}: characteristic views are numbered 0 to {len(views) - 1}, not {view}")
     shape = part_shape(label)
     viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
-    poses = _poses(_direction(shape, views[view]), world_from_cyclopean)
+    poses = _poses(_direction(shape, views[view]), world_from_cyclopean, distance_mm)
     scores = [_clearness(shape, pose, viewers, views[view], lighting) for pose in poses]
     if max(scores) == 0.0:
-        raise NoViewError(f"{label}: view {view} cannot be shown at {DISTANCE_MM:.0f} mm")
+        raise NoViewError(f"{label}: view {view} cannot be shown at {distance_mm:.0f} mm")
     return poses[int(np.argmax(scores))]
 
 
 def drawn_pose(
-    shape: PartShape, view: int, world_from_cyclopean: Array, centres_cyclopean_mm: Sequence[Array], lighting: Lighting
+    shape: PartShape,
+    view: int,
+    world_from_cyclopean: Array,
+    centres_cyclopean_mm: Sequence[Array],
+    lighting: Lighting,
+    distance_mm: float = DISTANCE_MM,
 ) -> Array:
     """The same for a part from a drawing, from one of eight sides (modulo 8); the best pose even where none shows all
     facets clearly."""
     viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
     towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
-    poses = _poses(towards, world_from_cyclopean)
+    poses = _poses(towards, world_from_cyclopean, distance_mm)
     return max(poses, key=lambda pose: _clearness(shape, pose, viewers, None, lighting))
 
 
-def _poses(towards: Array, world_from_cyclopean: Array) -> list[Array]:
+def _poses(towards: Array, world_from_cyclopean: Array, distance_mm: float) -> list[Array]:
     """Candidate poses world_from_part before the cameras, with the direction towards (3,) of the part to them."""
     right, down, forward, _ = world_from_cyclopean[:3].T
-    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, DISTANCE_MM]))
+    middle = apply(world_from_cyclopean, np.array([0.0, 0.0, distance_mm]))
     upright = turn_between(towards, -forward)
     turns = 2 * np.pi * np.arange(TURNS) / TURNS
     return [rigid(lean @ turn(forward, a) @ upright, middle) for lean in _leans(right, down) for a in turns]

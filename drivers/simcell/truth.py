@@ -213,13 +213,12 @@ class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file."""
+    """The whole file. tool_from_cyclopean: of cameras on the hand; world_from_cyclopean: of fixed ones."""
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
     left: CameraTruth
     right: CameraTruth
-    tool_from_cyclopean: Matrix4
     arm: ArmTruth
     sensor: Sensor
     lighting: Lighting
@@ -227,9 +226,22 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bin: BinTruth
     gripper: GripperTruth
     safety: Safety = Safety()
+    tool_from_cyclopean: Matrix4 | None = None
+    world_from_cyclopean: Matrix4 | None = None
 
     def __post_init__(self) -> None:
-        rigid_matrix(self.tool_from_cyclopean, "tool_from_cyclopean")
+        poses = {name: getattr(self, name) for name in ("tool_from_cyclopean", "world_from_cyclopean")}
+        given = {name: pose for name, pose in poses.items() if pose is not None}
+        if len(given) != 1:
+            raise ValueError("expected tool_from_cyclopean or world_from_cyclopean, one of them")
+        for name, pose in given.items():
+            rigid_matrix(pose, name)
+
+    def world_from_cyclopean_at(self, world_from_tool: Array) -> Array:
+        """The pose of the cameras (4, 4) mm while the tool is there: they go with it, or are fixed in the world."""
+        if self.tool_from_cyclopean is not None:
+            return np.asarray(world_from_tool @ np.array(self.tool_from_cyclopean))
+        return np.array(self.world_from_cyclopean)
 
 
 def load_truth(path: Path | str) -> Truth:

@@ -56,7 +56,7 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
 
 def test_a_demo_after_another_finds_nothing_standing(demo: tuple[str, Path], tmp_path: Path) -> None:
     """Its daemon has a state of its own, and the runs of all demos beside it."""
-    runs, args = tmp_path / "runs", argparse.Namespace(table="plain", parts="plain", time_scale=20.0)
+    runs, args = tmp_path / "runs", argparse.Namespace(table="plain", parts="plain", time_scale=20.0, fixed=False)
     shutil.copytree(demo[1], runs / demo[1].name)
     with tempfile.TemporaryDirectory() as folder:
         configuration = job._configuration(args, SEED, runs, folder)

@@ -16,7 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm.belief import Beliefs
 from daemon.arm.motion import Mover
-from daemon.arm.mounting import OnHand
+from daemon.arm.mounting import InWorld, OnHand
 from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.workcell import Reading, Workcell
 from daemon.pick import take
@@ -39,6 +39,8 @@ TOOL_FROM_CYCLOPEAN = frames.rigid(
 )
 ON_HAND = OnHand(TOOL_FROM_CYCLOPEAN)
 HEAD_DOWN = frames.rigid(tool_rotation(np.array([1.0, 0, 0]), 0.3), np.array([420.0, 0.0, 60.0]))
+
+TABLE_MM = np.array([520.0, 0.0, -300.0])
 
 
 def rig() -> StereoRig:
@@ -76,7 +78,8 @@ class FakePair:
 
 @dataclass(eq=False)
 class World:
-    """What is so. wire: every act of the arm or hand as it leaves; before(name): may raise or act before an act."""
+    """What is so. wire: every act of the arm or hand as it leaves; before(name): may raise or act before an act; fixed:
+    world_from_cyclopean of cameras over the table, None: they are on the hand."""
 
     rng: np.random.Generator
     lying: dict[str, np.ndarray] = field(default_factory=dict)
@@ -89,6 +92,7 @@ class World:
     arm_sigma_mm: float = 0.05
     corner_px: float = 0.1
     tool_from_cyclopean: np.ndarray = field(default_factory=TOOL_FROM_CYCLOPEAN.copy)
+    fixed: np.ndarray | None = None
     labels: dict[str, Recognition] = field(default_factory=dict)
     slippery: int = 0
     before: Callable[[str], None] = lambda name: None
@@ -273,7 +277,8 @@ class TruthRecogniser:
     def see(self, left, right, table=None, rig=None) -> Scene:
         world = self.world
         world.before("see")
-        cyclopean_from_world = frames.inverse(world.at @ world.tool_from_cyclopean)
+        eyes = world.at @ world.tool_from_cyclopean if world.fixed is None else world.fixed
+        cyclopean_from_world = frames.inverse(eyes)
         seen = [self._part(label, cyclopean_from_world @ pose) for label, pose in world.lying.items()]
         visible = tuple(p for p in seen if p is not None)
         return Scene(visible, (), FacetView((), (), (), (), 2.0))
@@ -328,8 +333,8 @@ take.in_hand, take.left_hand = truly_in_hand, truly_left_hand
 
 def build(world: World) -> Workcell:
     """The workcell of this world."""
-    eyes = FakeEyes(world)
-    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), ON_HAND, asyncio.to_thread)
+    eyes, mounting = FakeEyes(world), ON_HAND if world.fixed is None else InWorld(world.fixed, HEAD_DOWN, TABLE_MM)
+    return Workcell(FakeRobot(world), eyes, world, world.clock, rig(), mounting, asyncio.to_thread)
 
 
 def permitted(mover: Mover) -> Mover:

@@ -34,6 +34,8 @@ from drivers.simcell.truth import load_truth
 from tests.fakes.checked_record import checked
 
 CONFIG = folders.HOUSE / "etc" / "facetd.yaml"
+FIXED = folders.HOUSE / "etc" / "fixed" / "facetd.yaml"
+"""The cell whose cameras are fixed over the table."""
 
 
 @dataclass(eq=False)
@@ -100,13 +102,14 @@ async def rig(
     truth: Path | None = None,
     log: ListLog | None = None,
     compute: Compute = asyncio.to_thread,
+    file: Path = CONFIG,
 ) -> AsyncIterator[Rig]:
     """Build, open, enable; close at the end, where the motion monitor must have found nothing.
 
     believed: the daemon's calibration (None: its file); log: one that keeps more than its records; compute: a worker
-    process, where one is wanted.
+    process, where one is wanted; file: facetd.yaml.
     """
-    config = load_config(CONFIG, simulated=True)
+    config = load_config(file, simulated=True)
     simulated = replace(config.values.simulated, seed=seed, time_scale=time_scale)
     if truth is not None:
         simulated = replace(simulated, truth=str(truth))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
+from daemon.calibration.file import Calibration, Quality, load_calibration, same_geometry, save_calibration
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import ConfigError
 from tests.fakes.rigs import rig
@@ -117,3 +117,36 @@ def test_a_calibration_of_one_camera_is_written_without_a_right_one_and_read_as_
     assert read.rig.baseline_mm == pytest.approx(60.0)
     assert np.array_equal(read.rig.right.cyclopean_from_camera[:3, :3], read.rig.left.cyclopean_from_camera[:3, :3])
     assert load_calibration(tmp_path / "one.yaml").tool_from_cyclopean is not None
+
+
+def fixed() -> Calibration:
+    """That of cameras over a table."""
+    quality = Quality(hand_eye_mm=0.2, about_mm=(500.0, 0.0, -280.0), arm_mm=0.1, arm_deg=0.02)
+    return Calibration(example().rig, None, quality, world_from_cyclopean=pose(500.0, 3.1))
+
+
+def test_fixed_cameras_are_written_by_their_pose_in_the_world(tmp_path: Path) -> None:
+    save_calibration(fixed(), tmp_path / "c.yaml")
+    got = load_calibration(tmp_path / "c.yaml")
+    assert got.tool_from_cyclopean is None
+    assert np.array_equal(got.hand_eye, fixed().world_from_cyclopean)
+    assert got.quality == fixed().quality
+    assert same_geometry(got, fixed())
+
+
+def test_the_same_matrix_on_the_hand_and_in_the_world_is_another_geometry() -> None:
+    on_hand = replace(fixed(), tool_from_cyclopean=fixed().world_from_cyclopean, world_from_cyclopean=None)
+    assert np.array_equal(on_hand.hand_eye, fixed().hand_eye)
+    assert not same_geometry(on_hand, fixed())
+
+
+@pytest.mark.parametrize("name", ["tool_from_cyclopean", "both"])
+def test_cameras_are_on_the_hand_or_in_the_world(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "c.yaml"
+    save_calibration(fixed(), path)
+    text = path.read_text()
+    whole = text[text.index("  world_from_cyclopean:") : text.index("quality:")]
+    twice = whole + whole.replace("world_from", "tool_from")
+    path.write_text(text.replace("hand_eye:\n" + whole, "hand_eye: {}\n" if name != "both" else "hand_eye:\n" + twice))
+    with pytest.raises(ConfigError, match=r"hand_eye: expected tool_from_cyclopean .* or world_from_cyclopean"):
+        load_calibration(path)

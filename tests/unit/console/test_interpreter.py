@@ -322,7 +322,7 @@ def test_an_enable_is_void_where_the_arm_was_stopped_while_its_stop_was_tried(co
 
 def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(context: Any) -> None:
     async def prove_stop() -> None:
-        context.calibration.tool_from_cyclopean = None
+        context.calibration.hand_eye = None
 
     context.cycle.prove_stop = prove_stop
     answer = say(context, "enable")
@@ -334,7 +334,7 @@ def test_an_enable_judges_the_calibration_that_there_is_once_the_stop_was_tried(
 def test_without_a_hand_eye_the_arm_is_enabled_for_words_by_hand_only_and_after_a_yes(
     context: Any, answers: list[str], told: list[str]
 ) -> None:
-    context.calibration.tool_from_cyclopean = None
+    context.calibration.hand_eye = None
     answer = say(context, "enable", FakeFrontend(answers=answers))
     assert answer.status == (not told)
     assert context.cycle.told == told
