@@ -5,7 +5,7 @@ without a name, which cost little; then those from junctions that both cameras s
 those from the support plane and the junctions of one camera alone.
 
 How likely such a part is there depends on what its edges show beyond the chance of this very image, on its rest on the
-support plane, on the fit of other sizes, on repetition in the image, on whether its print lies on its faces, and on its
+support plane, on repetition in the image, on whether its print lies on its faces, and on its
 share of what is seen there. All hypotheses that were made count against it, so that more taught parts raise the bar,
 and what only it has must tell it from every other taught part that could lie there. A named part is measured where it
 was registered: pose, facets, and the covariance of its place.
@@ -23,12 +23,12 @@ from daemon.arrays import Array
 from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.evidence.hole_rivals import by_holes, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
-from daemon.vision.evidence.overlaps import covered, lies_on
+from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
 from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_at, registered_near
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
 from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulated_covariance
-from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron, planarity
+from daemon.vision.geometry import Baseline, Polyhedron, planarity
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
     SEARCHED,
@@ -41,7 +41,6 @@ from daemon.vision.hypotheses import (
     hypotheses_on_support,
     indistinguishable_turns,
     lies_on_support,
-    other_sizes,
     perturbed_poses,
     self_similarity,
     snapped_pose,
@@ -50,10 +49,8 @@ from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
 from daemon.vision.refine import SCALE, Fit, LaidFacet, facets_laid, facets_shown, fit_at
-from daemon.vision.values import Facet, Group, NearestGuess, Part, Recognition
+from daemon.vision.values import Facet, NearestGuess, Part, Recognition
 
-BY_SIZE, MOST_SIZE = 12.0, 3.0
-"""Less, the more speaks for another size (of the same regression as BY_NATS), and how much more counts."""
 BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
 """Less, the less alike its print is in both eyes, and the more of the segments where it lies are none of its edges: and
 what no print, and no segments, are taken for. By 191 parts laid in 300 other such looks and 174 guesses where nothing
@@ -63,8 +60,6 @@ MOST_LIKENESS, MOST_EXPLAINED = BY_LIKENESS * (1 - USUAL_LIKENESS), BY_EXPLAINED
 BY_ELSEWHERE, USUAL_ELSEWHERE = 7.5, 0.35
 """Less, the more the picture would give the part elsewhere, from this share on: two of three true ones of those looks
 had less, the worst .74; of 151 guesses on photographed chessboards 149 had more than .72."""
-CONTRADICTED = -5.0
-"""What a group of facets that lies elsewhere adds to them."""
 FEWEST_TESTS = 1500
 """Guesses of each taught part that a look is taken to have made at least: what shows few edges has been chosen by where
 they are. Of 368 rendered looks without the part that lay there two were named with as many as were made, none with
@@ -105,7 +100,7 @@ def named_by_edges(
 ) -> NamedByEdges:
     """The taught parts that the straight edges of both images prove, beside those that are named already.
 
-    Unnamed groups of facets say what each could be, and rule out what does not have them. spent: the share of the
+    Unnamed groups of facets say what each could be. spent: the share of the
     look's budget that is gone. told: the table as others know it, for where both eyes do not see it; what does not lie
     on that one may lie on something else. enough: whether so many more names leave nothing to be named.
     """
@@ -218,16 +213,6 @@ def _undecided(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImages) -
     return found
 
 
-def _contradicts(group: Group, one: RegisteredPart) -> bool:
-    """Whether a group of facets, measured together where the part is laid, has one that lies on none of its faces; a
-    lone facet may be a chance of two patterns."""
-    shapes = [PlanarShape.of(facet.left_px) for facet in group.facets]
-    inside = [shape.common(one.covers) > shape.area / 2 for shape in shapes]
-    return len(shapes) > 1 and any(
-        there and not lies_on(facet, one.solid, one.pose) for facet, there in zip(group.facets, inside, strict=True)
-    )
-
-
 def _confidence(one: RegisteredPart, search: Search, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance; 0 where that
     is not enough for a name."""
@@ -248,10 +233,6 @@ def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[floa
     """What else than its edges speaks for a laid part, or against it, in log odds, the cheapest first; and how much
     more what follows can add."""
     eyes, maps = search.eyes, search.maps
-    yet = MOST_LIKENESS + MOST_EXPLAINED
-    yield CONTRADICTED * any(_contradicts(group, one) for group in search.unnamed), yet
-    gain = other_sizes(one.solid, one.pose, eyes.geometry, maps)
-    yield -BY_SIZE * (np.clip(gain, 1.0, MOST_SIZE) - 1), yet
     share = edge_inlier_share(one.solid, one.pose, (one.seen[0].edges, one.seen[1].edges), eyes)
     yield BY_EXPLAINED * ((USUAL_EXPLAINED if share is None else share) - USUAL_EXPLAINED), MOST_LIKENESS
     again = self_similarity(one.solid, one.pose, eyes.geometry, maps[0])

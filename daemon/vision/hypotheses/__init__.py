@@ -1,6 +1,6 @@
 """Which taught part could be where: from 3-D junctions, single facets, the support plane; ranked by segments."""
 
-from daemon.vision.hypotheses.edge_distance_map import edge_distances, in_sizes, other_sizes, self_similarity
+from daemon.vision.hypotheses.edge_distance_map import edge_distances, in_sizes, self_similarity
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
 from daemon.vision.hypotheses.pose_batch import COVERED, hull, pixels, silhouette
 from daemon.vision.hypotheses.search import (
@@ -31,7 +31,6 @@ __all__ = [
     "in_sizes",
     "indistinguishable_turns",
     "lies_on_support",
-    "other_sizes",
     "perturbed_poses",
     "pixels",
     "prepare",

@@ -43,7 +43,8 @@ SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
 """Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
-SIZES, FARTHEST, PARALLEL = (0.75, 0.8, 0.85, 0.9, 1.1, 1.15, 1.2, 1.25), (0.75, 1.25), 0.98
+FARTHEST, PARALLEL = (0.75, 1.25), 0.98
+"""So many times as long are the other sizes of a part that leaves a picture; ways that are one, by their cosine."""
 ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
 """Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
 shift on that is another place, and the farthest."""
@@ -198,19 +199,6 @@ def _of_one_eye(
     return nats, most
 
 
-def other_sizes(
-    solid: Polyhedron, pose: Array, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
-) -> float:
-    """How many times more speaks for a part of the same kind but another size at this pose (4, 4), in nats and in share
-    of what there could be, whichever is less: longer or shorter by a tenth to a quarter along an edge or across a face,
-    either end of it staying where it is."""
-    sizes = _side_by_side(solid)
-    each = np.arange(len(sizes.shapes))
-    nats, most = evidence(PoseBatch(sizes, each, pose[None].repeat(len(each), 0)), geometry, maps)
-    share = nats / np.maximum(most, 1.0)
-    return float(np.minimum(nats[1:] / max(nats[0], 1.0), share[1:] / max(share[0], 1e-3)).max())
-
-
 def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: EdgeDistanceMap) -> float:
     """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
     they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
@@ -233,15 +221,8 @@ def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Ed
 
 
 @lru_cache(maxsize=256)
-def _side_by_side(solid: Polyhedron) -> SolidBatch:
-    """A solid as it is, then in other sizes."""
-    found = (solid, *in_sizes(solid, SIZES))
-    return SolidBatch.of([""] * len(found), found)
-
-
-@lru_cache(maxsize=256)
-def in_sizes(solid: Polyhedron, sizes: tuple[float, ...] = FARTHEST) -> tuple[Polyhedron, ...]:
-    """A solid so many times as long along an edge or across a face, either end of it staying where it is."""
+def in_sizes(solid: Polyhedron) -> tuple[Polyhedron, ...]:
+    """A solid FARTHEST times as long along an edge or across a face, either end of it staying where it is."""
     pairs = solid.lines[0]
     edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
     ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
@@ -250,6 +231,6 @@ def in_sizes(solid: Polyhedron, sizes: tuple[float, ...] = FARTHEST) -> tuple[Po
         if (np.abs(ways[:k] @ way) < PARALLEL).all():
             height = solid.corners_mm @ way
             for end in (height.min(), height.max()):
-                longer = [(factor - 1) * (height - end)[:, None] * way for factor in sizes]
+                longer = [(factor - 1) * (height - end)[:, None] * way for factor in FARTHEST]
                 found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
     return tuple(found)

@@ -17,7 +17,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, chi_square_limit
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.refine.edge_adjustment import AdjustedPose, adjusted
@@ -30,8 +30,6 @@ ROUNDS, SMALL_MM = 3, 0.15
 FEWEST_EDGES = 6
 """Edges in both eyes together that hold a pose."""
 LEVER_MM = 30.0
-MOST_APART = chi_square_limit(6, 1e-3)
-"""Chi-square of the way between the pose that corners and the pose that edges say."""
 OF_COVARIANCE = 0.4
 """Of the covariance that lines say, what a part has whose facets are seen whole: with it 97 of 100 such poses are
 within the 95 % of their covariance, with all of it 99 (python -m tests.bench.poses)."""
@@ -47,15 +45,11 @@ def refined_parts(
         for k, part in enumerate(parts)
         if part.named and not any(part is other for other in by_edges)
     }
-    most = {k: most_in_view(solid, parts[k].equivalents, eyes) for k, solid in named.items()}
-    for which in (most, {k: 0 for k, other in most.items() if other}):
-        still = {k: _turned(parts[k], turn) for k, turn in which.items() if better[k] is parts[k]}
-        found = _adjusted(
-            [named[k] for k in still], [part.cyclopean_from_part for part in still.values()], eyes, tolerance
-        )
-        for (k, part), one in zip(still.items(), found, strict=True):
-            if one is not None and _believed(one, part):
-                better[k] = _moved(part, named[k], one)
+    near = {k: _turned(parts[k], most_in_view(solid, parts[k].equivalents, eyes)) for k, solid in named.items()}
+    poses = [part.cyclopean_from_part for part in near.values()]
+    for (k, part), one in zip(near.items(), _adjusted(list(named.values()), poses, eyes, tolerance), strict=True):
+        if one is not None:
+            better[k] = _moved(part, named[k], one)
     return tuple(better)
 
 
@@ -95,16 +89,6 @@ def _adjusted(
         if not open_.any():
             break
     return found
-
-
-def _believed(found: AdjustedPose, part: Part) -> bool:
-    """Whether the edges hold the part's place better than its corners did, and agree with them to what both leave open.
-
-    Where they hold it worse, edges of something else are among its own.
-    """
-    off = frames.difference(found.pose, part.cyclopean_from_part)
-    apart = float(off @ np.linalg.solve(found.covariance + part.covariance, off))
-    return apart < MOST_APART and bool(np.trace(found.covariance[:3, :3]) < np.trace(part.covariance[:3, :3]))
 
 
 def _moved(part: Part, shape: Polyhedron, found: AdjustedPose) -> Part:

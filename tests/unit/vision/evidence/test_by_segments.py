@@ -88,17 +88,6 @@ def test_where_a_part_was_named_nothing_is_looked_for() -> None:
     assert named_by_edges(eyes_on("cube"), model(), known).named == []
 
 
-def test_facets_measured_together_that_lie_elsewhere_speak_against_a_part() -> None:
-    lifted = frames.rigid(np.eye(3), np.array([0.0, 0.0, -9.0])) @ WHERE
-    elsewhere = merge_vertices([_in_both(f) for f in view_of(CUBE, lifted).facets])
-    on_it = merge_vertices([_in_both(f) for f in view_of(CUBE, WHERE).facets])
-    good = max((one for one in all_laid("cube") if one.label == "cube"), key=lambda one: one.borne.nats)
-    weak = replace(good, borne=EdgeEvidence(35.0, 0.9))
-    free = confidence(weak)
-    assert confidence(weak, [on_it]) == confidence(weak, [elsewhere.only([0])]) == free > LEAST_CONFIDENCE
-    assert confidence(weak, [elsewhere]) < 0.8 < LEAST_CONFIDENCE < confidence(good, [elsewhere])
-
-
 def _in_both(facet):
     px = [eye.project(facet.corners_mm) for eye in (straight_rig().left, straight_rig().right)]
     return replace(measured(facet.corners_mm, None), left_px=px[0], right_px=px[1])
@@ -179,7 +168,7 @@ def test_too_little_evidence_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> 
     assert confidence(good) > 0.99
     assert confidence(replace(good, borne=EdgeEvidence(5.0, 0.8))) == 0.0
     assert confidence(replace(good, borne=EdgeEvidence(50.0, 0.3))) == 0.0
-    monkeypatch.setattr(by_edges, "other_sizes", lambda solid, pose, *_: 1e9)
+    monkeypatch.setattr(by_edges, "self_similarity", lambda *_: 9.0)
     assert confidence(replace(good, borne=EdgeEvidence(50.0, 1.0))) < LEAST_CONFIDENCE
 
 

@@ -16,7 +16,6 @@ from daemon.vision.hypotheses.edge_distance_map import (
     Rays,
     edge_distances,
     evidence,
-    other_sizes,
     promising,
     self_similarity,
 )
@@ -154,13 +153,6 @@ def test_no_pose_has_no_evidence() -> None:
     eyes = eyes_on("cube")
     nats, most = evidence(posed(shape("cube"), np.zeros((0, 4, 4))), eyes.geometry, maps(eyes))
     assert nats.shape == most.shape == (0,)
-
-
-def test_more_speaks_for_another_size_of_what_is_not_quite_the_part() -> None:
-    eyes, solid = eyes_on("cube"), shape("cube")
-    flatter = exact(solid.corners_mm * [1.0, 1.0, 0.87], solid.facets)
-    for taught, least, most in ((solid, 0.0, 1.05), (flatter, 1.1, 9.0)):
-        assert least < other_sizes(taught, WHERE, eyes.geometry, maps(eyes)) < most
 
 
 def test_print_is_alike_where_it_lies_on_the_faces_and_only_there() -> None:
