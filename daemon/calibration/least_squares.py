@@ -120,10 +120,8 @@ def transform_of(pose: Array) -> Array:
 def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:
     """Compose two poses (6,), first then second: the pose and its Jacobians (6, 6) by each."""
     r3, t3, *parts = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])
-    dr_dr1, dr_dt1, dr_dr2, dr_dt2, dt_dr1, dt_dt1, dt_dr2, dt_dt2 = parts
-    by_first = np.block([[dr_dr1, dr_dt1], [dt_dr1, dt_dt1]])
-    by_second = np.block([[dr_dr2, dr_dt2], [dt_dr2, dt_dt2]])
-    return np.concatenate([r3.ravel(), t3.ravel()]), by_first, by_second
+    slopes = np.vstack([np.hstack(parts[:4]), np.hstack(parts[4:])])  # columns: r1, t1, r2, t2
+    return np.concatenate([r3.ravel(), t3.ravel()]), slopes[:, :6], slopes[:, 6:]
 
 
 @dataclass(frozen=True, eq=False)
