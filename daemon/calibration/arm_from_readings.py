@@ -46,7 +46,7 @@ SIGNIFICANT_MM = 1.0
 """A length between axes that is significantly more than this is not zero."""
 LENGTHS = ("a2", "a3", "d3", "d4")
 ANGLES = 5
-LENGTH_LIKE = np.array([ANGLES <= k < ANGLES + 4 or k >= 12 for k in range(18)])
+ANGLE_LIKE = np.array(["zero" in name or "turn" in name for name in NAMES])
 TURN_ONLY = np.array([0, 2, 3, 4, 9, 10, 11])
 """The parameters that determine the orientations."""
 NOTHING_FIXED: Mapping[int, float] = {}
@@ -261,7 +261,7 @@ def _fitted(convention: Convention, most: int, readings: _Readings) -> _Model | 
     for start in _starts(convention, most, readings):
         x = np.concatenate([start[:5], np.zeros(4), start[5:], np.zeros(6)])
         x, residuals, _ = minimise(turn_only, x, PASSES)
-        if _rms(residuals[: 9 * len(readings)]) < 10.0 * FITS:
+        if _rms(residuals) < 10.0 * FITS:
             return _at(convention, _lengths(x, convention, readings), readings, NOTHING_FIXED)
     return None
 
@@ -277,8 +277,8 @@ def _problem(
 ) -> Problem:
     """Residuals in units of the rounding error: 9 a reading, then (with places) 3 a reading, then priors."""
     free = np.arange(18) if places else TURN_ONLY
-    steps = np.where(LENGTH_LIKE, 1e-2, 1e-6)
-    prior, middle = np.where(LENGTH_LIKE, PRIOR_MM, PRIOR_RAD * 10.0), np.zeros(18)
+    steps = np.where(ANGLE_LIKE, 1e-6, 1e-2)
+    prior, middle = np.where(ANGLE_LIKE, PRIOR_RAD * 10.0, PRIOR_MM), np.zeros(18)
     for k, value in known.items():
         middle[k], prior[k] = value, steps[k] / 100.0
     moved = np.concatenate([np.zeros((1, 18)), np.diag(steps)[free], -np.diag(steps)[free]])
@@ -389,13 +389,12 @@ def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
     x, rows = model.parameters, 12 * count
     variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18))
     sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian.T @ model.jacobian)) * variance)
-    angles = np.array([k < ANGLES or 9 <= k < 12 for k in range(18)])
-    open_ones = sigma > np.where(angles, np.radians(1.0), PRIOR_MM / 100.0)
+    open_ones = sigma > np.where(ANGLE_LIKE, np.radians(1.0), PRIOR_MM / 100.0)
     tool = frames.rotation_from_vector(x[9:12])
     turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))
     wrist_from_tool = frames.rigid(about_z(-turn) @ tool, about_z(-turn) @ x[12:15])
     zeros = _wrapped(np.array([x[0], x[1], x[2] - x[1], x[3], x[4], turn]))
-    sigmas = np.where(angles, np.degrees(sigma), sigma)
+    sigmas = np.where(ANGLE_LIKE, np.degrees(sigma), sigma)
     return ArmFound(
         convention=model.convention,
         zeros_deg=tuple(float(z) for z in np.degrees(zeros)),

@@ -148,14 +148,13 @@ def _numbers(path: Path, name: str, value: Any, shape: tuple[int, int] | None = 
     expected = "" if shape is None else f"{shape[0]}x{shape[1]} numbers"
     described = ""
     if isinstance(value, dict):
-        described = f"{value.get('rows')}x{value.get('cols')} of {len(value.get('data') or ())} numbers"
-        rows, columns = value.get("rows"), value.get("cols")
-        data = value.get("data")
+        rows, columns, value = value.get("rows"), value.get("cols"), value.get("data")
+        described = f"{rows}x{columns} of {len(value or ())} numbers"
         if shape not in (None, (rows, columns)):
             raise InterchangeError(f"{path}: {name}: expected {expected}, found {described}")
-        if isinstance(data, list) and rows and columns and rows * columns != len(data):
+        sizes = [n for n in (rows, columns) if isinstance(n, int)]
+        if isinstance(value, list) and len(sizes) == 2 and np.prod(sizes) != len(value):
             raise InterchangeError(f"{path}: {name}: found {described}")
-        value = data
     try:
         array = np.array(value, float)
     except (TypeError, ValueError):

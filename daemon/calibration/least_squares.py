@@ -120,7 +120,7 @@ def transform_of(pose: Array) -> Array:
 def chain(first: Array, second: Array) -> tuple[Array, Array, Array]:
     """Compose two poses (6,), first then second: the pose and its Jacobians (6, 6) by each."""
     r3, t3, *parts = cv2.composeRT(first[:3], first[3:], second[:3], second[3:])
-    slopes = np.vstack([np.hstack(parts[:4]), np.hstack(parts[4:])])  # columns: r1, t1, r2, t2
+    slopes: Array = np.vstack([np.hstack(parts[:4]), np.hstack(parts[4:])])  # columns: r1, t1, r2, t2
     return np.concatenate([r3.ravel(), t3.ravel()]), slopes[:, :6], slopes[:, 6:]
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import MOST_CORNERS, Board, BoardError, parse_board
-from daemon.calibration.board_detection import find_board
+from daemon.calibration.board_detection import _agreeing, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
@@ -123,6 +123,26 @@ def test_only_a_mirrored_picture_is_called_mirrored() -> None:
         find_board(np.ascontiguousarray(image[:, ::-1]), board)
     with pytest.raises(BoardError, match="only 0 of its corners"):
         find_board(np.full_like(image, 128), board)
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+@pytest.mark.parametrize(("columns", "rows"), [(9, 6), (6, 9), (7, 5), (4, 4)])
+def test_markers_in_view_agree_with_the_layout_that_numbers_them_and_no_other(
+    columns: int, rows: int, legacy: bool
+) -> None:
+    """The layout is OpenCV's own; the picture turned, smaller, and with a marker that is misread."""
+    printed = Board(columns, rows, 1.0, "charuco", legacy=legacy).charuco()
+    middles = np.array([np.asarray(corners)[:, :2].mean(axis=0) for corners in printed.getObjPoints()])
+    ids, middles = np.arange(len(middles)), middles @ [[7.0, 2.0], [-2.0, 7.0]] + 100.0
+    assert _agreeing(ids, middles, columns, rows, legacy) == len(ids)
+    assert _agreeing(ids[2:7], middles[2:7], columns, rows, legacy) == 5
+    misread = np.concatenate([ids[:-3], ids[-2:], ids[-3:-2]])
+    assert _agreeing(misread, middles, columns, rows, legacy) == len(ids) - 3
+    assert _agreeing(ids, middles * [-1.0, 1.0], columns, rows, legacy) == 0
+    assert _agreeing(ids, middles, columns, rows - 1, legacy) == 0  # of more markers than the board has
+    assert _agreeing(np.append(ids, ids[0]), np.vstack([middles, middles[:1]]), columns, rows, legacy) == 0
+    assert _agreeing(ids, middles, columns + 1, rows, legacy) < len(ids)
+    assert (_agreeing(ids, middles, columns, rows, not legacy) == len(ids)) is (rows % 2 == 0)
 
 
 def test_a_corner_that_glare_covers_is_left_out_and_the_others_stay() -> None:

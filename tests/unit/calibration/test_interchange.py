@@ -66,6 +66,14 @@ def test_the_commands_carry_a_calibration_out_and_back(tmp_path: Path) -> None:
     assert_same(load_calibration(tmp_path / "d.yaml").rig, unlike_rig())
 
 
+@pytest.mark.parametrize("unit", ["furlong", "0", "-1", "nan"])
+def test_a_unit_that_is_none_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str) -> None:
+    to_opencv(unlike_rig(), tmp_path / "s.yml")
+    words = ["calibrate", "import", str(tmp_path / "s.yml"), f"--unit={unit}", "--out", str(tmp_path / "c.yaml")]
+    assert ctl.main(words) == 2
+    assert "expected mm, cm, inch, m, or a number of mm" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("size", ["640", "640xabc", "x480"])
 def test_a_size_that_is_none_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], size: str) -> None:
     to_ros(unlike_rig(), tmp_path / "l.yaml", tmp_path / "r.yaml")

@@ -51,6 +51,17 @@ def test_pairs_that_are_named_alike_in_folders_of_their_own_stay_several(tmp_pat
     assert list(unused) == [f"{files[0][0]}, {files[0][1]}"]
 
 
+@pytest.mark.parametrize("words", [["--legacy"], ["--dictionary", "DICT_4X4_50"]])
+def test_what_belongs_to_a_charuco_board_is_refused_for_another(words: list[str]) -> None:
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers())
+    usual = ["stereo", "--board", "9x6", "--square-mm", "10", "--left", "none.png", "--right", "none.png", "--out", "c"]
+    with pytest.raises(BoardError, match="add --charuco"):
+        run(parser.parse_args([*usual, *words]))
+    with pytest.raises(BoardError, match=r"--left none\.png: no such picture"):
+        run(parser.parse_args([*usual, "--charuco", *words]))
+
+
 def test_every_option_of_the_command_is_taken() -> None:
     parser = argparse.ArgumentParser()
     register(parser.add_subparsers())

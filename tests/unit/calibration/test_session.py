@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import chain, count, repeat
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import AsyncMock, Mock
 
 import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import MoveRefusedError, NotSettledError
+from daemon.arm.guard import Refusal
 from daemon.arrays import Array
-from daemon.calibration.board import SeenBoard
+from daemon.calibration import session
+from daemon.calibration.board import BoardError, SeenBoard
 from daemon.calibration.board_detection import find_board
-from daemon.calibration.file import Calibration
-from daemon.calibration.hand_eye import LEAST_TURN_DEG, diversity_deg
+from daemon.calibration.file import Calibration, Quality
+from daemon.calibration.guide import Shown, missing
+from daemon.calibration.hand_eye import LEAST_TURN_DEG, cyclopean_from_board, diversity_deg
 from daemon.calibration.session import (
     EPIPOLAR_LIMIT_PX,
     LENGTH_LIMIT_MM,
+    MOST_VIEWS,
     SPREAD_LIMIT_MM,
     BoardView,
     SessionError,
     _plan,
+    sample_of,
+    solve_camera,
+    solve_hand_eye,
+    solve_stereo,
     verify,
+    view_tour,
 )
-from daemon.calibration.stereo import Pair
+from daemon.calibration.stereo import FEWEST_PAIRS, Pair, StereoError
 from daemon.vision.geometry import Camera
 from tests.fakes.boards import BOARD, drawn_board
 from tests.fakes.rigs import unlike_rig
@@ -39,6 +52,7 @@ def test_one_eye_that_was_nowhere_far_enough_from_where_it_was_says_so() -> None
         verify(views, BOARD, calibration)
 
 
+ORIGIN = np.zeros(3)
 TOOL_FROM_CYCLOPEAN = frames.rigid(
     frames.rotation_from_vector(np.array([0.2, -0.1, 1.5])), np.array([-75.0, 3.0, -110.0])
 )
@@ -109,6 +123,157 @@ def test_one_camera_that_the_arm_moves_verifies_as_a_pair() -> None:
     told = verify(views, BOARD, replace(CALIBRATION, alone="left"))
     assert told.passed
     assert told.length_mm < 0.01
+
+
+def session_of(**more: Any) -> Any:
+    """A session whose arm and cameras are played: a clock that goes on by a second a look."""
+    seconds = count()
+    cell = SimpleNamespace(clock=lambda: float(next(seconds)))
+
+    async def now(name: str, job: Awaitable[list[BoardView]], moves: bool = True) -> list[BoardView]:
+        return await job
+
+    mover = SimpleNamespace(cell=cell, reach=SimpleNamespace(allows=lambda _: True), dry=False, here=None, **more)
+    supervisor = SimpleNamespace(mover=mover, run=now, may_move=lambda: None)
+    return SimpleNamespace(
+        supervisor=supervisor, board=BOARD, calibration=CALIBRATION, set_out=AsyncMock(return_value="here")
+    )
+
+
+def shown_by_hand(monkeypatch: pytest.MonkeyPatch, looks: Iterable[BoardView | Exception]) -> tuple[list[Any], str]:
+    """The views that are kept where the board is seen so, or the error; and what was said."""
+    looks, said = iter(looks), AsyncMock()
+
+    async def see(_: Any, __: Any, ___: str) -> BoardView:
+        look = next(looks)
+        if isinstance(look, Exception):
+            raise look
+        return look
+
+    monkeypatch.setattr(session, "_see", see)
+    kept: list[Any] = asyncio.run(session.show_by_hand(session_of(), said))
+    return kept, "\n".join(call.args[0] for call in said.await_args_list)
+
+
+def held(tilts: Sequence[Array], far_mm: float = 300.0, aside_mm: Array = ORIGIN) -> list[BoardView]:
+    centre = np.append(BOARD.points_mm()[:, :2].mean(axis=0), 0.0)
+    found = []
+    for tilt in tilts:
+        turn = frames.rotation_from_vector(np.append(tilt, 0.0))
+        at = frames.rigid(turn, np.array([0.0, 0.0, far_mm]) + aside_mm - turn @ centre)
+        eyes = (seen_by(camera, at) for camera in (unlike_rig().left, unlike_rig().right))
+        found.append(BoardView(np.eye(4), Pair(f"at {tilt}", *eyes)))
+    return found
+
+
+def all_kinds() -> list[BoardView]:
+    """What a person shows who does all that is asked for: tilted each way, in each corner, near and far."""
+    tilts = [np.array(tilt) for tilt in ([0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5])]
+    corners = [np.array([x, y, 0.0]) for x in (-90.0, 90.0) for y in (-65.0, 65.0)]
+    return [*held(tilts), *(view for at in corners for view in held([np.zeros(2)], 300.0, at)), *held(tilts[:1], 420.0)]
+
+
+def test_a_board_held_by_hand_counts_once_a_view_and_what_is_still_missing_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    views = all_kinds()
+    blurred = [BoardError("blurred"), BoardError("blurred"), NotSettledError("it moves")]
+    looks = [*blurred, *(look for view in views for look in (view, view))]
+    kept, said = shown_by_hand(monkeypatch, looks)
+    assert kept == views
+    assert said.count("blurred") == said.count("it moves") == 1
+    for number in range(1, len(views) + 1):
+        assert said.count(f"view {number}") == 1
+        residual = f"view {number}, residual 0.00 px so far; next:" in said
+        assert residual is (number >= FEWEST_PAIRS and number % 3 == 0)
+    assert f"view 1; next: {missing(shown_of(views[:1]))[0]}" in said
+    assert said.endswith("next: done")
+
+
+def shown_of(views: Sequence[BoardView]) -> list[Shown]:
+    size = np.array(unlike_rig().image_size, float)
+    return [
+        Shown(cyclopean_from_board(sample_of(v, BOARD), unlike_rig()), v.pair.left.corners_px / size) for v in views
+    ]
+
+
+def test_who_shows_nothing_new_is_told_what_is_missing_and_who_shows_the_same_kind_on_and_on_comes_to_an_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first = held([np.zeros(2)])
+    with pytest.raises(SessionError, match=r"no new view for 60 s; 1 so far, missing: tilt the board.*, and then"):
+        shown_by_hand(monkeypatch, chain(first, repeat(first[0], 61)))
+    monkeypatch.setattr(session, "calibrate_stereo", Mock(side_effect=StereoError("too similar")))
+    on_and_on = (view for k in count() for view in held([np.full(2, 0.05)], 250.0 + 41.0 * k))
+    kept, _ = shown_by_hand(monkeypatch, on_and_on)
+    assert len(kept) == MOST_VIEWS
+
+
+async def _never(*_: Any) -> None:
+    raise AssertionError("the arm moved")
+
+
+def toured(monkeypatch: pytest.MonkeyPatch, poses: int, out_of_reach: int, unseen: int) -> tuple[Any, Any, str]:
+    """The views of a tour, where the arm was sent, and what was said; a pose that the arm does not reach, and one from
+    which the board is not seen."""
+    sent, said = list[Array](), AsyncMock()
+    first, *others = views_of_the_board(poses + 1)
+
+    async def travel(pose: Array, _: str, speed: Callable[[Array], float]) -> None:
+        sent.append(pose)
+        assert speed(pose) == 40.0
+        if len(sent) == out_of_reach:
+            raise MoveRefusedError(Refusal("keep-out", "post"))
+
+    async def see(_: Any, reading: Any, name: str) -> BoardView:
+        if name == f"pose {unseen}":
+            raise BoardError("blurred")
+        return first if name == "pose 0" else others[int(name.removeprefix("pose ")) - 1]
+
+    monkeypatch.setattr(session, "_see", see)
+    one = session_of(travel=travel)
+    one.supervisor.mover.here = "there"
+    return asyncio.run(view_tour(one, poses, said, 40.0)), sent, "\n".join(c.args[0] for c in said.await_args_list)
+
+
+def test_a_tour_leaves_out_what_it_cannot_reach_or_see_and_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, sent, said = toured(monkeypatch, 9, out_of_reach=2, unseen=5)
+    assert [view.pair.name for view in seen] == [f"pose {k}" for k in (0, 1, 3, 4, 6, 7, 8, 9)]
+    assert len(sent) == 10
+    np.testing.assert_array_equal(sent[-1], seen[0].world_from_tool)
+    assert "pose 2 of 9: left out: keep-out: post" in said
+    assert "pose 5 of 9: not used: blurred" in said
+    assert said.count(": seen") == 7
+    seen, _, said = toured(monkeypatch, 8, out_of_reach=9, unseen=20)
+    assert len(seen) == 9
+    assert "the arm did not return to its first pose: keep-out: post" in said
+    assert len(toured(monkeypatch, 0, out_of_reach=20, unseen=20)[1]) == 0
+    with pytest.raises(SessionError, match="from here the cameras do not see the board: blurred"):
+        toured(monkeypatch, 8, out_of_reach=20, unseen=0)
+
+
+def test_a_tour_without_a_rough_hand_eye_is_refused_before_the_arm_is_asked() -> None:
+    one = session_of(travel=_never)
+    one.calibration = Calibration(unlike_rig())
+    with pytest.raises(SessionError, match="enter a rough one"):
+        asyncio.run(view_tour(one, 8, AsyncMock(), 40.0))
+    assert not one.set_out.called
+
+
+def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye() -> None:
+    views, before = views_of_the_board(8), Calibration(unlike_rig(), np.eye(4), Quality(epipolar_px=0.5))
+    found, _ = solve_stereo(views, BOARD, before)
+    assert found.rig.baseline_mm == pytest.approx(unlike_rig().baseline_mm, abs=1e-3)
+    assert found.tool_from_cyclopean is before.tool_from_cyclopean
+    found, result = solve_hand_eye(views, BOARD, before)
+    np.testing.assert_allclose(found.tool_from_cyclopean, TOOL_FROM_CYCLOPEAN, atol=0.01)
+    assert (found.quality.epipolar_px, found.quality.views, found.quality.method) == (0.5, 8, "hand-eye")
+    assert found.quality.hand_eye_mm == pytest.approx(result.sigma_mm, abs=1e-4)
+    alone = [replace(view, pair=replace(view.pair, right=None)) for view in views]
+    one, camera = solve_camera(alone, BOARD, before)
+    assert one.alone == "left"
+    assert one.rig.left.matrix[0, 0] == pytest.approx(unlike_rig().left.matrix[0, 0], rel=1e-3)
+    assert (one.quality.views, one.quality.method) == (len(camera.used), "one camera")
 
 
 def planned(count: int, allowed: Callable[[Array], bool]) -> list[Array]:
