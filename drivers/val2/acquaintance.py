@@ -5,6 +5,7 @@ What is asked in which order is introduction.py's.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -168,7 +169,8 @@ def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Gen
 
 def _read(pieces: Sequence[tuple[float, bytes]], typed: bytes) -> ProbeAnswer:
     raw = b"".join(piece for _, piece in pieces)
-    said = raw.replace(typed, b"", 1) if typed else raw
+    # An echo comes first, or behind a late prompt; later, the same letters are the controller's own: `(Y/N)?`.
+    said = re.sub(rb"^([\s.]*)" + re.escape(typed), rb"\1", raw, count=1)
     reader = Reader()
     reader.line_ended(echoed=False)
     events = reader.receive(said) + reader.silence()

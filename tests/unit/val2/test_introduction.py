@@ -1,0 +1,272 @@
+"""The first contact as a dialogue, without a line and without time: what each manner of a controller is found to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, Exchange, Heard, Speed, Tell, UnclearError
+from drivers.val2.first_moves import ROUNDS, STEP_DEG
+from drivers.val2.introduction import APART_DEG, BAUDS, ENDS, MARGIN, PACES_S, STRAIGHT_DEG, introduce
+
+USUAL_JOINTS = (10.125, 60.25, -150.375, 20.5, -40.625, 30.75)
+
+
+@dataclass
+class Terminal:
+    """A controller by its manners, each a field; takes an Exchange and gives what is heard."""
+
+    baud: int = 9600
+    end: bytes = b"\r"
+    newline: str = "\r\n"
+    prompt: str = "."
+    asks: Sequence[str] = ()
+    echo: bool = True
+    one_header: bool = False
+    decimals: tuple[int, int] = (2, 3)
+    lower_case: bool = True
+    abbreviations: bool = True
+    cancels: bool = True
+    both_end: bool = False
+    knows_break: bool = True
+    needs_pace_s: float = 0.0
+    takes: Sequence[str] = ("ABORT",)
+    stops: Sequence[str] = ("ABORT",)
+    prompts_at_start: bool = False
+    calibrated: bool = True
+    at_end: Sequence[int] = ()
+    joints: list[float] = field(default_factory=lambda: list(USUAL_JOINTS))
+    lines: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.speed, self.line, self.ahead = 0, "", list[str](self.asks)
+        self.going: tuple[int, float] | None = None
+        self.waiting = bool(self.asks)
+
+    def hears(self, step: Exchange) -> Heard:
+        """What is heard of it."""
+        if self.speed != self.baud:
+            return Heard((), step.most_s)
+        data = step.data.decode("latin-1")
+        if step.pace_s < self.needs_pace_s and len(data) > 3:
+            data = data[0] + data[2:]
+        said = ""
+        for k, letter in enumerate(data):
+            said += letter if self.echo and letter not in "\r\n\x15" else ""
+            ends = letter == self.end.decode()[-1] and (self.line + letter).endswith(self.end.decode())
+            if ends or (self.both_end and letter in "\r\n"):
+                line, self.line = self.line.strip("\r\n"), ""
+                said += self.answers(line)
+            elif letter == "\x15" and self.cancels:
+                self.line = ""
+            else:
+                self.line += letter
+        return Heard(((0.1, said.encode("latin-1")),) if said else (), step.quiet_s if said else step.most_s)
+
+    def answers(self, line: str) -> str:
+        """All that is printed after a line."""
+        if self.ahead:
+            question = self.ahead.pop(0) if not self.waiting or line.strip("!") == "" else None
+            self.waiting = False
+            if question:
+                return f"{self.newline}{question} "
+        self.lines.append(line)
+        text = self.carried_out(line)
+        return self.newline + (text + self.newline if text else "") + self.prompt
+
+    def carried_out(self, line: str) -> str:
+        """What is said to it."""
+        going, self.going = self.going, None
+        if going is not None:
+            joint, degrees = going
+            self.joints[joint] += degrees / 2 if line in self.stops else degrees
+        said = line.upper() if self.lower_case else line
+        if said == "" or said in self.takes or (said == "DO BREAK" and self.knows_break) or said.startswith("SPEED "):
+            return ""
+        if said == "WHERE" or (self.abbreviations and said == "WHER"):
+            return self.table()
+        if said == "CAL" and not self.calibrated:
+            self.calibrated = True
+            return ""
+        if said.startswith("DO DRIVE "):
+            joint, degrees, _ = said.removeprefix("DO DRIVE ").split(",")
+            if not self.calibrated:
+                return "*Arm not calibrated*"
+            if int(joint) in self.at_end and float(degrees) > 0:
+                return f"*Joint {joint} out of range*"
+            self.going = int(joint) - 1, float(degrees)
+            return ""
+        return "*Illegal command*"
+
+    def table(self) -> str:
+        """WHERE."""
+        mm, deg = self.decimals
+        place = [f"{v:.{mm}f}" for v in (self.joints[0] * 10 + 0.125, 100.125, -50.375)]
+        place += [f"{v:.{deg}f}" for v in (10.125, 80.25, 20.375)]
+        joints = [f"{v:.{deg}f}" for v in self.joints]
+        if self.one_header:
+            return self.newline.join(["X/JT1 Y/JT2 Z/JT3 O/JT4 A/JT5 T/JT6", " ".join(place), " ".join(joints)])
+        return self.newline.join(["X Y Z O A T", " ".join(place), "JT1 JT2 JT3 JT4 JT5 JT6", " ".join(joints)])
+
+
+def met(
+    terminal: Terminal, says: Callable[[Consult], str], pendant: bool = False
+) -> tuple[Acquaintance, list[Consult], list[str]]:
+    """Carry a first contact through: what is known, what the person was asked, and what she was told."""
+    known, asked, told = Acquaintance(), list[Consult](), list[str]()
+    steps, came = introduce(known, pendant=pendant), None
+    while True:
+        try:
+            step: Any = steps.send(came)
+        except StopIteration:
+            return known, asked, told
+        came = None
+        if isinstance(step, Speed):
+            terminal.speed = step.baud
+        elif isinstance(step, Tell):
+            told.append(step.text)
+        elif isinstance(step, Consult):
+            asked.append(step)
+            came = says(step)
+        else:
+            came = terminal.hears(step)
+
+
+def no_moves(consult: Consult) -> str:
+    return "Y" if consult.about == "power-up" else "no"
+
+
+def yes(consult: Consult) -> str:
+    return "no" if consult.about == "pendant" else "yes"
+
+
+@settings(max_examples=25)
+@given(
+    baud=st.sampled_from(BAUDS),
+    end=st.sampled_from(ENDS),
+    newline=st.sampled_from(["\r\n", "\n\r", "\r", "\n"]),
+    prompt=st.sampled_from([".", ". "]),
+    asks=st.sampled_from([(), ("Boot now (Y/N)?",), ("Boot now (Y/N)?", "Initialize (Y/N)?")]),
+    manners=st.fixed_dictionaries(dict.fromkeys(
+        ("echo", "one_header", "lower_case", "abbreviations", "cancels", "knows_break"), st.booleans())),
+    decimals=st.sampled_from([(2, 3), (1, 2), (2, 2), (3, 1), (1, 1)]),
+    pace_s=st.sampled_from(PACES_S),
+    takes=st.sampled_from([("ABORT",), ("PANIC",), ("ABORT", "PANIC")]),
+)  # fmt: skip
+def test_each_manner_of_a_controller_is_found_to_be_what_it_is(
+    baud: int, end: bytes, newline: str, prompt: str, asks: tuple[str, ...], manners: dict[str, bool],
+    decimals: tuple[int, int], pace_s: float, takes: tuple[str, ...],
+) -> None:  # fmt: skip
+    terminal = Terminal(
+        baud, end, newline, prompt, asks, decimals=decimals, needs_pace_s=pace_s, takes=takes, **manners
+    )
+    known, asked, _ = met(terminal, no_moves)
+    found = {name: finding.value for name, finding in known.findings.items()}
+    assert [consult.about for consult in asked] == ["power-up"] * len(asks) + ["move"]
+    assert {name: found[name] for name in ("baud", "line_end", "newline", "prompt", "power_up", "echo")} == {
+        "baud": baud, "line_end": end.decode(), "newline": newline, "prompt": prompt, "power_up": list(asks),
+        "echo": manners["echo"],
+    }  # fmt: skip
+    assert ("power_up_asks" in found) is bool(asks)
+    assert found["where"] == ("one header" if manners["one_header"] else "two headers")
+    assert (found["lower_case"], found["abbreviations"]) == (manners["lower_case"], manners["abbreviations"])
+    assert found.get("calibrate_word") == (None if manners["abbreviations"] else "CALIBRATE")
+    assert found["cancel_line"] == ("\x15" if manners["cancels"] else "")
+    assert found["break_after_move"] is manners["knows_break"]
+    assert found["digits"] == decimals
+    assert found.get("same_place_mm") == (None if decimals[0] >= 2 else 0.2)
+    assert found.get("same_place_deg") == {1: 0.2, 2: 0.02, 3: None}[decimals[1]]
+    assert found["character_pause_s"] == pytest.approx(min(MARGIN * pace_s, CAREFUL_S))
+    assert (found["abort_word"], found["stop_words"]) == (takes[0], takes)
+    assert not any("DRIVE" in line for line in terminal.lines)
+
+
+@pytest.mark.parametrize("both_end", [False, True])
+def test_cr_lf_that_is_two_ends_gives_two_prompts(both_end: bool) -> None:
+    found = met(Terminal(both_end=both_end), no_moves)[0].findings
+    assert found["two_prompts"].value is both_end
+
+
+@settings(max_examples=15)
+@given(
+    prompts_at_start=st.booleans(),
+    stops=st.sampled_from([("ABORT",), ("PANIC",)]),
+    coarse=st.booleans(),
+    calibrated=st.booleans(),
+    at_end=st.sets(st.integers(1, 6)),
+)
+def test_the_first_moves_are_there_and_back_by_the_word_that_stops(
+    prompts_at_start: bool, stops: tuple[str, ...], coarse: bool, calibrated: bool, at_end: set[int]
+) -> None:
+    terminal = Terminal(
+        takes=("ABORT", "PANIC"), stops=stops, decimals=(1, 1) if coarse else (2, 3), calibrated=calibrated,
+        at_end=tuple(at_end),
+    )  # fmt: skip
+    known, asked, told = met(terminal, yes)
+    assert [consult.about for consult in asked] == ["move", *([] if calibrated else ["calibrate"])]
+    assert known.findings["abort_word"].value == stops[0]
+    assert known.findings["abort_word"].sure == "certain"
+    assert ("ABORT let the motion finish: that is not a stop." in told) is (stops[0] == "PANIC")
+    assert known.moved
+    rounds = len(ROUNDS) * (1 + coarse)
+    assert len(known.readings) == 1 + 6 * rounds
+    turned = [abs(b - a) for one, two in zip(known.readings, known.readings[1:], strict=False)
+              for a, b in zip(one.joints_deg, two.joints_deg, strict=True)]  # fmt: skip
+    assert sum(t > 0.5 for t in turned) == 6 * rounds
+    assert max(turned) == pytest.approx(STEP_DEG, abs=0.11)
+
+
+def test_where_no_word_stops_it_or_a_joint_does_not_turn_it_ends_with_what_to_do() -> None:
+    with pytest.raises(UnclearError, match="ABORT let a motion finish: which word stops the arm here"):
+        met(Terminal(stops=()), yes)
+    with pytest.raises(UnclearError, match="takes none of ABORT, PANIC"):
+        met(Terminal(takes=()), yes)
+    with pytest.raises(UnclearError, match="not calibrated, and nothing was moved"):
+        met(Terminal(calibrated=False), lambda c: "no" if c.about == "calibrate" else yes(c))
+    with pytest.raises(UnclearError, match="asks again and again"):
+        met(Terminal(asks=["Why (Y/N)?"] * 12), no_moves)
+    with pytest.raises(UnclearError, match="prints whole numbers"):
+        met(Terminal(decimals=(0, 0)), no_moves)
+
+
+def test_a_wrist_is_bent_by_the_person_until_it_is_no_longer_straight() -> None:
+    terminal, bent = Terminal(), iter([STRAIGHT_DEG - 0.1, -STRAIGHT_DEG])
+    terminal.joints[4] = 0.0
+
+    def bends(consult: Consult) -> str:
+        if consult.about == "pendant":
+            terminal.joints[4] = next(bent)
+        return "yes"
+
+    _, asked, _ = met(terminal, bends)
+    assert [consult.about for consult in asked] == ["move", "pendant", "pendant"]
+    assert "Joint 5 reads 9.9 degrees" in asked[2].text
+    stays = Terminal()
+    stays.joints[4] = 0.0
+    assert [consult.about for consult in met(stays, yes)[1]] == ["move", "pendant"]
+
+
+def test_places_by_the_pendant_count_once_and_only_far_from_the_others() -> None:
+    terminal = Terminal()
+    by = iter([0.0, APART_DEG - 0.1, APART_DEG, 2 * APART_DEG])
+
+    def brings(consult: Consult) -> str:
+        if consult.about != "pendant":
+            return "no"
+        if (far := next(by, None)) is None:
+            return "no"
+        terminal.joints[1] = USUAL_JOINTS[1] + far
+        return "yes"
+
+    known, asked, told = met(terminal, brings, pendant=True)
+    assert len(known.readings) == 3
+    assert [f": {taken} so far" in consult.text for taken, consult in zip([0, 0, 0, 1, 2], asked[1:], strict=True)] == [
+        True
+    ] * 5
+    assert told == [f"all joints are within {near:.1f} degrees of a place that is known: farther, please"
+                    for near in (0.0, APART_DEG - 0.1)]  # fmt: skip
