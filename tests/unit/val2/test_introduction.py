@@ -56,7 +56,7 @@ class Terminal:
         if step.pace_s < self.needs_pace_s and len(data) > 3:
             data = data[0] + data[2:]
         said = ""
-        for k, letter in enumerate(data):
+        for letter in data:
             said += letter if self.echo and letter not in "\r\n\x15" else ""
             ends = letter == self.end.decode()[-1] and (self.line + letter).endswith(self.end.decode())
             if ends or (self.both_end and letter in "\r\n"):

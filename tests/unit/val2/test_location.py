@@ -82,37 +82,5 @@ def test_a_location_that_is_not_a_number_is_never_written(value: float) -> None:
         commands.move(Location(0, 0, value, 0, 0, 0))
 
 
-def test_the_longest_move_fits_a_monitor_line() -> None:
-    longest = Location(-1234.56, -1234.56, -1234.56, -179.999, -89.999, -179.999)
-    lines = [commands.move(longest), *commands.straight_move(longest, "GOAL"), *commands.straight_move(longest, None)]
-    assert max(map(len, lines)) < 80
-
-
-@pytest.mark.parametrize("percent", [0, -5, 101, float("nan")])
-def test_a_speed_that_is_no_percentage_is_never_written(percent: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
-        commands.speed(percent)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["DO MOVE P", "do moves p", " DO  READY", "EX prog", "CAL", "DO CLOSEI", "do drive 1,2,3", "DO APPRO P,50",
-     "D MOVE P", "DO", "DO MOV P", "DO LEFTY", "DO SPEED 100", "EXEC PROG", "EXECUTE", "CALI", "calib", "PROCEED",
-     "RETRY", "NEXT", "XSTEP", "ST", "S", "NEST", "PROG", "PA", "PANICKED", "1", "CAL;WHERE", "WHEREVER",
-     "\x00DO READY", "WHERE,DO"],
-)  # fmt: skip
-def test_whatever_moves_arm_or_hand_is_known_to(text: str) -> None:
-    assert commands.moves_the_arm(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["WHERE", "DO SET P=TRANS(1,2,3,4,5,6)", "SPEED 50", "DO BREAK", "ABORT", "wher", "STAT", " status", "LISTL",
-     "LISTP PROG", "DIR", "TOOL TRANS(0,0,130,0,0,0)", "HERE P1", "Y", "n", "", "FREE", "PANIC", "pan"],
-)  # fmt: skip
-def test_whatever_moves_nothing_is_known_to(text: str) -> None:
-    assert not commands.moves_the_arm(text)
-
-
 def test_half_a_turn_is_measured_too() -> None:
     assert apart(Location(0, 0, 0, 0, 0, 0), Location(0, 0, 0, 180, 0, 0))[1] == pytest.approx(180.0)
