@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm import OnHand
+from daemon.arm import OnHand, OutOfReachError, RefusedError
 from daemon.pick.around import (
     LEAST_PLACES,
     MOST_PLACES,
@@ -18,7 +19,9 @@ from daemon.pick.around import (
     NoThingError,
     thing_in,
     tour_round,
+    walk_round,
 )
+from daemon.pick.settings import Settings
 from daemon.vision.facets import merge_vertices
 from tests.fakes.solids import CUBE, pose, view_of
 
@@ -81,3 +84,71 @@ def test_the_thing_to_walk_round_is_the_one_group_of_facets_in_view() -> None:
         thing_in(look_at_groups(lone))
     with pytest.raises(NoThingError, match="2 parts are in view"):
         thing_in(look_at_groups(group, lone, group))
+
+
+CUBE_SEEN = merge_vertices(view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3)).facets)
+
+
+class Walk:
+    """A mover and looks that are played: what was travelled to, and what the looks show in their order."""
+
+    def __init__(self, *shown: Any, refused: tuple[str, ...] = (), dry: bool = False) -> None:
+        self.shown, self.refused, self.travelled, self.told = list(shown), refused, list[str](), list[str]()
+        reach = SimpleNamespace(allows=lambda _: True)
+        self.mover = SimpleNamespace(
+            travel=self.travel, dry=dry, belief=SimpleNamespace(at=None), rest=self.rest, reach=reach
+        )
+        self.context: Any = SimpleNamespace(
+            cell=SimpleNamespace(mounting=OnHand(TOOL_FROM_CYCLOPEAN)), mover=self.mover,
+            settings=Settings(surveys=Settings().surveys[:1] * 2), look=self.look, lit_look=self.look,
+        )  # fmt: skip
+
+    async def rest(self) -> str:
+        return "here"
+
+    async def travel(self, _: Any, purpose: str, __: Any) -> None:
+        self.travelled.append(purpose)
+        if purpose in self.refused:
+            raise OutOfReachError("the wrist")
+        if not self.mover.dry:
+            self.mover.belief.at = purpose
+
+    async def look(self, at: str, purpose: str) -> Any:
+        assert at == (self.travelled[-1] if self.travelled and not self.mover.dry else "here")
+        return self.shown.pop(0) if self.shown else look_at_groups(CUBE_SEEN)
+
+    def walked(self, count: int) -> tuple[CircledPart, list[Any]]:
+        async def told(text: str) -> None:
+            self.told.append(text)
+
+        return asyncio.run(walk_round(self.context, count, told))
+
+
+def test_a_thing_is_looked_at_from_each_place_that_is_reached_and_how_much_of_it_each_shows_is_told() -> None:
+    nothing = look_at_groups()
+    one_facet = look_at_groups(merge_vertices(CUBE_SEEN.facets[:1]))
+    walk = Walk(nothing, look_at_groups(CUBE_SEEN), nothing, one_facet, refused=("round it, place 2 of 6",))
+    thing, looks = walk.walked(6)
+    assert thing.holds(CUBE_SEEN, np.eye(4))
+    assert walk.travelled == ["find it", *(f"round it, place {k} of 6" for k in range(1, 7))]
+    whole = f"{len(CUBE_SEEN.facets)} facets"
+    assert walk.told == [f"place {k} of 6: {text}" for k, text in enumerate(
+        ("0 facets", "left out: the wrist", "1 facet", whole, whole, whole), 1)]  # fmt: skip
+    assert len(looks) == 5
+
+
+def test_where_nothing_is_found_from_anywhere_or_too_few_places_are_reached_nobody_walks() -> None:
+    nothing = look_at_groups()
+    walk = Walk(nothing, nothing, nothing)
+    with pytest.raises(NoThingError, match="no part is seen"):
+        walk.walked(6)
+    assert walk.travelled == ["find it"] * 2
+    few = Walk()
+    with pytest.raises(RefusedError, match=f"reaches only {LEAST_PLACES - 1} places"):
+        few.walked(LEAST_PLACES - 1)
+    assert few.travelled == []
+    dry = Walk(dry=True)
+    assert len(dry.walked(LEAST_PLACES)[1]) == 0
+    assert len(dry.travelled) == LEAST_PLACES
+    with pytest.raises(NoThingError):
+        Walk(nothing, dry=True).walked(LEAST_PLACES)

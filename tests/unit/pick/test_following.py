@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,10 +14,12 @@ from daemon.arm import OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following
-from daemon.pick.following import CameraMount, came_back_empty, fitted, in_hand, left_hand
+from daemon.pick.following import CameraMount, came_back_empty, fitted, held_pose, in_hand, left_hand
 from daemon.pick.looking import Taken
+from daemon.pick.pose_fusion import Doubt
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact
+from daemon.vision.refine import Fit
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
@@ -146,3 +149,36 @@ def test_a_part_whose_facets_one_of_two_looks_cannot_be_fitted_to_says_nothing_o
     assert said([first], [second]) == [3]
     assert said([part(None, 0.0)], [second]) == said([first], [part(None, 1.0)]) == []
     assert said([first], [part("c", 500.0)]) == []
+
+
+@pytest.mark.parametrize(("mm", "deg"), [(0.0, 0.0), (2.0, 1.0)])
+def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
+    monkeypatch: pytest.MonkeyPatch, mm: float, deg: float
+) -> None:
+    tool_from_cyclopean = frames.rigid(np.eye(3), np.array([0.0, 0.0, -100.0]))
+    grasped_at = frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0]))
+    seen = frames.perturb(grasped_at, np.array([mm, 0, 0, 0, 0, np.radians(deg)]))
+    tight, loose = np.diag([0.01] * 3 + [1e-6] * 3), np.diag([1.0] * 3 + [1e-4] * 3)
+    doubt = Doubt(0.0, 0.0, 0.0, 0.0, 0.0)
+    fit = Fit(frames.inverse(tool_from_cyclopean) @ seen, tight, 0.1, 9)
+    found: list[Any] = []
+    monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, reach: found.append(near) or fit)
+    target: Any = SimpleNamespace(
+        shape=None, tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
+        plan=SimpleNamespace(grasp=SimpleNamespace(world_from_tool=np.eye(4))),
+    )  # fmt: skip
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)))
+    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
+    held = held_pose(target, look, mount, doubt)
+    assert held is not None
+    np.testing.assert_allclose(found[0], frames.inverse(tool_from_cyclopean) @ grasped_at)
+    np.testing.assert_allclose(held.seen, seen, atol=1e-9)
+    assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / 1.01e-4, rel=0.05)
+    shift, turned = frames.size(frames.difference(held.pose, grasped_at))
+    assert (shift, np.degrees(turned)) == pytest.approx((mm / 1.01, deg / 1.01), rel=0.03)
+    monkeypatch.setattr(following, "by_edges", lambda *_: None)
+    assert held_pose(target, look, mount, doubt) is None
+    monkeypatch.setattr(following, "by_edges", lambda *_: fit)
+    assert held_pose(target, look, replace(mount, alone="left"), doubt) is None
+    target.estimate = None
+    assert held_pose(target, look, mount, doubt) is None

@@ -6,25 +6,32 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm import RefusedError
+from daemon.arm import BeliefSource, RefusedError, carried_part
 from daemon.events.pick_order import PickOrder
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
+from daemon.pick.following import HeldPose
 from daemon.pick.looking import Look
-from daemon.pick.placing import Goal, PlaceTable
+from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceTable, goal_of
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
+from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickState
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
-from tests.fakes.fake_cell import cycle_of, one_part
+from tests.fakes.fake_cell import cycle_of, one_part, shape_of
 
+MEASURE = set_down.measure
 AT = (430.0, -220.0, -300.0)
 
 
@@ -295,3 +302,109 @@ def test_a_stop_while_the_gripper_lets_go_at_a_place_asks_about_the_gripper(tmp_
     story.pick()
     assert stops
     assert story.cycle.status()["holding"] is None
+
+
+TOLERANCE_MM, TOLERANCE_DEG = 4.0, 5.0
+A_GOAL = goal_of(nest(tolerance_mm=TOLERANCE_MM, tolerance_deg=TOLERANCE_DEG), shape_of("cube"))
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(0.0, 12.0), st.floats(-12.0, 12.0), st.floats(-20.0, 20.0), st.floats(0.05, 3.0), st.floats(0.05, 3.0),
+    st.floats(0.05, 3.0), st.floats(-3.1, 3.1),
+)  # fmt: skip
+def test_what_looks_say_of_a_place_is_sure_where_their_error_would_not_change_it(
+    off_mm: float, height_mm: float, off_deg: float, sigma_mm: float, height_sigma_mm: float, sigma_deg: float,
+    way: float,
+) -> None:  # fmt: skip
+    turn = frames.rotation_from_vector(np.radians([0.0, 0.0, off_deg]))
+    lying = A_GOAL.poses[0].copy()
+    lying[:3, :3] = turn @ lying[:3, :3]
+    middle = frames.apply(lying, A_GOAL.shape.corners_mm).mean(axis=0)
+    lying[:3, 3] += A_GOAL.centre - middle + [off_mm * np.cos(way), off_mm * np.sin(way), height_mm]
+    sigmas = [sigma_mm, sigma_mm, height_sigma_mm, *np.radians([sigma_deg] * 3)]
+    found = set_down._lies(A_GOAL, Estimate(lying, np.diag(np.square(sigmas)), 0.0, 0.0))
+    assert found.off == pytest.approx((off_mm, abs(off_deg), height_mm), abs=1e-6)
+    most_height_mm = max(TOLERANCE_MM, 3.0 * height_sigma_mm)
+    errs_mm, errs_deg = sigma_mm * np.sqrt(2.0), sigma_deg * np.sqrt(3.0)
+    edges = [TOLERANCE_MM, TOLERANCE_MM - errs_mm, TOLERANCE_MM + errs_mm]
+    turns = [TOLERANCE_DEG, TOLERANCE_DEG - errs_deg, TOLERANCE_DEG + errs_deg]
+    heights = [most_height_mm, 2 * most_height_mm]
+    assume(all(abs(off_mm - edge) > 1e-6 for edge in edges) and all(abs(abs(off_deg) - t) > 1e-6 for t in turns))
+    assume(all(abs(abs(height_mm) - h) > 1e-6 for h in heights))
+    if abs(height_mm) > most_height_mm:
+        assert found.status is PlaceStatus.OFF
+        assert f"{abs(height_mm):.1f} mm {'higher' if height_mm > 0 else 'lower'} than it would rest" in found.why
+        assert found.sure is (abs(height_mm) > 2 * most_height_mm)
+        return
+    right = off_mm <= TOLERANCE_MM and abs(off_deg) <= TOLERANCE_DEG
+    assert found.status is (PlaceStatus.RIGHT if right else PlaceStatus.OFF)
+    assert ("within 4 mm and 5 degrees" in found.why) is right
+    surely_in = off_mm + errs_mm < TOLERANCE_MM and abs(off_deg) + errs_deg < TOLERANCE_DEG
+    surely_out = off_mm - errs_mm > TOLERANCE_MM or abs(off_deg) - errs_deg > TOLERANCE_DEG
+    assert found.sure == (surely_in or surely_out)
+
+
+def shows(label: str, named: bool, off_mm: float, residual_mm: float = 0.2, turned: int = 0) -> Any:
+    """A part in a look from the world's origin, so far from the middle of the place."""
+    pose = A_GOAL.poses[turned].copy()
+    pose[0, 3] += off_mm
+    part = SimpleNamespace(
+        cyclopean_from_part=pose, equivalents=[A_GOAL.poses[0] @ np.diag([1.0, 1, 1, 1])], covariance=np.eye(6),
+        residual_mm=residual_mm, fitted_mm=[np.zeros((4, 3)), np.zeros((3, 3))],
+    )  # fmt: skip
+    return SimpleNamespace(named=named, label=label, centre=np.add(A_GOAL.centre, (off_mm, 0, 0)), part=part)
+
+
+def test_the_part_that_is_named_at_a_place_counts_there_and_in_the_pose_nearest_to_the_goal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    here: Any = SimpleNamespace(world_from_cyclopean=np.eye(4))
+
+    def of(*parts: Any) -> tuple[Fit | None, PlaceStatus]:
+        monkeypatch.setattr(set_down, "seen_parts", lambda _: list(parts))
+        return set_down.named_at(A_GOAL, here), set_down.judged(A_GOAL, here, PlaceStatus.MISSING).status
+
+    fit, _ = of(
+        shows("cube", True, 3.0, 0.5), shows("cube", True, 1.0, 0.3, turned=5), shows("pyramid", True, 0.0, 0.1)
+    )
+    assert fit is not None
+    np.testing.assert_array_equal(fit.cyclopean_from_part, A_GOAL.poses[0])
+    assert (fit.residual_mm, fit.matched) == (0.3, 7)
+    for others in ([], [shows("cube", True, AT_PLACE_MM + 1.0)]):
+        assert of(*others) == (None, PlaceStatus.MISSING)
+    for others in ([shows("pyramid", True, 0.0)], [shows("cube", False, AT_PLACE_MM - 1.0)]):
+        assert of(*others) == (None, PlaceStatus.OFF)
+
+
+@pytest.mark.parametrize(("chi2", "trusted"), [(CHI_SQUARE_6, True), (1.01 * CHI_SQUARE_6, False), (None, False)])
+def test_how_a_part_is_held_is_taken_from_its_edges_where_these_agree_with_the_grasp(
+    chi2: float | None, trusted: bool
+) -> None:
+    records, learnt = [], []
+    held = frames.rigid(np.eye(3), np.array([0.0, 0.0, 12.0]))
+    seen = frames.perturb(np.eye(4), np.array([3.0, 0.0, 4.0, 0.0, 0.0, np.radians(2.0)]))
+
+    async def compute(*_: Any) -> HeldPose | None:
+        return None if chi2 is None else HeldPose(seen, held, chi2)
+
+    cell = SimpleNamespace(
+        compute=compute, rig=None, mounting=None, alone=None,
+        log=SimpleNamespace(record=lambda kind, **fields: records.append((kind, fields))),
+    )  # fmt: skip
+    beliefs = SimpleNamespace(learn=lambda source, load: learnt.append((source, load)))
+    context: Any = SimpleNamespace(
+        cell=cell, settings=Settings(), cycle=7, mover=SimpleNamespace(beliefs=beliefs)
+    )  # fmt: skip
+    target: Any = SimpleNamespace(label="cube", shape=shape_of("cube"), tool_from_part=np.eye(4))
+    found = asyncio.run(MEASURE(context, target, cast("Any", None)))
+    assert found is (held if trusted else None)
+    assert bool(learnt) is trusted
+    if chi2 is not None:
+        ((kind, fields),) = records
+        assert (kind, fields["cycle"], fields["label"], fields["chi2"]) == ("in_gripper", 7, "cube", chi2)
+        assert (fields["shift_mm"], fields["shift_deg"]) == pytest.approx((5.0, 2.0))
+    if trusted:
+        ((source, load),) = learnt
+        assert source is BeliefSource.OBSERVED
+        assert load == carried_part(frames.apply(held, target.shape.corners_mm), "cube in the gripper")
