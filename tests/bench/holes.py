@@ -169,7 +169,7 @@ def holes_seen(one: Look) -> Iterator[Seen]:
         solid = part.drawing.solid
         shift = np.eye(4)
         shift[:3, 3] = own.centres_mm.mean(0) - solid.centres_mm.mean(0) if k != one.lies else 0.0
-        for number, turn in enumerate(turns_but_for_holes(solid).motions if solid.holes else ()):
+        for number, turn in enumerate(turns_but_for_holes(solid) if solid.holes else ()):
             there, pose = k == one.lies and number == 0, one.pose @ shift @ turn
             for hole in solid.holes:
                 ring = frames.apply(pose, hole.ring_mm)

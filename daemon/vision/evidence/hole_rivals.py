@@ -50,7 +50,7 @@ def turned_by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -
     solid = model.metric[label].solid
     if not solid.holes:
         return 0.0, pose
-    poses = [pose, *(pose @ turn for turn in turns_but_for_holes(solid).motions[1:])]
+    poses = [pose, *(pose @ turn for turn in turns_but_for_holes(solid)[1:])]
     nats = [hole_nats(solid, one, eyes, model.parameters.tolerance_mm) for one in poses]
     most = int(np.argmax(nats))
     return nats[most], poses[most]

@@ -12,16 +12,19 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Hole, Polyhedron, exact
+from daemon.vision.geometry import Hole, Polyhedron, axes_in, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
 SAME_RIM_MM = 0.15
 """How far rims of holes may differ that are the same: the corners of a round one need not lie on each other."""
+ROUND_FLOOR = 0.1
+"""By what share of its radius a round floor, kept as an octagon around it, may stand out of its bore."""
 MOST_AT_ONCE = 2_000_000
 """Distances between corners that are held at once."""
 KEPT_MM, MOST_MIRRORED = 2.0, 12
@@ -45,13 +48,29 @@ def symmetries(solid: Polyhedron) -> Turns:
 
 
 @lru_cache(maxsize=1024)
-def turns_but_for_holes(solid: Polyhedron) -> Turns:
-    """The turns that take a solid onto itself wherever its holes come to lie, one of those that differ by one of its
-    symmetries."""
-    every, own = symmetries(replace(solid, holes=())), symmetries(solid)
-    codes = {tuple(row): k for k, row in reversed(list(enumerate(every.corners.tolist())))}
-    first = [k for k, row in enumerate(every.corners) if min(codes[tuple(row[one])] for one in own.corners) == k]
-    return Turns(every.corners[first], every.motions[first])
+def turns_but_for_holes(solid: Polyhedron) -> Array:
+    """(S, 4, 4) the motions that take a solid onto itself wherever its holes, and the facets in them, come to lie, one
+    of those that differ by one of its symmetries; the first is none."""
+    outside = replace(solid.only(_outside_of_holes(solid)), holes=())
+    own, found = symmetries(solid).motions, list[Array]()
+    for motion in symmetries(outside).motions:
+        if not any(np.abs(np.linalg.inv(one) @ motion - own).max((1, 2)).min() < SAME_RIM_MM for one in found):
+            found.append(motion)
+    return np.array(found)
+
+
+def _outside_of_holes(solid: Polyhedron) -> list[int]:
+    """The facets that are no hole's floor or wall."""
+    within = np.zeros(len(solid.facets), bool)
+    for hole in solid.holes:
+        normal = solid.normals[hole.facet]
+        across = axes_in(normal)
+        ring = (hole.ring_mm @ across.T).astype(np.float32)
+        room = -SAME_RIM_MM - ROUND_FLOOR * np.ptp(ring, axis=0).min() / 2
+        inside = np.array([cv2.pointPolygonTest(ring, p, True) > room for p in solid.corners_mm @ across.T])
+        inside &= (solid.corners_mm - hole.ring_mm[0]) @ normal < SAME_RIM_MM
+        within |= [bool(inside[facet].all()) for facet in solid.rings]
+    return np.flatnonzero(~within).tolist()
 
 
 class MirrorImage(NamedTuple):

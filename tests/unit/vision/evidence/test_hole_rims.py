@@ -14,7 +14,7 @@ from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
 from daemon.vision.evidence.hole_rims import HIDDEN_NATS, hole_nats, rims_seen
 from daemon.vision.evidence.hole_rivals import by_holes
-from daemon.vision.geometry import Hole, Polyhedron
+from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import Model, empty_model, learn_solids, symmetries, turns_but_for_holes
@@ -186,6 +186,17 @@ def test_the_constants_are_those_that_the_bench_makes_of_what_is_kept() -> None:
 def test_turns_but_for_holes_are_all_turns_of_the_shape_one_of_a_kind() -> None:
     solid = bored(14.0)
     assert len(symmetries(solid).motions) == 2
-    assert len(turns_but_for_holes(solid).motions) == 2
-    assert len(turns_but_for_holes(PLAIN).motions) == 1
-    assert np.allclose(turns_but_for_holes(solid).motions[0], np.eye(4))
+    assert len(turns_but_for_holes(solid)) == 2
+    assert len(turns_but_for_holes(PLAIN)) == 1
+    assert np.allclose(turns_but_for_holes(solid)[0], np.eye(4))
+
+
+def test_the_floor_of_a_blind_bore_belongs_to_the_bore_and_hinders_no_turn() -> None:
+    solid = bored(14.0)
+    (hole, *_) = solid.holes
+    normal, middle = solid.normals[hole.facet], hole.ring_mm.mean(0)
+    floor = middle + 1.07 * (hole.ring_mm[::6] - middle) - 10 * normal
+    places = range(len(solid.corners_mm), len(solid.corners_mm) + len(floor))
+    blind = exact(np.vstack([solid.corners_mm, floor]), [*solid.facets, places])
+    assert len(turns_but_for_holes(replace(blind, holes=(hole,)))) == len(symmetries(PLAIN).motions) == 4
+    assert len(turns_but_for_holes(blind)) == 1  # a facet that no hole is around tells the turns apart
