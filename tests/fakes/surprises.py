@@ -43,7 +43,8 @@ USUAL = (
     *["stop", "abort", "disable", "pause", "step on", "step off", "confirm", "refuse"] * 2,
     "pick cube", "look around", "cameras left", "cameras both", "auto on 2", "auto on every 9",
     "auto off", "auto resume", "holding no", "holding yes", "dry on",
-    "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal",
+    "dry off", "reload", "status", "where", "look", "scatter cube", "clear", "robot power-up", "robot cal", "here spot",
+    "go spot", "positions drop spot", "place show", "place clear all",
 )  # fmt: skip
 GOES = (*["go home", "go bin", "go survey"] * 2, "pick", "hand open", "hand close", "robot cal")
 MONITOR = ("WHERE", "STATUS", "SPEED 100", "SPEED 5", "TOOL TRANS(0,0,0,0,0,0)", "DO READY", "DO OPENI", "DO CLOSEI",
@@ -87,6 +88,8 @@ BESIDE = ("SPEED 100", "SPEED 300", "TOOL TRANS(0,0,0,0,0,0)", "DO SPEED 300 ALW
 """What another terminal types."""
 SWEEP = ("DRIVE 1,40,100", "SPEED 300 ALWAYS", "DRIVE 2,-10,100", "DRIVE 1,45,100")
 """A program that the controller has until it is switched off."""
+FAR_MM = [0.0, 0.0, 1e4]
+"""Where no place can be."""
 JOGS_DEG = st.sampled_from([-90.0, -40.0, -12.0, -3.0, -0.5, 0.5, 3.0, 12.0, 40.0, 90.0])
 FRONTEND, AT_WORK = st.integers(0, 3), st.sampled_from([True, True, False])
 GOING = st.one_of(st.none(), st.none(), st.tuples(st.sampled_from(GOES), SECONDS))
@@ -381,7 +384,9 @@ class Surprises(RuleBasedStateMachine):
         self.there.set_by_s += seconds
 
     @rule(
-        what=st.sampled_from(["same", "slow", "tool", "box", "bad", "no hand-eye"]), signal=st.booleans(), going=GOING
+        what=st.sampled_from(["same", "slow", "tool", "box", "home", "bad", "no hand-eye"]),
+        signal=st.booleans(),
+        going=GOING,
     )
     @kept
     def reload(self, what: str, signal: bool, going: Going) -> None:
@@ -392,6 +397,7 @@ class Surprises(RuleBasedStateMachine):
             "slow": {"travel_pct": SLOWEST},
             "tool": {"gripper": {"opening_mm": 80}},
             "box": {"limits": {"box_low_mm": [0, -600, -300], "max_speed_pct": FASTEST}},
+            "home": {"home": {"point_mm": [400, 60, 80], "heading_deg": 90, "tilt_deg": 20}},
             "bad": {"order": "biggest"},
         }.get(what, {})
         story.write_config(**changes)
@@ -409,6 +415,37 @@ class Surprises(RuleBasedStateMachine):
         calibration.write_bytes(good)
         if what == "bad":
             story.write_config()
+
+    @rule(
+        at_mm=st.dictionaries(
+            st.sampled_from(["nest", "tray"]),
+            st.sampled_from([[400.0, -250.0, -300.0], [450.0, 250.0, -300.0], [520.0, 0.0, -300.0], FAR_MM]),
+        ),
+        signal=st.booleans(),
+        going=GOING,
+    )
+    @kept
+    def change_the_places(self, at_mm: dict[str, list[float]], signal: bool, going: Going) -> None:
+        """Somebody writes where cubes belong, elsewhere than before, and has it read."""
+        self.send_off(going)
+        self.there.write_places(**at_mm)
+        if signal:
+            self.there.hang_up()
+        else:
+            self.there.frontends[0].say("reload")
+        self.there.wait(0.3)
+        if FAR_MM in at_mm.values():  # which no daemon starts with
+            self.there.write_places()
+
+    @rule(text=st.sampled_from(["here spot", "positions drop spot"]), going=GOING)
+    @kept
+    def name_a_position(self, text: str, going: Going) -> None:
+        """Somebody at another frontend gives a name to where the arm is, perhaps on its way, or takes it away."""
+        self.send_off(going)
+        self.there.frontends[1].say(text)
+        self.there.wait(0.3)
+        self.there.frontends[1].answer("y")
+        self.there.wait(0.3)
 
     @rule(going=GOING)
     @kept

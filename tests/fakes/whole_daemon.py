@@ -860,6 +860,12 @@ class Story:
         """Another configuration, which nobody has read yet."""
         _write_config(self.folder, self.terminal, **changes)
 
+    def write_places(self, **at_mm: list[float]) -> None:
+        """Other places for the cube, by name, as people write them; nobody has read them yet."""
+        places = {name: {"part": "cube", "side_down": 1, "point_mm": point} for name, point in at_mm.items()}
+        (self.folder / "state").mkdir(exist_ok=True)
+        (self.folder / "state" / "places.yaml").write_text(yaml.safe_dump({"version": 1, "places": places}))
+
     def hang_up(self) -> None:
         """SIGHUP: read the configuration."""
         if self.alive:

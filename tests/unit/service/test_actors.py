@@ -105,6 +105,7 @@ def context_of_the_cycle(cycle: PickCycle, recogniser: PartRecogniser) -> PickCo
     class Present(PickContext):
         recogniser = property(lambda _: cycle.recogniser, nothing)
         settings = property(lambda _: cycle.settings, nothing)
+        placing = property(lambda _: cycle.placing, nothing)
 
     return Present(cycle.cell, cycle.supervisor.mover, recogniser, cycle.settings, cycle.observer)
 
@@ -362,6 +363,37 @@ def test_a_bin_that_is_moved_amid_a_pick_is_the_next_picks():
         return picked_or(story, "another bin")
 
     proven(act, "another bin", RELOADS_BETWEEN_JOBS, REFITS_BETWEEN_JOBS, CONTEXT_OF_ITS_OWN, parts=True)
+
+
+def test_a_place_that_is_written_amid_a_pick_is_the_next_picks():
+    """No grasp of this cube can set it down there: a pick that heard of it would leave it alone."""
+
+    def act(story: Story) -> str | None:
+        typed(story, "pick cube", 0.1)
+        story.write_places(nest=[400.0, -250.0, -300.0])
+        story.frontends[1].say("reload")
+        return picked_or(story, "another place")
+
+    proven(act, "another place", RELOADS_BETWEEN_JOBS, REFITS_BETWEEN_JOBS, CONTEXT_OF_ITS_OWN, parts=True)
+
+
+async def place_on_the_way(cycle: PickCycle) -> Any:
+    """Where the arm is, whether it rests there or not."""
+    return (await cycle.cell.robot.where()).world_from_tool
+
+
+def test_a_position_that_is_named_amid_a_pick_is_no_place_on_the_way():
+    def act(story: Story) -> str | None:
+        machine = story.cell.controller.machine
+        picking(story)
+        until(story, lambda: not machine.at_rest())
+        story.frontends[1].say("here spot")
+        story.wait(1.0)
+        story.wait_for(story.sockets[0], 60.0)
+        typed(story, "positions", 0.5)
+        return "on the way" if "spot" in story.texts[-1] else None
+
+    proven(act, "on the way", (PickCycle, "rest", place_on_the_way), parts=True)
 
 
 EVERY = 3
