@@ -55,8 +55,8 @@ LARGE, ROUND_PX = 4, 60
 
 class Answer(NamedTuple):
     """What became of one look: the pair, which of it lies there (0, 1), both pictures, the mode; the name given, if
-    any, how sure and why; whether it is right, and how far its corners are off, mm; whether the two can be told apart
-    there."""
+    any, how sure and why; whether it is right, and how far its corners are off, mm; by how many mm of
+    edge, of both eyes, the two differ there."""
 
     pair: Alike
     lies: int
@@ -67,12 +67,17 @@ class Answer(NamedTuple):
     reason: str
     right: bool
     off_mm: float
-    tells: bool
+    telling_mm: float
     ms: float
 
     @property
     def wrong(self) -> bool:
         return bool(self.named) and not self.right
+
+    @property
+    def tells(self) -> bool:
+        """Whether the two can be told apart there."""
+        return self.telling_mm >= TELLS_MM
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -102,7 +107,7 @@ def main(arguments: list[str] | None = None) -> None:
           f"that is {500 * sure / max(tell, 1):.1f} in 500 (goal: 1)")  # fmt: skip
     for a in wrong:
         print(f"  {a.pair.family} {a.pair.seed} {a.mode}: {a.pair.parts[a.lies].label} named {a.named} "
-              f"{a.confidence:.5f} ({a.reason})")  # fmt: skip
+              f"{a.confidence:.5f} by {a.telling_mm:.0f} mm of edge ({a.reason})")  # fmt: skip
     for a in everything:
         if a.right and a.off_mm > OFF_MM:
             where = f"{a.pair.family} {a.pair.seed} {a.mode}"
@@ -134,10 +139,10 @@ def answers(family: str, seed: int, modes: Sequence[str] = MODES, one_camera: bo
         pair, lies, photo = shown(family, seed, one_camera)
     except LookupError:
         return
-    tells = telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part) >= TELLS_MM
+    by_mm = telling_mm(pair.parts[lies].shape, pair.parts[1 - lies].shape, photo.cyclopean_from_part)
     for mode in modes:
         scene, ms = _looked(pair, lies, mode, photo)
-        yield _judged(pair, lies, mode, photo, scene, tells, ms)
+        yield _judged(pair, lies, mode, photo, scene, by_mm, ms)
 
 
 def shown(family: str, seed: int, one_camera: bool = False) -> tuple[Alike, int, Photograph]:
@@ -162,7 +167,7 @@ def _model(pair: Alike, lies: int, mode: str) -> Model:
     return taught(known)
 
 
-def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, tells: bool, ms: float) -> Answer:
+def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, by_mm: float, ms: float) -> Answer:
     """The name given; a wrong one where several are."""
     part = pair.parts[lies]
     corners = frames.apply(photo.cyclopean_from_part, part.shape.hull.vertices)
@@ -175,9 +180,9 @@ def _judged(pair: Alike, lies: int, mode: str, photo: Photograph, scene: Scene, 
             )
             said.append((right, found.recognition, off_mm))
     if not said:
-        return Answer(pair, lies, photo, mode, "", 0.0, "", False, 0.0, tells, ms)
+        return Answer(pair, lies, photo, mode, "", 0.0, "", False, 0.0, by_mm, ms)
     right, told, off_mm = min(said, key=lambda one: one[0])
-    return Answer(pair, lies, photo, mode, told.label, told.confidence, told.reason, right, off_mm, tells, ms)
+    return Answer(pair, lies, photo, mode, told.label, told.confidence, told.reason, right, off_mm, by_mm, ms)
 
 
 def _off_mm(found: Array, corners: Array) -> float:

@@ -137,7 +137,7 @@ def families(seeds: range) -> Iterator[Seen]:
         for mode in ("alone", "stranger"):
             model = _model(pair, lies, mode)
             scene = _unchecked((photo.left, photo.right), rig, model)
-            right = _judged(pair, lies, mode, photo, scene, True, 0.0).right
+            right = _judged(pair, lies, mode, photo, scene, TELLS_MM, 0.0).right
             if right or mode == "stranger":
                 named = [part for part in scene.parts if part.named]
                 yield from (_measured(("look-alikes", family, str(seed), right), one, model, eyes) for one in named)

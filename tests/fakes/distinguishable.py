@@ -26,7 +26,7 @@ FIT_MM = 6.0
 """How badly a facet of the other may fit one in view, rms, to be laid on it."""
 NEAR_MM, ROUNDS = 10.0, 3
 APART_MM = 2.0
-MOST = 12
+MOST = 24
 """So many ways are looked at: corners that are nearer than APART_MM are one, and ways with few others come first."""
 SKIN_MM = 0.3
 """How far before a point of the surface sight must be free."""
@@ -115,17 +115,17 @@ def hides(piece: ConvexSolid, pose: Array, start: Array, centre: Array) -> Flags
 
 def _laid(shape: PartShape, other: PartShape, pose: Array) -> list[Array]:
     """cyclopean_from_other (4, 4) of each way to lay the other over the part at a pose, no two alike, those first that
-    leave the fewest corners of either without one of the other."""
+    leave the fewest corners of either without one of the other, and of these those whose corners are nearest."""
     found: dict[bytes, Array] = {}
     mine = apply(pose, np.unique(np.vstack([p.vertices for p in shape.pieces]).round(6), axis=0))
     theirs = np.unique(np.vstack([p.vertices for p in other.pieces]).round(6), axis=0)
     towards = -pose[:3, 3] / np.linalg.norm(pose[:3, 3])
-    for piece in shape.pieces:
+    for piece in (*shape.pieces, shape.hull):  # whose facets the pieces may make up together
         for face, normal in zip(piece.faces, piece.normals, strict=True):
             if pose[:3, :3] @ normal @ towards < 0.05:
                 continue
             ring = apply(pose, piece.vertices[list(face)])
-            for another in other.pieces:
+            for another in (*other.pieces, other.hull):
                 for its in another.faces:
                     if len(its) != len(face):
                         continue
@@ -135,9 +135,10 @@ def _laid(shape: PartShape, other: PartShape, pose: Array) -> list[Array]:
                             for one in (way, _drawn_to(way, theirs, mine)):
                                 found[(one.round(1) + 0.0).tobytes()] = one
 
-    def lonely(way: Array) -> int:
+    def lonely(way: Array) -> tuple[int, float]:
         away = np.linalg.norm(apply(way, theirs)[:, None] - mine, axis=2)
-        return int((away.min(0) > APART_MM).sum() + (away.min(1) > APART_MM).sum())
+        each = np.concatenate([away.min(0), away.min(1)])
+        return int((each > APART_MM).sum()), float(each.sum())
 
     return sorted(found.values(), key=lonely)
 

@@ -87,6 +87,12 @@ def test_a_cut_corner_tells_where_it_is_in_view_and_not_where_it_is_behind() -> 
     assert telling_mm(less, whole, behind) < TELLS_MM / 2
 
 
+def test_a_cap_and_a_pit_that_are_away_show_nothing_though_the_other_sides_are_nearly_alike() -> None:
+    one, other = (part.shape for part in alike("dihedral", 40).parts)
+    away = rigid(_facing(np.array([0.0, 0.0, -1.0])), [0.0, 0.0, 350.0])
+    assert telling_mm(one, other, away) == telling_mm(other, one, away) == 0
+
+
 def _facing(towards: np.ndarray) -> np.ndarray:
     """(3, 3) a rotation that turns a direction to the eyes (-z), a little aside."""
     aside = np.cross(towards, [0.3, 0.5, 0.8])
