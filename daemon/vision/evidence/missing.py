@@ -40,7 +40,7 @@ RIVAL_NATS = 10.0
 TWIN, BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL = -7.45, 0.57, 1.59, 2.24, 7.95
 """Log odds that what fits is a near twin, where nothing speaks against the part, and how they grow with the per cent
 missing, with the length both cameras miss, with the length off its faces, and with each RIVAL_NATS for a
-near-duplicate: a logistic regression on 282 parts named rightly in rendered looks and 72 near twins of look-alike
+near-duplicate: a logistic regression on 281 parts named rightly in rendered looks and 71 near twins of look-alike
 families, taken for as seldom as three in 200 of what is seen. tests/bench/missing.py makes it again;
 tests/bench/look_alikes.py shows what it does."""
 _WEIGHTS = BY_MISSING, BY_BOTH, BY_OFF, BY_RIVAL
