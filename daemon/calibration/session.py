@@ -44,7 +44,7 @@ from daemon.calibration.stereo import (
 from daemon.calibration.tour import in_order, looks_at, spread_out
 from daemon.errors import FacetdError
 from daemon.pick.moved_pair import SHORTEST_MM
-from daemon.vision.geometry import StereoRig
+from daemon.vision.geometry import StereoRig, baseline
 
 Say = Callable[[str], Awaitable[None]]
 
@@ -321,14 +321,9 @@ def _stereo_views(
 
 
 def triangulate(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
-    """Triangulate matched corners: (N, 3) mm, cyclopean, midway along the shortest line between the two rays."""
-    points = []
-    ends = [camera.cyclopean_from_camera for camera in (rig.left, rig.right)]
-    for p, q in zip(rig.left.normalised(left_px), rig.right.normalised(right_px), strict=True):
-        a, b = (end[:3, :3] @ np.append(ray, 1.0) for end, ray in zip(ends, (p, q), strict=True))
-        s, t = np.linalg.lstsq(np.column_stack([a, -b]), ends[1][:3, 3] - ends[0][:3, 3], rcond=None)[0]
-        points.append((ends[0][:3, 3] + s * a + ends[1][:3, 3] + t * b) / 2)
-    return np.array(points)
+    """Triangulate matched corners as parts are: (N, 3) mm, cyclopean."""
+    line = baseline(rig)
+    return line.points(line.left.ideal(left_px), line.right.ideal(right_px))
 
 
 def _distances(points: Array) -> Array:

@@ -179,9 +179,3 @@ def follows(state: PickState, event: PickEvent, held: PickState) -> PickState:
     """Where an event leads from a state; held: where a pause came in. KeyError where the table has no row for it."""
     then = NEXT.get((state, event)) or NEXT[PickState.ANY, event]
     return held if then is PickState.BACK else then
-
-
-def printed_table() -> str:
-    """The table for people."""
-    widths = [max(len(row[i]) for row in TABLE) for i in range(3)]
-    return "\n".join("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=False)) + "  " + row[3] for row in TABLE)

@@ -53,7 +53,7 @@ def typed_behind(said: bytes) -> bool:
     first, *lines = LINE_END.split(said)
     prompted = [line for line in lines if BEGINS_WITH_PROMPT.match(line) and not _is_answer(line)]
     behind_prompts = b"".join(BEGINS_WITH_PROMPT.sub(b"", line) for line in prompted)
-    count = _length(ANSWERS.split(first, maxsplit=1)[0]) + _length(behind_prompts)
+    count = _length(ANSWERS.split(first)[0]) + _length(behind_prompts)
     return b"?" not in first and count > SHORTEST_TYPED
 
 

@@ -11,21 +11,23 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
 from daemon import frames
-from daemon.arm import guard, motion
+from daemon.arm import guard, motion, plausible
 from daemon.arm.belief import BeliefSource
-from daemon.arm.body import LINK_FRAME, KeepOut, above_mm, body_of
+from daemon.arm.body import LINK_FRAME, CarriedCapsule, KeepOut, above_mm, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.arm.permit import Grant
 from daemon.config import load_config
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
+from drivers.pumas import PUBLISHED
 from drivers.simcell.truth import load_truth
 from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, permitted
 
 POST = KeepOut("post", (560.0, 120.0, -300.0), (620.0, 180.0, 300.0))
 LIMITS = Limits(keep_out=(POST,), room_low_mm=(-2000.0, -400.0, -2000.0))
 AT = HEAD_DOWN
+DOWN = np.diag([1.0, -1.0, -1.0])
 STANDING = ArmState(enabled=True, fault=None, at=AT, now_s=100.0)
 
 
@@ -360,6 +362,25 @@ def test_just_the_clearance_above_the_table_is_enough_and_a_hair_less_is_not():
     lowest = float(above_mm(frames.apply(AT, body.ends_mm), body.radius_mm, LIMITS.table_z_mm).min())
     assert rule_of(command(AT), replace(LIMITS, clearance_mm=lowest)) is None
     assert rule_of(command(AT), replace(LIMITS, clearance_mm=np.nextafter(lowest, np.inf))) == "below_table"
+
+
+def test_a_part_may_come_down_to_just_its_support_and_below_it_the_support_is_named_and_not_the_table():
+    support_mm = LIMITS.table_z_mm + 1.0
+    for off_mm, told in ((0.0, None), (-0.5, "the cube would be 0.5 mm below what it is to rest on")):
+        tip = CarriedCapsule("cube", "tool", (0.0, 0.0, 30.0), (0.0, 0.0, 30.0), 0.0, level_mm=support_mm)
+        bare = replace(LIMITS, capsules=(tip,), body_mm=())
+        pose = frames.rigid(DOWN, np.array([*AT[:2, 3], support_mm + 30.0 + off_mm]))
+        assert guard._below_table(command(pose), STANDING, bare) == told
+    bare = replace(LIMITS, capsules=(), body_mm=(), clearance_mm=0.5)
+    for z_mm, told in ((0.5, None), (0.25, "the tool would be 0.2 mm above the table, 0.5 is the least")):
+        pose = frames.rigid(DOWN, np.array([*AT[:2, 3], LIMITS.table_z_mm + z_mm]))
+        assert guard._below_table(command(pose), STANDING, bare) == told
+
+
+def test_who_configures_no_room_has_one_that_no_arm_known_reaches_the_sides_of():
+    reach_mm = max(a2 + float(np.hypot(a3, d4)) for a2, a3, _, d4 in (arm.lengths_mm for arm in PUBLISHED))
+    least_mm = reach_mm + plausible.LONGEST_HAND_MM + Limits().clearance_mm
+    assert min(*Limits().room_high_mm, *(-side for side in Limits().room_low_mm)) > least_mm
 
 
 def test_the_greatest_speed_is_allowed_and_so_is_an_orientation_a_millionth_off():

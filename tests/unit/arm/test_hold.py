@@ -42,6 +42,18 @@ def test_a_pause_holds_until_it_is_let_go_and_tells_both() -> None:
     assert said == [Interruption.PAUSE, Interruption.PAUSE, Interruption.RESUME]
 
 
+def test_how_long_ago_moves_were_held_is_known_and_endless_where_they_never_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 50.0
+    monkeypatch.setattr("daemon.arm.hold.time.monotonic", lambda: now_s)
+    hold = Hold(MotionPermit(), lambda _: None)
+    assert hold.paused_s == inf
+    hold.pause("anna")
+    now_s = 53.0
+    assert (hold.paused_s, hold.paused_by, hold.pauses) == (3.0, "anna", 1)
+
+
 def test_what_lets_go_by_an_older_pause_lets_nothing_go() -> None:
     hold = Hold(MotionPermit(), lambda _: None)
     hold.pause()

@@ -3,6 +3,7 @@ the answer to a move is waited for."""
 
 import asyncio
 import contextlib
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,8 +14,9 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arm.belief import BeliefSource, VoidingEvent
 from daemon.arm.body import Capsule
-from daemon.arm.guard import Limits, MoveCommand
+from daemon.arm.guard import Limits, MoveCommand, hand_above_mm
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
+from daemon.arm.route import OUT_MM
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
@@ -41,6 +43,16 @@ def test_every_move_of_the_simulated_arm_ends_before_it_is_given_up(turns, speed
         return
     longest_s = Arrival().longest_s(start, command(target, straight, speed), end)
     assert way[1].duration_s < longest_s
+
+
+@pytest.mark.parametrize(("above_mm", "low"), [(OUT_MM, False), (OUT_MM - 0.01, True)])
+def test_the_hand_is_low_where_it_is_amid_what_may_lie_on_the_table(above_mm, low):
+    mover = Mover(build(World(np.random.default_rng(0))), Limits(), Arrival())
+    down = frames.rigid(HEAD_DOWN[:3, :3], np.zeros(3))
+    height_mm = Limits().table_z_mm + above_mm - hand_above_mm(down, replace(Limits(), table_z_mm=0.0))
+    at = frames.rigid(HEAD_DOWN[:3, :3], np.array([420.0, 0.0, height_mm + 1e-9]))
+    mover.beliefs.learn(BeliefSource.REPORTED, position=Reading(at, START))
+    assert mover.low is low
 
 
 def test_a_dead_controller_is_told_within_seconds_even_after_the_longest_move():

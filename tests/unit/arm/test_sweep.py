@@ -469,6 +469,24 @@ def test_what_asking_costs_is_bounded_and_a_way_too_tight_for_that_is_refused(mo
         assert sum(places) <= sweep.MOST_PLACES + 1
 
 
+def test_a_way_is_looked_at_in_as_many_places_as_are_the_most_and_in_no_more(monkeypatch):
+    parts = []
+
+    def closer(falls):
+        parts.append(np.where(np.arange(len(falls)) == 0, 3, 1))
+        return parts[-1]
+
+    monkeypatch.setattr(sweep, "_closer", closer)
+    way = travel(hand(500, -150, 100), hand(500, 50, 100))
+    assert rule(way) is None
+    for most, told in ((parts[0].sum(), None), (parts[0].sum() - 1, "no_way")):
+        monkeypatch.setattr(sweep, "MOST_PLACES", most)
+        joints = ROBOT.reachable(way.command.world_from_tool, way.start.joints_rad)
+        body = body_of(way.limits.capsules, way.limits.body_mm)
+        found = way_of(way.start, way.command, joints, ROBOT, body)
+        assert (found.rule if isinstance(found, Strike) else None) == told
+
+
 @pytest.mark.parametrize(("back", "rules"), [(5.0, ["kept_out"]), (-20.0, [])])
 def test_what_has_left_a_keep_out_may_not_come_back_even_less_deep(back, rules):
     bare = replace(FINGER, capsules=())

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,10 +13,13 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arrays import Array
 from daemon.pick.next_view import (
+    IN_TABLE_MM,
     PartHypothesis,
+    area_vector,
     entropy,
     expected_entropy,
     freshest,
+    hypotheses_of,
     in_words,
     next_best,
     outlook,
@@ -25,6 +31,7 @@ from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.values import UNKNOWN
 from tests.fakes import drawn
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, rig
+from tests.fakes.solids import CUBE, pose, view_of
 
 AT = np.array([520.0, 0.0, -280.0])
 
@@ -152,3 +159,53 @@ def test_what_it_may_be_is_told_by_label_the_likeliest_first() -> None:
     some = [hypothesis("a", block(), turned(0), 0.1), hypothesis("b", block(), turned(0), 0.5)]
     some += [hypothesis("a", block(), turned(1), 0.2), stranger(block(), turned(0), 0.2)]
     assert in_words(some) == "b 50 %, a 30 %, not taught 20 %"
+
+
+class Standing:
+    """A recogniser that lets stand what it is asked about as many facets for."""
+
+    def __init__(self, **by_count: list[tuple[str, Array, float]]) -> None:
+        self.by_count = by_count
+
+    def shape(self, label: str) -> Polyhedron | None:
+        return None if label == "forgotten" else block()
+
+    def standing(self, group: Any) -> list[Any]:
+        return [
+            SimpleNamespace(label=label, pose=pose, covariance=np.eye(6), facets=(0,), probability=share)
+            for label, pose, share in self.by_count.get("of_1" if len(group.facets) == 1 else "all_of_it", [])
+        ]
+
+
+def observed(height_mm: float = 0.0) -> Any:
+    """Facets of a cube, in a look from the world's origin."""
+    return SimpleNamespace(
+        facets=view_of(CUBE, pose(np.array([1.0, 1.0, 1.0]), 0.3)).facets,
+        look=SimpleNamespace(world_from_cyclopean=frames.rigid(np.eye(3), np.array([0.0, 0.0, height_mm]))),
+    )
+
+
+FLAT, SUNK = (frames.rigid(np.eye(3), np.array([0.0, 0.0, z])) for z in (15.0, 14.9 - IN_TABLE_MM))
+
+
+def test_what_a_part_may_be_is_what_recognition_and_the_table_let_stand_and_something_not_taught() -> None:
+    part, allowed = observed(), [("block", FLAT, 0.5), ("block", SUNK, 0.2), ("forgotten", FLAT, 0.1)]
+    found = hypotheses_of(part, cast("Any", Standing(all_of_it=allowed)), 0.0)
+    assert [(h.label, round(h.probability, 6)) for h in found] == [("block", 0.625), (UNKNOWN, 0.375)]
+    found = hypotheses_of(part, cast("Any", Standing(all_of_it=allowed)), None)
+    assert [(h.label, round(h.probability, 6)) for h in found] == [("block", 0.5), ("block", 0.2), (UNKNOWN, 0.3)]
+    raised = hypotheses_of(observed(100.0), cast("Any", Standing(all_of_it=allowed[1:2])), 0.0)
+    assert raised[0].world_from_part[2, 3] == pytest.approx(SUNK[2, 3] + 100.0)
+
+
+def test_where_nothing_explains_all_facets_the_largest_that_is_explained_counts_and_else_it_is_not_taught() -> None:
+    part = observed()
+    found = hypotheses_of(part, cast("Any", Standing(of_1=[("block", FLAT, 0.6)])), 0.0)
+    assert [(h.label, round(h.probability, 6)) for h in found] == [("block", 0.6), (UNKNOWN, 0.4)]
+    areas = [float(np.linalg.norm(area_vector(f.corners_mm))) for f in part.facets]
+    seen = found[-1].solid
+    largest = float(np.linalg.norm(area_vector(seen.corners_mm[list(seen.facets[0])])))
+    assert largest == pytest.approx(max(areas))
+    found = hypotheses_of(part, cast("Any", Standing(of_1=[("block", SUNK, 0.6)])), 0.0)
+    assert [(h.label, h.probability) for h in found] == [(UNKNOWN, 1.0)]
+    assert len(found[0].solid.facets) == len(part.facets)

@@ -5,7 +5,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from daemon.pick.cycle import HANDLERS
-from daemon.pick.transitions import NEXT, TABLE, PickEvent, PickState, follows, printed_table
+from daemon.pick.transitions import NEXT, TABLE, PickEvent, PickState, follows
 
 
 def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_known():
@@ -13,7 +13,6 @@ def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_kn
     assert states == set(HANDLERS)
     assert {row.then for row in TABLE} <= states | {"idle", "fault", "paused", "back"}
     assert len(NEXT) == len(TABLE)
-    assert len(printed_table().splitlines()) == len(TABLE)
 
 
 def test_every_state_can_be_reached_from_idle_and_leads_back_to_it():
@@ -67,19 +66,3 @@ def test_after_a_fault_only_resume_leads_on():
     assert {row.event for row in TABLE if row.state is PickState.FAULT and row.then is not PickState.FAULT} == {
         PickEvent.RESUME
     }
-
-
-def test_the_printed_table_has_its_columns_one_below_the_other() -> None:
-    lines = printed_table().splitlines()
-    for line, row in zip(lines, TABLE, strict=True):
-        assert line.split() == " ".join(row).split()
-    for column in range(1, 4):
-        assert (
-            len(
-                {
-                    line.index(f"  {row[column]}", sum(map(len, row[:column])))
-                    for line, row in zip(lines, TABLE, strict=True)
-                }
-            )
-            == 1
-        )

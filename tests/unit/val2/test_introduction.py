@@ -182,7 +182,10 @@ def test_each_manner_of_a_controller_is_found_to_be_what_it_is(
     assert found.get("same_place_mm") == (None if decimals[0] >= 2 else 0.2)
     assert found.get("same_place_deg") == {1: 0.2, 2: 0.02, 3: None}[decimals[1]]
     assert found["character_pause_s"] == pytest.approx(min(MARGIN * pace_s, CAREFUL_S))
-    assert (found["abort_word"], found["stop_words"]) == (takes[0], takes)
+    assert ("adapters" in known.findings["character_pause_s"].found) is (pace_s > 0.0)
+    assert (found["abort_word"], found["stop_words"], found["errors"]) == (takes[0], takes, "*Illegal command*")
+    assert known.stop_bytes.split(end)[:2] == [b"!!", takes[0].encode()]
+    assert sorted(known.stop_bytes.split(end)[1:-1]) == [b"ABORT", b"PANIC"]
     assert not any("DRIVE" in line for line in terminal.lines)
 
 
