@@ -22,11 +22,11 @@ class Grant(StrEnum):
 class MotionPermit:
     """See the module. stop_seen: how often it has come to be seen that the controller takes the word that stops the
     arm; 0 where it was not since the line was opened or the controller switched on. stop_answered: how often something
-    was heard behind that word. stop_took_s: how long the stop took, as it was tried; 0 where it was not. fault: what is
-    active until `resume`."""
+    was heard behind that word; heard: how often anything was. stop_took_s: how long the stop took, as it was tried; 0
+    where it was not. fault: what is active until `resume`."""
 
     def __init__(self) -> None:
-        self.stop_seen = self.stop_answered = 0
+        self.stop_seen = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
         self.fault: str | None = None
         self.why = ""

@@ -61,6 +61,8 @@ class Supervisor:
         """The faults told of in the present stop: whoever joins in with the same one need not tell it again."""
         self.stops = 0
         """How often the arm was stopped or disabled: what was asked for before the last of them is void."""
+        self._heard_before: int | None = None
+        """How often the controller had been heard as it was asked whether the arm is at rest."""
         self._closed = False
         self._openings = self._alarmed_in = 0
         """How often the line was opened anew, and as the last alarm sounded."""
@@ -95,6 +97,11 @@ class Supervisor:
         """Whether an operator lets the arm do what he tells the controller himself, and nothing else."""
         return self.permit.by_hand_only
 
+    @property
+    def heard_asking(self) -> int:
+        """How often the controller was heard since it is being asked whether the arm is at rest; 0 where it is not."""
+        return 0 if self._heard_before is None else self.permit.heard - self._heard_before
+
     async def at_rest(self) -> bool:
         """Whether nothing moves, by the arm's own word, and nothing that may move it began while it was asked. Who asks
         while it is being asked waits for the same word: a key held down would have the line busy for a minute."""
@@ -103,11 +110,14 @@ class Supervisor:
         if self._asking is None or self._asking.done():
             self._asking = asyncio.ensure_future(self.mover.cell.robot.at_rest())
             self._asking.add_done_callback(lambda asking: asking.cancelled() or asking.exception())
+        self._heard_before = self.permit.heard
         try:
             async with asyncio.timeout(AT_REST_S):
                 rests = await asyncio.shield(self._asking)
         except Exception:
             return False
+        finally:
+            self._heard_before = None
         return rests and not (self.busy or self.stopping)
 
     def status(self) -> dict[str, object]:

@@ -275,6 +275,11 @@ class Interpreter:
         """See Supervisor."""
         return self.context.cycle.supervisor.awaits_confirmation_s
 
+    @property
+    def heard_asking(self) -> int:
+        """See Supervisor."""
+        return self.context.cycle.supervisor.heard_asking
+
     def complete(self, typed: str) -> list[str]:
         """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a
         stop perhaps."""

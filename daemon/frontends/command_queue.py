@@ -215,7 +215,8 @@ class CommandQueue:
         return await (self._with_signs(work) if self._interpreter.withdraws(text) else work)
 
     async def _with_signs(self, work: Awaitable[T]) -> T:
-        """What comes of it; a stop in it that the controller has answered is told as long as it is not confirmed."""
+        """What comes of it; a stop in it that the controller has answered is told as long as it is not confirmed, and
+        that it says more of whether there is anything to stop as long as it does."""
         signs = asyncio.create_task(self._give_signs())
         try:
             return await work
@@ -223,10 +224,13 @@ class CommandQueue:
             signs.cancel()
 
     async def _give_signs(self) -> None:
-        told = False
+        told, heard = False, 0
         while True:
             await asyncio.sleep(SIGN_S)
+            before, heard = heard, self._interpreter.heard_asking
             within_s = self._interpreter.awaits_confirmation_s
+            if within_s is None and heard > before:  # a slow controller is still saying whether the arm is at rest
+                self._sign()
             if within_s is None:
                 continue
             self._sign()

@@ -10,7 +10,8 @@ Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: n
 {"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
 {"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
 {"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for; {"stopping": true} again and
-again before that, while the controller has answered the stop and not confirmed it.
+again before that, while the controller has answered the stop and not confirmed it, or says more of whether the arm is
+at rest.
 Who is speaking is what the kernel says of the other end, not what it says of itself (rights.py: and what they may).
 
 Whoever comes after too many others may still say one thing: stop. Room is kept for that.

@@ -49,6 +49,8 @@ class LinePermit(Protocol):
     the port was opened, or the controller switched on: it may be another, or have been taught otherwise."""
     stop_answered: int
     """How often something was heard behind the word that stops the arm: it went out, and somebody is there."""
+    heard: int
+    """How often anything was heard."""
     stop_took_s: float
     """How long the stop took until rest was proven as it was tried; 0 where it was not since the port was opened."""
 
@@ -60,7 +62,7 @@ class Unconditional:
     """The permit of a line that nobody withholds motion from."""
 
     def __init__(self) -> None:
-        self.stop_seen = self.stop_answered = 0
+        self.stop_seen = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
 
     @property

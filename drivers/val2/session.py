@@ -290,6 +290,7 @@ class LineSession:
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()
         self.traffic += 1
+        self._permit.heard += 1
         self._permit.stop_answered += self.stop_typed
         self.stop_typed = False
         if self._listener is not None:

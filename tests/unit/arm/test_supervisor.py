@@ -848,6 +848,27 @@ def test_an_arm_counts_as_at_rest_by_its_own_word_only():
     asyncio.run(story())
 
 
+def test_what_the_controller_says_counts_as_long_as_it_is_asked_whether_the_arm_is_at_rest():
+    _, supervisor, _ = supervised()
+    counted = []
+
+    async def slow() -> bool:
+        for _ in range(3):
+            counted.append(supervisor.heard_asking)
+            supervisor.permit.heard += 1
+        return True
+
+    async def story() -> None:
+        supervisor.permit.heard = 40
+        assert supervisor.heard_asking == 0
+        supervisor.mover.cell.robot.at_rest = slow
+        assert await supervisor.at_rest()
+
+    asyncio.run(story())
+    assert counted == [0, 1, 2]
+    assert supervisor.heard_asking == 0
+
+
 def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
     """It would be answered when the work is done, and whoever asks waits for a word of comfort until then."""
     world, supervisor, _ = supervised()

@@ -31,6 +31,7 @@ class Operator:
         self.stops = self.signs = 0
         self.said: list[str] = []
         self.awaits_confirmation_s: float | None = None
+        self.heard_asking = 0
 
         async def slow(_: Any, words: list[str], __: Any) -> CommandResult:
             await self.may_end.wait()
@@ -403,3 +404,33 @@ def test_who_waits_for_a_stop_is_told_once_that_it_was_sent_and_hears_signs_of_l
 
     assert SIGN_S < STOP_ANSWER_S / 2
     assert lived(script()).answers == ([] if way == "control-C" else ["stopped"])
+
+
+def test_who_presses_control_c_at_an_idle_arm_hears_signs_of_life_as_long_as_the_controller_says_more() -> None:
+    """A slow controller took longer to say that the arm is at rest than people wait before they press the emergency
+    stop; one that says nothing more gives no sign."""
+
+    async def script() -> Operator:
+        operator = Operator()
+        at_rest = asyncio.Event()
+
+        async def interrupt(*_: object) -> str:
+            await at_rest.wait()
+            return "Nothing moves."
+
+        operator.turns._interrupt = interrupt
+        stopping = asyncio.ensure_future(operator.turns.stop("ann"))
+        await asyncio.sleep(1.0)
+        assert operator.signs == 0
+        for _ in range(4):
+            operator.heard_asking += 3
+            await asyncio.sleep(SIGN_S)
+        assert operator.signs == pytest.approx(4, abs=1)
+        signs = operator.signs
+        await asyncio.sleep(4.0)
+        assert (operator.signs, operator.said) == (signs, [])
+        at_rest.set()
+        assert await stopping == "Nothing moves."
+        return operator
+
+    lived(script())

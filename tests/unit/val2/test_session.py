@@ -316,3 +316,13 @@ def test_a_line_that_is_let_go_tells_who_waits_and_hears_nothing_more() -> None:
         assert len(wire.records) == heard
 
     lived(story())
+
+
+def test_each_piece_that_is_heard_counts_as_a_sign_that_the_controller_is_there() -> None:
+    async def story() -> int:
+        wire = Wire()
+        for piece in (b"WHE", b"RE", PROMPT):
+            wire.hear(piece)
+        return wire.session._permit.heard
+
+    assert lived(story()) == 3
