@@ -166,6 +166,36 @@ def test_each_bound_itself_is_plausible_and_what_is_just_beyond_is_told():
     assert {name for name, found in bounded(1.001).items() if found} == bounded(1.0).keys() - least
 
 
+def fixed(x=0.0, y=0.0, above_mm=600.0, lean=0.0):
+    """Cameras over the table that look down, leaning so far (sine) towards x."""
+    made = np.eye(4)
+    made[:3, 2], made[:3, 3] = (lean, 0.0, -np.sqrt(1.0 - lean**2)), (x, y, LIMITS.table_z_mm + above_mm)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("world_from_cyclopean", "told"),
+    [
+        (fixed(), None),
+        (fixed(y=plausible.METRES_MM, above_mm=-LIMITS.table_z_mm), None),
+        (fixed(y=0.9 * plausible.METRES_MM, above_mm=-LIMITS.table_z_mm), "a translation of 1.8 altogether"),
+        (fixed(above_mm=plausible.LOWEST_MM), None),
+        (fixed(above_mm=plausible.LOWEST_MM - 1.0), "them 99 mm above it"),
+        (fixed(lean=0.97, above_mm=300.0), None),
+        (fixed(lean=0.985, above_mm=100.0), "another way"),
+        (fixed(x=1.5 * REACH_MM), None),
+        (fixed(x=1.5 * REACH_MM + 1.0), "them to look at a place"),
+        (fixed(y=-1.5 * REACH_MM - 1.0), "them to look at a place"),
+    ],
+)
+def test_fixed_cameras_are_plausible_up_to_each_bound(world_from_cyclopean, told):
+    # the place that is looked at is measured from the world's origin, in height as well
+    guard = replace(LIMITS, table_z_mm=0.0) if abs(world_from_cyclopean[:2, 3]).max() > REACH_MM else LIMITS
+    found = [wrong.problem for wrong in plausible.fixed_cameras(world_from_cyclopean, guard, REACH_MM)]
+    assert len(found) == (told is not None), found
+    assert told is None or told in found[0]
+
+
 def test_a_gripper_of_capsules_or_of_points_is_enough():
     assert list(plausible.limits(replace(LIMITS, body_mm=()), REACH_MM)) == []
     assert (
