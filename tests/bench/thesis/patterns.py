@@ -57,7 +57,7 @@ def disturbed_table() -> str:
 def numbering_table() -> str:
     """Section 5.4: views whose facets are numbered otherwise than taught, without the rotation layer and with it."""
     rng = np.random.default_rng(0)
-    first = FuzzyARTMAP(rho=0.9, alpha=0.1, beta=1.0, rho_predict=0.0).fit(NODES.reshape(-1, 36), list(NODE_LABELS))
+    first = FuzzyARTMAP(rho=0.9, alpha=0.1, beta=1.0).fit(NODES.reshape(-1, 36), list(NODE_LABELS))
     rows, sums = [], np.zeros(2, int)
     for node, label in zip(NODES, NODE_LABELS, strict=True):
         shown = [renumbered(node, rng) for _ in range(RENUMBERINGS)]

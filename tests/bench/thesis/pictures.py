@@ -69,9 +69,10 @@ def lengths_table() -> str:
         rows.append([f"{mm / 10:g}", *(f"{e:+.1f}" for e in printed), *ours])
     errors = np.abs([e for line in FIGURE_5_7.values() for e in line])
     every = np.abs(np.concatenate(list(found.values())))
-    rows.append(["mean size", *(f"{np.mean(np.abs(c)):.1f}" for c in zip(*FIGURE_5_7.values(), strict=True)),
+    rows.append(["mean size of all", *(f"{np.mean(np.abs(c)):.1f}" for c in zip(*FIGURE_5_7.values(), strict=True)),
                  f"{every.mean():.2f}", f"{every.max():.2f}", str(len(every))])  # fmt: skip
-    heads = ["cm away", "thesis A, mm", "B", "C", "facetd, size, median mm", "worst", "edges"]
+    heads = ["cm away", *(f"thesis {name}, mm" for name in "ABC"), "facetd, median size, mm", "facetd, largest, mm",
+             "edges"]  # fmt: skip
     drawn = chart(
         "Errors of the lengths of figures 5.8 to 5.10",
         ("cm away", [f"{mm / 10:g}" for mm in FIGURE_5_7]),
