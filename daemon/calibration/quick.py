@@ -132,13 +132,16 @@ def _left_out(seen: Array, error: Array) -> Array:
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `quick` to the calibrate command."""
     parser = subparsers.add_parser("quick", help="by ruler and pin, as the thesis did it")
-    parser.add_argument("measured", type=Path, metavar="MEASURED.yaml", help="keys: " + ", ".join(_KEYS))
+    parser.add_argument("measured", type=Path, metavar="MEASURED.yaml", help="keys: " + _KEYS)
     parser.add_argument("--out", required=True, type=Path, help="calibration.yaml to write; an old one is kept")
     parser.add_argument("--json", action="store_true", help="one line for machines")
     parser.set_defaults(run=run)
 
 
-_KEYS = Measured.__struct_fields__
+_ENTRIES = {"widths": Width.__struct_fields__, "depths": Depth.__struct_fields__}
+_KEYS = ", ".join(
+    f"{key} (each {', '.join(_ENTRIES[key])})" if key in _ENTRIES else key for key in Measured.__struct_fields__
+)
 
 
 def run(args: argparse.Namespace) -> int:
