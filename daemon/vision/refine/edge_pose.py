@@ -16,7 +16,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
-from daemon.vision.refine.edge_adjustment import adjusted
+from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.following import Fit
@@ -161,12 +161,17 @@ def fit_at(
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
     it; and those edges. Print beside edges leads lines astray, from one measurement to the next all the way to another
-    minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it."""
+    minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it. A part
+    that its lines lead out of both pictures stays at the pose."""
     laid = ShapeBatch.of([shape])
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
                        np.zeros((6, 6)))  # fmt: skip
+    first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
         left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
+        first = first or (left, right)
+        if left.sides is None and right.sides is None:  # the lines led it out of both pictures
+            return Fit(anchor[0], np.linalg.inv(PRIOR) * SIGMA_SCALE**2, 0.0, 0), first
         final = adjusted(shape, pose, (left, right), tolerance_mm, anchor)
         pose = final.pose
         if np.linalg.norm(final.motion / SCALE) < SMALL_MM:

@@ -7,7 +7,9 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.stereo_images import open_stereo
-from daemon.vision.refine.edge_pose import fit_edges, locate
+from daemon.vision.refine import edge_pose
+from daemon.vision.refine.edge_adjustment import AdjustedPose
+from daemon.vision.refine.edge_pose import fit_at, fit_edges, locate
 from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes import painted
 from tests.fakes.painted import paint_pair
@@ -151,3 +153,17 @@ def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
         first = len(LAID[0].facets) * k
         for facets, bounds in zip(laid.beside[own], shape.lines[1].T, strict=True):
             assert sorted(facets - first) == np.flatnonzero(bounds).tolist()
+
+
+def test_a_part_that_its_lines_lead_out_of_both_pictures_stays_at_its_pose(monkeypatch):
+    rng, shape = np.random.default_rng(1), shape_of("cube")
+    where = pose(np.array(VIEWS[0]), 0.3, 300.0)
+    eyes = open_stereo(*paint_pair([(KNOWN["cube"], where)], rng), rig())
+    away = frames.rigid(np.eye(3), np.array([900.0, 0.0, 0.0])) @ where
+    monkeypatch.setattr(
+        edge_pose, "adjusted", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.full(6, 9.0))
+    )
+    fit, observed = fit_at(shape, eyes, where, 0.25)
+    np.testing.assert_array_equal(fit.cyclopean_from_part, where)
+    assert np.sqrt(np.trace(fit.covariance[:3, :3])) > 5.0
+    assert all(seen.sides is not None for seen in observed)
