@@ -241,6 +241,24 @@ def corner_picture(angle_deg: float, turn_deg: float, seed: int) -> tuple[NDArra
     return (small + noise).astype(np.float32), np.full(2, 240 / 4 - 0.375)
 
 
+def corner_face(angle_deg: float, turn_deg: float, rig: StereoRig, seed: int) -> tuple[Picture, Picture, Array]:
+    """A light face, 60 mm wide and square to the view at 560 mm, as a house with a gable of that angle; both pictures
+    with sensor noise, and where the gable's corner is in the left one (2,), px."""
+    gable = 30 / np.tan(np.deg2rad(angle_deg) / 2)
+    outline = np.array([(0, 0), (30, gable), (30, gable + 40), (-30, gable + 40), (-30, gable)], float)
+    turn = np.deg2rad(turn_deg)
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    points = np.column_stack([(outline - outline.mean(0)) @ rotation.T, np.full(5, 560.0)])
+    rng, pictures = np.random.default_rng(seed), []
+    for camera in (rig.left, rig.right):
+        image = np.full((480 * 4, 512 * 4), 60.0, np.float32)
+        # A pixel's middle is its place, and four small pixels are one: hence the half pixels.
+        corners = ((camera.project(points) + 0.5) * 4 - 0.5) * 16
+        cv2.fillPoly(image, [np.rint(corners).astype(np.int32)], 170.0, shift=4)
+        pictures.append(_exposed(cv2.resize(image, (512, 480), interpolation=cv2.INTER_AREA), rng))
+    return pictures[0], pictures[1], np.asarray(rig.left.project(points[:1])[0])
+
+
 def _disc(radius: float) -> list[tuple[float, float]]:
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     return [(float(radius * np.cos(a)), float(radius * np.sin(a))) for a in angle]

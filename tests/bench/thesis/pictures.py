@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from functools import cache
 from math import inf
@@ -35,6 +35,7 @@ from tests.fakes.thesis_scenes import (
     TRAINING,
     Shot,
     box_shots,
+    corner_face,
     corner_picture,
     other_shots,
     rig_of,
@@ -53,7 +54,7 @@ SHADE_SEED, SHADED_TEACHINGS = 21, 3
 """Of shadows at which nothing was tuned; how often the six views are taught in shade."""
 DETECTORS: tuple[CornerDetector, ...] = ("line_fit", "mic", "median", "slope")
 FORMULAS: tuple[StereoFormula, ...] = ("exact", "thesis", "thesis_compensated")
-CORNERS_DEG = (60.0, 90.0, 110.0, 130.0, 145.0, 160.0)
+CORNERS_DEG = (60.0, 90.0, 110.0, 130.0, 145.0, 160.0, 165.0, 170.0)
 CORNER_TURNS, CORNER_PX = 24, 4.0
 BASELINES_MM = (30.0, 60.0, 100.0, 150.0, 200.0, 250.0)
 AWAY_MM = 700.0
@@ -100,7 +101,7 @@ def detectors_table() -> str:
 
 
 def obtuse_table() -> str:
-    """Chapter 6: the corners that each detector of the thesis finds, by angle."""
+    """Chapter 6: the corners that each detector of the thesis finds, by angle, and those of faces that facetd finds."""
     rows = []
     for detector in DETECTORS[1:]:
         row = [f"`{detector}`"]
@@ -110,7 +111,17 @@ def obtuse_table() -> str:
             near = [np.hypot(*(corner - at)) < CORNER_PX for corner, (_, at) in zip(found, shown, strict=True)]
             row.append(str(sum(near)))
         rows.append(row)
+    rows.append(["facetd, face 60 mm wide", *(str(sum(_gable_found(angle))) for angle in CORNERS_DEG)])
     return table([f"found of {CORNER_TURNS}", *(f"{angle:g} degrees" for angle in CORNERS_DEG)], rows)
+
+
+def _gable_found(angle_deg: float) -> Iterator[bool]:
+    """Whether a corner of a facet is near the corner of that angle, for each turn of a face."""
+    rig = thesis_rig()
+    for k in range(CORNER_TURNS):
+        left, right, at = corner_face(angle_deg, 3.0 + 360 * k / CORNER_TURNS, rig, seed=k)
+        found = [f.left_px for g in find_facets(left, right, rig).groups for f in g.facets]
+        yield any(bool((np.hypot(*(px - at).T) < CORNER_PX).any()) for px in found)
 
 
 def vergence_table() -> str:
