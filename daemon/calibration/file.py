@@ -66,6 +66,13 @@ class Calibration:
         """The pose of the cameras (4, 4) mm, on the tool or in the world; None before the hand-eye calibration."""
         return self.tool_from_cyclopean if self.world_from_cyclopean is None else self.world_from_cyclopean
 
+    def world_from_cyclopean_at(self, world_from_tool: Array) -> Array:
+        """(4, 4) mm of the cameras while the tool is there. The calibration must have a hand-eye."""
+        if self.world_from_cyclopean is not None:
+            return self.world_from_cyclopean
+        assert self.tool_from_cyclopean is not None
+        return np.asarray(world_from_tool @ self.tool_from_cyclopean)
+
 
 def now() -> datetime:
     """The present time to the second, as a calibration's is written."""

@@ -1,4 +1,7 @@
-"""Hand-eye calibration: the pose of the cameras on the tool, AX = XB by two closed forms, then least squares. Pure.
+"""Hand-eye calibration: the pose of the cameras on the tool or, where they are fixed, in the world. Pure.
+
+AX = XB by two closed forms, then least squares. Cameras on the hand see a board that lies still, fixed ones a board
+that the gripper holds: the same equations with the arm's poses inverted.
 
 Two solvers that share no algebra (relative motions, absolute poses) give a warning when they disagree. The joint
 refinement minimises the corners' residuals in px over the hand-eye and the board's pose. Standard deviations come from
@@ -37,12 +40,19 @@ class HandEyeError(FacetdError):
 @dataclass(frozen=True, eq=False)
 class Sample:
     """The board seen from one pose of the arm: world_from_tool (4, 4) as the controller reports it; points_mm (N, 3) in
-    the board frame; left_px and right_px (N, 2), right None where only one camera is in use."""
+    the board frame; left_px and right_px (N, 2), right None where only one camera is in use; held: whether the gripper
+    holds the board and the cameras are fixed."""
 
     world_from_tool: Array
     points_mm: Array
     left_px: Array
     right_px: Array | None
+    held: bool = False
+
+    @property
+    def board_from_cameras(self) -> Array:
+        """(4, 4) mm, as the controller reports it: from what carries the cameras to what carries the board."""
+        return frames.inverse(self.world_from_tool) if self.held else self.world_from_tool
 
 
 @dataclass(frozen=True)
@@ -55,12 +65,13 @@ class ArmError:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
-    """tool_from_cyclopean (4, 4); sigma_mm, sigma_deg: one standard deviation of the hand-eye over all axes (jackknife,
-    and what no residual shows: see `_with_common_error`); reprojection_px rms per point; solvers_mm, solvers_deg:
-    difference of the two closed forms; diversity_deg: see `diversity_deg`; left_out_mm: error of each pose when
-    predicted from all others; arm: see `estimated_arm_error`."""
+    """mounting (4, 4): tool_from_cyclopean, or world_from_cyclopean of fixed cameras; sigma_mm, sigma_deg: one standard
+    deviation of it over all axes (jackknife, and what no residual shows: see `_with_common_error`), of fixed cameras
+    about about_mm (3,), world, the middle of where the board was; reprojection_px rms per point; solvers_mm,
+    solvers_deg: difference of the two closed forms; diversity_deg: see `diversity_deg`; left_out_mm: error of each pose
+    when predicted from all others; arm: see `estimated_arm_error`."""
 
-    tool_from_cyclopean: Array
+    mounting: Array
     sigma_mm: float
     sigma_deg: float
     reprojection_px: float
@@ -69,6 +80,7 @@ class HandEyeResult:
     diversity_deg: float
     left_out_mm: tuple[float, ...]
     arm: ArmError
+    about_mm: Array | None = None
 
     @property
     def warning(self) -> str | None:
@@ -110,7 +122,7 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
     """Solve for the hand-eye and refine it on all corners, with standard deviations. Raises HandEyeError."""
     if len(samples) < FEWEST_POSES:
         raise HandEyeError(f"{len(samples)} poses, {FEWEST_POSES} are needed")
-    arm = [s.world_from_tool for s in samples]
+    arm = [s.board_from_cameras for s in samples]
     turned = diversity_deg(arm)
     if turned < LEAST_TURN_DEG:
         raise HandEyeError(
@@ -133,13 +145,17 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
         raise HandEyeError(
             f"the poses do not determine the hand-eye ({error}): turn the gripper about more axes"
         ) from None
-    sigma_mm, sigma_deg = _jackknife(joint.parameters, [s.parameters for s in partial])
+    about_mm = _middle(samples, place) if samples[0].held else None
+    sigma_mm, sigma_deg = _jackknife(joint.parameters, [s.parameters for s in partial], about_mm)
     if len(samples) >= 3 * BLOCKS:
-        blocks_mm, blocks_deg = _jackknife(joint.parameters, _without_blocks(samples, rig, arm_error, mounting, place))
+        blocks_mm, blocks_deg = _jackknife(
+            joint.parameters, _without_blocks(samples, rig, arm_error, mounting, place), about_mm
+        )
         sigma_mm, sigma_deg = max(sigma_mm, blocks_mm), max(sigma_deg, blocks_deg)
     sigma_mm, sigma_deg = _with_common_error(sigma_mm, sigma_deg, arm_error)
     return HandEyeResult(
-        tool_from_cyclopean=mounting,
+        mounting=mounting,
+        about_mm=about_mm,
         sigma_mm=sigma_mm,
         sigma_deg=sigma_deg,
         reprojection_px=PIXEL_SIGMA * float(np.sqrt(2 * (joint.residuals[6 * len(samples) :] ** 2).mean())),
@@ -156,6 +172,12 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
 
 def _start(tool_from_cyclopean: Array, world_from_board: Array, count: int) -> Array:
     return np.concatenate([pose_of(tool_from_cyclopean), pose_of(world_from_board), np.zeros(6 * count)])
+
+
+def _middle(samples: Sequence[Sample], tool_from_board: Array) -> Array:
+    """(3,) world mm: the middle of all places of a board that the gripper held."""
+    places = [frames.apply(s.world_from_tool @ tool_from_board, s.points_mm.mean(axis=0)) for s in samples]
+    return np.asarray(np.mean(places, axis=0))
 
 
 def park_martin(world_from_tool: Sequence[Array], cyclopean_from_board_: Sequence[Array]) -> Array:
@@ -199,7 +221,8 @@ def shah(world_from_tool: Sequence[Array], cyclopean_from_board_: Sequence[Array
 
 
 def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmError) -> Problem:
-    """Parameters: tool_from_cyclopean (6), world_from_board (6), then the arm's error (6) of each sample.
+    """Parameters: tool_from_cyclopean (6), world_from_board (6), then the arm's error (6) of each sample. Of fixed
+    cameras: world_from_cyclopean, tool_from_board.
 
     Poses are rotation vector and translation, the arm's error in the tool frame. Residuals are in standard deviations:
     corners over PIXEL_SIGMA, the arm's errors over `arm`. Without the latter, one pose's error would count once a
@@ -213,15 +236,22 @@ def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmError) -
         mounting, by_mounting = _inverted(x[:6])
         for k, sample in enumerate(samples):
             own = slice(12 + 6 * k, 18 + 6 * k)
-            to_reported, by_board, _ = chain(x[6:12], pose_of(frames.inverse(sample.world_from_tool)))
-            to_tool, by_reported, by_own = chain(to_reported, x[own])
-            to_cyclopean, by_tool, by_inverse = chain(to_tool, mounting)
+            reported = pose_of(frames.inverse(sample.board_from_cameras))
+            if sample.held:
+                to_tool, by_first, by_own = chain(x[6:12], x[own])
+                there, by_then, _ = chain(to_tool, reported)
+                by_board, by_error = by_then @ by_first, by_then @ by_own
+            else:
+                to_reported, by_first, _ = chain(x[6:12], reported)
+                there, by_then, by_error = chain(to_reported, x[own])
+                by_board = by_then @ by_first
+            to_cyclopean, by_place, by_inverse = chain(there, mounting)
             for camera, px in _views(rig, sample):
                 errors, by_pose = _camera_rows(camera, to_cyclopean, sample.points_mm, px)
                 rows = np.zeros((len(errors), len(x)))
                 rows[:, :6] = by_pose @ by_inverse @ by_mounting
-                rows[:, 6:12] = by_pose @ by_tool @ by_reported @ by_board
-                rows[:, own] = by_pose @ by_tool @ by_own
+                rows[:, 6:12] = by_pose @ by_place @ by_board
+                rows[:, own] = by_pose @ by_place @ by_error
                 residuals.append(errors / PIXEL_SIGMA)
                 jacobians.append(rows / PIXEL_SIGMA)
         return np.concatenate(residuals), np.vstack(jacobians)
@@ -276,10 +306,13 @@ def _pnp(camera: Camera, points: Array, px: Array) -> Array:
     return camera.cyclopean_from_camera @ camera_from_board
 
 
-def _jackknife(joint: Array, partial: Sequence[Array]) -> tuple[float, float]:
-    """(mm, degrees) over all three axes: variance (n - 1) / n times the summed squares of the left-out differences."""
+def _jackknife(joint: Array, partial: Sequence[Array], about_mm: Array | None = None) -> tuple[float, float]:
+    """(mm, degrees) over all three axes: variance (n - 1) / n times the summed squares of the left-out differences.
+    about_mm (3,): of which point the motions count; None: of the cameras themselves."""
     reference = transform_of(joint[:6])
     motions = np.array([frames.difference(transform_of(p[:6]), reference) for p in partial])
+    if about_mm is not None:
+        motions[:, :3] += np.cross(motions[:, 3:], about_mm - reference[:3, 3])
     motions -= motions.mean(axis=0)
     variance = (len(motions) - 1) / len(motions) * (motions**2).sum(axis=0)
     return float(np.sqrt(variance[:3].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
@@ -305,6 +338,6 @@ def _with_common_error(sigma_mm: float, sigma_deg: float, arm: ArmError) -> tupl
 
 def _left_out_mm(sample: Sample, cyclopean_from_board_: Array, others: Array) -> float:
     """Distance of the board's corners seen from one pose to where all other poses put them, rms mm."""
-    seen = sample.world_from_tool @ transform_of(others[:6]) @ cyclopean_from_board_
+    seen = sample.board_from_cameras @ transform_of(others[:6]) @ cyclopean_from_board_
     gaps = frames.apply(seen, sample.points_mm) - frames.apply(transform_of(others[6:12]), sample.points_mm)
     return float(np.sqrt((gaps**2).sum(axis=1).mean()))

@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
 from daemon import frames
 from daemon.arm import (
+    BeliefSource,
+    Capsule,
     MoveRefusedError,
     NotSettledError,
     OutOfReachError,
@@ -22,6 +24,7 @@ from daemon.arm import (
     RefusedError,
     Settling,
     Supervisor,
+    carried_part,
     settled_pair,
 )
 from daemon.arrays import Array
@@ -41,12 +44,23 @@ from daemon.calibration.stereo import (
     epipolar_distances,
     matched,
 )
-from daemon.calibration.tour import in_order, looks_at, spread_out
+from daemon.calibration.tour import (
+    AIMS_MM,
+    DISTANCES_MM,
+    FIXED_AIMS,
+    FIXED_ASIDE,
+    FIXED_DISTANCES,
+    in_order,
+    looks_at,
+    spread_out,
+)
 from daemon.errors import FacetdError
 from daemon.pick.moved_pair import SHORTEST_MM
 from daemon.vision.geometry import StereoRig, baseline
 
 Say = Callable[[str], Awaitable[None]]
+MARGIN_SQUARES, PLATE_MM = 2.5, 10.0
+"""How far a board in the gripper reaches beyond its inner corners, in squares, and across its face."""
 
 
 class SessionError(FacetdError):
@@ -63,13 +77,15 @@ class BoardView:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationSession:
-    """The arm and its first reading, the limits for still images, the board, the calibration so far."""
+    """The arm and its first reading, the limits for still images, the board, the calibration so far; held: whether the
+    gripper holds the board, before fixed cameras."""
 
     supervisor: Supervisor
     set_out: Callable[[], Awaitable[Reading]]
     settling: Settling
     board: Board
     calibration: Calibration
+    held: bool = False
 
 
 async def view_tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
@@ -86,7 +102,7 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
     session.supervisor.may_move()
     if mover.dry:
         raise RefusedError("dry: the arm does not move, and views from one pose calibrate nothing")
-    if session.calibration.tool_from_cyclopean is None:
+    if session.calibration.hand_eye is None:
         raise SessionError("no hand_eye in calibration.yaml: enter a rough one, measured by ruler")
     reading = await session.set_out()
     try:
@@ -95,6 +111,8 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
         raise SessionError(f"from here the cameras do not see the board: {error}") from None
     if count == 0:
         return [first]
+    if session.held:
+        mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=_board_in_gripper(session, first))
     poses = _plan(session, first, count)
     await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
@@ -119,21 +137,38 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
 
 def _plan(session: CalibrationSession, first: BoardView, count: int) -> list[Array]:
     """Poses world_from_tool of the tour."""
-    tool_from_cyclopean = session.calibration.tool_from_cyclopean
-    assert tool_from_cyclopean is not None
-    cyclopean_from_tool = frames.inverse(tool_from_cyclopean)
-    world_from_cyclopean = first.world_from_tool @ tool_from_cyclopean
+    world_from_cyclopean = session.calibration.world_from_cyclopean_at(first.world_from_tool)
     world_from_board = board_in_world(first, session.board, session.calibration)
-
-    def allowed(world_from_cyclopean: Array) -> bool:
-        return session.supervisor.mover.reach.allows(world_from_cyclopean @ cyclopean_from_tool)
-
     centre = session.board.points_mm().mean(axis=0)
-    looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0])
-    chosen = spread_out(looks, count, allowed, world_from_cyclopean)
+    sizes: tuple[Sequence[float], Sequence[tuple[float, float]]] = (DISTANCES_MM, AIMS_MM)
+    if session.held:
+        away_mm = float(frames.apply(frames.inverse(world_from_cyclopean) @ world_from_board, centre)[2])
+        aside_mm = FIXED_ASIDE * away_mm
+        sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
+
+    def tool_at(look: Array) -> Array:
+        """world_from_tool for cameras at a look (4, 4), or for the board as it is before them there."""
+        if session.held:
+            return world_from_cyclopean @ frames.inverse(look) @ first.world_from_tool
+        return look @ frames.inverse(world_from_cyclopean) @ first.world_from_tool
+
+    looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0], *sizes)
+    reach = session.supervisor.mover.reach
+    chosen = spread_out(looks, count, lambda look: reach.allows(tool_at(look)), world_from_cyclopean)
     if len(chosen) < min(count, 8):
         raise SessionError(f"the arm reaches only {len(chosen)} poses around the board; move it nearer to the middle")
-    return [look @ cyclopean_from_tool for look in in_order(chosen, world_from_cyclopean)]
+    return [tool_at(look) for look in in_order(chosen, world_from_cyclopean)]
+
+
+def _board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:
+    """What the guard is to know of the board in the gripper: its corners with a margin for print and plate, and for a
+    hand-eye by ruler."""
+    board = session.board
+    low, high = (np.array(end(board.points_mm(), axis=0)) for end in (np.min, np.max))
+    margin = np.array([MARGIN_SQUARES * board.square_mm] * 2 + [PLATE_MM])
+    corners = np.array(list(product(*zip(low - margin, high + margin, strict=True))))
+    tool_from_board = board_at_rest(first, board, session.calibration)
+    return carried_part(frames.apply(tool_from_board, corners), "the board in the gripper")
 
 
 async def _see(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
@@ -225,24 +260,31 @@ def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) 
 
 def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
     """Hand-eye calibration from the views. Raises HandEyeError."""
-    result = calibrate_hand_eye([sample_of(v, board) for v in views], before.rig)
+    held = before.world_from_cyclopean is not None
+    result = calibrate_hand_eye([replace(sample_of(v, board), held=held) for v in views], before.rig)
     quality = Quality(
         reprojection_px=before.quality.reprojection_px,
         epipolar_px=before.quality.epipolar_px,
         hand_eye_mm=round(result.sigma_mm, 4),
         hand_eye_deg=round(result.sigma_deg, 4),
+        about_mm=None if result.about_mm is None else tuple(result.about_mm.round(1).tolist()),
+        arm_mm=round(result.arm.mm, 4) if held else None,
+        arm_deg=round(result.arm.deg, 4) if held else None,
         views=len(views),
         method=before.quality.method or "hand-eye",
         made=now(),
     )
-    return replace(before, tool_from_cyclopean=result.tool_from_cyclopean, quality=quality), result
+    if held:
+        return replace(before, quality=quality, world_from_cyclopean=result.mounting), result
+    return replace(before, quality=quality, tool_from_cyclopean=result.mounting), result
 
 
 @dataclass(frozen=True)
 class Verified:
     """Errors of a calibration in views that were not used for it. scale_error: relative error of known lengths;
     length_mm: rms error of the distances between corners; epipolar_px: mean; spread_mm: rms distance of the board's
-    corners in the world from their mean over the poses; failures: figures out of their limits, with the remedy."""
+    corners, where it is fastened, from their mean over the poses; failures: figures out of their limits, with the
+    remedy."""
 
     poses: int
     scale_error: float
@@ -275,7 +317,7 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
     if not errors:
         raise SessionError("no two consecutive poses are far enough apart to be a stereo pair; verify again")
     for view in views:
-        corners.append(frames.apply(board_in_world(view, board, calibration), board.points_mm()))
+        corners.append(frames.apply(board_at_rest(view, board, calibration), board.points_mm()))
     placed = np.array(corners)
     epipolar_px = EPIPOLAR_LIMIT_PX
     if calibration.alone is not None:
@@ -335,9 +377,15 @@ def _distances(points: Array) -> Array:
 
 def board_in_world(view: BoardView, board: Board, calibration: Calibration) -> Array:
     """world_from_board (4, 4) from one view. The calibration must have a hand-eye."""
-    assert calibration.tool_from_cyclopean is not None
     seen = cyclopean_from_board(sample_of(view, board), calibration.rig)
-    return view.world_from_tool @ calibration.tool_from_cyclopean @ seen
+    return calibration.world_from_cyclopean_at(view.world_from_tool) @ seen
+
+
+def board_at_rest(view: BoardView, board: Board, calibration: Calibration) -> Array:
+    """(4, 4) of the board where it is fastened, by one view: in the world, or before fixed cameras on the tool. The
+    calibration must have a hand-eye."""
+    there = board_in_world(view, board, calibration)
+    return there if calibration.world_from_cyclopean is None else frames.inverse(view.world_from_tool) @ there
 
 
 def sample_of(view: BoardView, board: Board) -> Sample:

@@ -20,14 +20,24 @@ ROLLS_DEG = (-40.0, -15.0, 15.0, 40.0)
 DISTANCES_MM = (270.0, 330.0, 400.0)
 AIMS_MM = ((0.0, 0.0), (28.0, 20.0), (-28.0, 20.0), (28.0, -20.0), (-28.0, -20.0))
 """Offset of the board's centre from the cameras' axis, x and y in the cyclopean frame."""
+FIXED_DISTANCES = (0.85, 1.0, 1.15)
+"""Distances of a board in the gripper from fixed cameras, as shares of its first one."""
+FIXED_ASIDE, FIXED_AIMS = 0.2, ((0, 0), (1, 1), (-1, 1), (1, -1), (-1, -1))
+"""Offset of its centre from the cameras' axis, as a share of that, and to which sides."""
 MM_A_RADIAN = 300.0
 """A rotation of one radian counts as this distance: how far a point at working distance moves."""
 
 
-def looks_at(world_from_board: Array, centre: Array, upright: Array) -> list[Array]:
+def looks_at(
+    world_from_board: Array,
+    centre: Array,
+    upright: Array,
+    distances_mm: Sequence[float] = DISTANCES_MM,
+    aims_mm: Sequence[tuple[float, float]] = AIMS_MM,
+) -> list[Array]:
     """Candidate poses world_from_cyclopean (4, 4) above the board that look at its centre (3,), board frame.
 
-    upright: (3,) world direction of the cameras' x axis before the roll.
+    upright: (3,) world direction of the cameras' x axis before the roll; distances_mm, aims_mm: see the constants.
     """
     middle = frames.apply(world_from_board, centre)
     normal = -world_from_board[:3, 2]
@@ -35,7 +45,7 @@ def looks_at(world_from_board: Array, centre: Array, upright: Array) -> list[Arr
     side /= np.linalg.norm(side)
     across = np.cross(normal, side)
     found = []
-    for tilt, step, roll, distance, aim in product(TILTS_DEG, range(HEADINGS), ROLLS_DEG, DISTANCES_MM, AIMS_MM):
+    for tilt, step, roll, distance, aim in product(TILTS_DEG, range(HEADINGS), ROLLS_DEG, distances_mm, aims_mm):
         heading = 2 * np.pi * step / HEADINGS
         sideways = np.cos(heading) * side + np.sin(heading) * across
         away = np.cos(np.radians(tilt)) * normal + np.sin(np.radians(tilt)) * sideways

@@ -79,10 +79,15 @@ class SimulatedOperator:
         self._set_aside = None
         self.cell.clear()
 
-    def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool) -> None:
-        """Put a calibration board with that many inner corners on the table, in place of the parts."""
+    def show_board(self, columns: int, rows: int, square_mm: float, charuco: bool, held: bool = False) -> None:
+        """Put a calibration board with that many inner corners on the table or into the gripper, in place of the
+        parts."""
         self._set_parts_aside()
-        self.cell.show_board(self._board(columns + 1, rows + 1, square_mm, charuco))
+        board = self._board(columns + 1, rows + 1, square_mm, charuco)
+        if held:
+            self.cell.hold_board(board)
+        else:
+            self.cell.show_board(board)
 
     def _set_parts_aside(self) -> None:
         if self._set_aside is None:

@@ -130,6 +130,11 @@ class CommissioningSession:
         listed = self._link.do("calibrate list", "commission", lambda _: None)["data"]
         return int(listed.get("current", 0)), self._status()["model"]["version"]
 
+    @property
+    def mounting(self) -> str:
+        """Where the cameras are: hand, world."""
+        return str(self._status().get("mounting", "hand"))
+
     def _status(self) -> dict[str, Any]:
         data: dict[str, Any] = self._link.do("status", "commission", lambda _: None)["data"]
         return data
@@ -205,6 +210,10 @@ def _light(talk: CommissioningSession) -> str:
 
 
 def _stereo(talk: CommissioningSession) -> str:
+    if talk.mounting == "world":
+        raise NotProvenError(
+            "from here on commissioning moves cameras on the gripper, and these are fixed over the table"
+        )
     talk.need(
         f"Is the board of {talk.order.calibrate} mm flat on the table, and the way of the arm free? The arm moves next."
     )
@@ -334,7 +343,8 @@ STEPS = (
          "light evenly from above, focus and clean the lenses; a refusal names its rule",
          _light, None),
     CommissioningStep("stereo", "the calibration of both cameras",
-         "put the board whole in both images; measure its square; give a rough hand_eye in calibration.yaml",
+         "put the board whole in both images; measure its square; give a rough hand_eye in calibration.yaml; "
+         "fixed cameras: go on with docs/operate/fixed-cameras.md",
          _stereo),
     CommissioningStep("hand-eye", "the position of the cameras on the arm",
          "tighten the bracket; correct arm.flange_from_tool; put the board nearer, so that the poses differ more",

@@ -60,11 +60,12 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     stereo    both cameras and hand-eye, from a tour of 28 poses (about ten minutes on a real arm)
     camera    the same for a cell with one camera
     by-hand   both cameras, from a board that you hold; nothing moves, messages say which view is missing
-    hand-eye  where the cameras are on the arm; their own calibration stays
+    hand-eye  where the cameras are, on the arm or in the world; their own calibration stays
     verify    8 new poses: errors in mm and px, passed or failed
     touch     the gripper moves above a corner of the board; you type how far off it is
     list      the calibrations made here, and that of facetd.yaml (0); `use N` takes one into use
-    First put the board flat where all of it is in view, and `enable` the arm. CxR: inner corners (9x6), SQUARE_MM:
+    First put the board flat where all of it is in view, and `enable` the arm. With fixed cameras (cameras.mounting:
+    world) the gripper holds the board instead, in their view, except for `touch`. CxR: inner corners (9x6), SQUARE_MM:
     size of a square (16).
     """
     kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
@@ -74,14 +75,15 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
+    held = sections.mounting(context.config) == "world" and kind not in ("touch", "by-hand")
     hand = context.hardware.operator
     if hand is not None:
-        hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco")
-        await frontend.say("(simulated) The board is placed on the table.")
+        hand.show_board(board.columns, board.rows, board.square_mm, board.kind == "charuco", held)
+        await frontend.say(f"(simulated) The board is {'in the gripper' if held else 'placed on the table'}.")
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, frontend)
-        tour = view_tour(_session(context, board), POSES[kind], frontend.say, SPEED_PCT)
+        tour = view_tour(_session(context, board, held), POSES[kind], frontend.say, SPEED_PCT)
         views = await with_questions(context, tour, frontend)
         if kind == "verify":
             return _verified(views, board, context.calibration)
@@ -93,17 +95,13 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     finally:
         if hand is not None:
             hand.put_back()
+            if held:
+                context.cycle.holding(False)
 
 
 def _check_eyes(context: CommandContext, kind: str) -> None:
     """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
     one = sections.alone(context.config)
-    if kind != "by-hand" and sections.mounting(context.config) == "world":
-        raise CommandError(
-            f"calibrate {kind}: moves cameras on the hand, and these are fixed; calibrate the pair by hand, and enter "
-            "hand_eye.world_from_cyclopean in calibration.yaml",
-            NOT_DONE,
-        )
     if context.hardware.cameras.alone != one:
         raise CommandError(
             f"calibrate {kind}: only one camera is in use; repair the other, then `cameras both`", NOT_DONE
@@ -118,9 +116,12 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
         raise CommandError("calibrate: the calibration in use is for two cameras: `calibrate camera` first", NOT_DONE)
 
 
-def _session(context: CommandContext, board: Board) -> CalibrationSession:
+def _session(context: CommandContext, board: Board, held: bool = False) -> CalibrationSession:
+    """held: the gripper holds the board, which a tour guards as it sees it; nothing moves before."""
     cycle = context.cycle
-    return CalibrationSession(cycle.supervisor, cycle.set_out, cycle.settings.settling, board, context.calibration)
+    set_out = cycle.supervisor.mover.rest if held else cycle.set_out
+    settling = cycle.settings.settling
+    return CalibrationSession(cycle.supervisor, set_out, settling, board, context.calibration, held)
 
 
 def _board(words: list[str]) -> Board:
@@ -266,9 +267,9 @@ def arm_line(found: ArmError, reckoned: Doubt) -> str:
 
 
 def _moved(before: Calibration, after: Calibration) -> str:
-    if before.tool_from_cyclopean is None or after.tool_from_cyclopean is None:
+    if before.hand_eye is None or after.hand_eye is None:
         return "This is the first hand-eye calibration."
-    mm, turn = frames.size(frames.difference(after.tool_from_cyclopean, before.tool_from_cyclopean))
+    mm, turn = frames.size(frames.difference(after.hand_eye, before.hand_eye))
     return f"The hand-eye has changed since the calibration before by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 

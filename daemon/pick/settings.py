@@ -68,7 +68,7 @@ class Settings:
     )
     """Further places to look from before the table counts as empty."""
     home: ToolPosition = ToolPosition((420.0, 0.0, 60.0), tilt_deg=20.0)
-    """Position where the arm waits."""
+    """Position where the arm waits. With fixed cameras (cameras.mounting: world) all looks are taken from here."""
     bin: ToolPosition = ToolPosition((250.0, 410.0, -150.0), heading_deg=58.0, tilt_deg=10.0)
     """Position over the bin where the gripper opens."""
     order: Literal["nearest", "surest"] = "surest"

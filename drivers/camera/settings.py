@@ -29,7 +29,7 @@ class CameraSettings:
     """The right camera, named as `left`. Unset: one camera alone."""
     mounting: Mounting = "hand"
     """Where the cameras are: `hand`, where they move with the gripper (eye-in-hand), or `world`, fixed over the table
-    (eye-to-hand)."""
+    (eye-to-hand). The calibration must be of the same."""
     width: Side = 640
     """Image width, px."""
     height: Side = 480

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
@@ -32,6 +33,10 @@ from drivers.simcell.world import PartPlace, PlacedPart, World
 
 PATH_CHECKED_S = np.linspace(3.0, 0.0, 40)
 """Cell seconds before the gripper closes in which its path is checked for collisions."""
+BOARD_IN_GRIPPER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Tool axes of a board that the gripper holds by its edge: its rows across the fingers, its face away from the tip."""
+HELD_BOARD_MM = 60.0
+"""How far its first square is beside the tool's axis: the fingers hide none."""
 FINGER_ALBEDO = 0.3
 HELD_UP = 0.85
 """Of the way from fixed cameras to the table, where a part is held up for teaching."""
@@ -81,6 +86,7 @@ class SimulatedCell:
         )
         self.world = World(self._settings, self._on_held)
         self._board: tuple[RenderedSolid, ...] = ()
+        self._held_board: tuple[RenderedSolid, ...] = ()
         self.controller = Controller(
             self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
         )
@@ -147,7 +153,7 @@ class SimulatedCell:
 
     def clear(self) -> None:
         """Remove all parts and the board."""
-        self._board = ()
+        self._board = self._held_board = ()
         self.world.clear()
 
     def bring_back(self, parts: Sequence[PlacedPart]) -> None:
@@ -187,6 +193,17 @@ class SimulatedCell:
         self._board = (rendered_board(board, world_from_board),)
         self.world.changes += 1
         return world_from_board
+
+    def hold_board(self, board: BoardPrint | None = None) -> Array:
+        """Clear the cell, put a board into the gripper, its face away from the tip. Returns tool_from_board (4, 4)."""
+        self.clear()
+        board = board or BoardPrint()
+        half = np.array([board.columns, board.rows, 0.0]) * board.square_mm / 2
+        middle = np.array([-HELD_BOARD_MM - half[1], 0.0, 0.0])
+        tool_from_board = rigid(BOARD_IN_GRIPPER, middle - BOARD_IN_GRIPPER @ half)
+        self._held_board = (rendered_board(board, tool_from_board),)
+        self.world.changes += 1
+        return tool_from_board
 
     def _prints_on(self, part: PlacedPart) -> tuple[Pattern, ...]:
         """Prints of a part, the same in every place; parts of several pieces are bare."""
@@ -230,11 +247,12 @@ class SimulatedCell:
                 part.shape, part.world_from_part(tool), albedo, [self._prints_on(part)] * len(part.shape.pieces)
             )
         ]
-        carried = tool.tobytes() if self.world.held else b""
+        carried = tool.tobytes() if self.world.held or self._held_board else b""
+        boards = (*self._board, *(replace(b, world_from_solid=tool @ b.world_from_solid) for b in self._held_board))
         gripper = tuple(
             RenderedSolid(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
         )
         teaching = any(part.where is PartPlace.STAND for part in parts)
         state = self.world.changes, carried
         eyes = self._settings.world_from_cyclopean_at(tool)
-        return SimulatedScene(eyes, (*solids, *self._board), state, gripper, teaching)
+        return SimulatedScene(eyes, (*solids, *boards), state, gripper, teaching)

@@ -63,7 +63,7 @@ def test_both_closed_forms_are_exact_without_noise() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_error(seed: int) -> None:
     result = calibrate_hand_eye(looks(seed), unlike_rig())
-    mm, deg = off(result.tool_from_cyclopean)
+    mm, deg = off(result.mounting)
     assert mm < 0.3
     assert deg < 0.1
     assert mm < 3 * result.sigma_mm
@@ -77,6 +77,75 @@ def test_the_jacobian_is_the_slope_of_the_residuals() -> None:
     problem = hand_eye_problem(samples, unlike_rig(), ArmError())
     arm_errors = [0.001, 0.002, -0.001, 0.1, -0.2, 0.1] * 2
     x = np.array([0.2, -0.1, 1.4, -74.0, 2, -108, 3.0, 0.1, 0.1, 515, 4, -305, *arm_errors])
+    jacobian = problem(x)[1]
+    for k in range(len(x)):
+        step = np.zeros(len(x))
+        step[k] = 1e-5 * max(1.0, abs(x[k]))
+        slope = (problem(x + step)[0] - problem(x - step)[0]) / (2 * step[k])
+        np.testing.assert_allclose(jacobian[:, k], slope, rtol=1e-4, atol=1e-4 * np.abs(slope).max())
+
+
+TOOL_FROM_BOARD = frames.rigid(frames.rotation_from_vector(np.array([0.1, -0.05, 1.6])), np.array([-60.0, 70.0, 4.0]))
+OVER_THE_TABLE = frames.rigid(frames.rotation_from_vector(np.array([2.2, 2.2, 0.0])), np.array([520.0, 60.0, 300.0]))
+
+
+def held_looks(seed: int, count: int = 18, arm_mm: float = 0.1, noise_px: float = 0.1) -> list[Sample]:
+    """Looks of fixed cameras at the board in the gripper, about 400 mm from them."""
+    rng, rig, samples = np.random.default_rng(seed), unlike_rig(), []
+    centre = BOARD.points_mm().mean(axis=0)
+    for _ in range(count):
+        turn = frames.rotation_from_vector(np.array([*rng.uniform(-0.45, 0.45, 2), rng.uniform(-0.6, 0.6)]))
+        middle = np.array([*rng.uniform(-40, 40, 2), rng.uniform(360, 440)])
+        eye_from_board = frames.rigid(turn, middle - turn @ centre)
+        points = frames.apply(eye_from_board, BOARD.points_mm())
+        seen = [eye.project(points) + rng.normal(0, noise_px, (len(points), 2)) for eye in (rig.left, rig.right)]
+        true = OVER_THE_TABLE @ eye_from_board @ frames.inverse(TOOL_FROM_BOARD)
+        wobble = np.concatenate([rng.normal(0, arm_mm, 3), rng.normal(0, np.radians(0.02) * arm_mm / 0.1, 3)])
+        samples.append(Sample(frames.perturb(true, wobble), BOARD.points_mm(), seen[0], seen[1], held=True))
+    return samples
+
+
+def test_fixed_cameras_are_found_exactly_without_noise() -> None:
+    result = calibrate_hand_eye(held_looks(0, arm_mm=0.0, noise_px=0.0), unlike_rig())
+    np.testing.assert_allclose(result.mounting, OVER_THE_TABLE, atol=1e-3)
+    assert max(result.left_out_mm) < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_fixed_cameras_are_is_right_about_where_the_board_was_and_so_is_the_arm(seed: int) -> None:
+    result = calibrate_hand_eye(held_looks(seed), unlike_rig())
+    motion = frames.difference(result.mounting, OVER_THE_TABLE)
+    assert result.about_mm is not None
+    assert np.linalg.norm(result.about_mm - OVER_THE_TABLE[:3, 3]) == pytest.approx(400.0, abs=30.0)
+    there = motion[:3] + np.cross(motion[3:], result.about_mm - OVER_THE_TABLE[:3, 3])
+    assert np.linalg.norm(there) < 3 * result.sigma_mm < 1.0
+    assert np.degrees(np.linalg.norm(motion[3:])) < 3 * result.sigma_deg < 0.5
+    assert 0.05 < result.arm.mm < 0.2
+    assert result.warning is None
+
+
+def test_a_turn_of_fixed_cameras_far_from_the_board_counts_at_the_board() -> None:
+    """Their rotation and their place err together: what that leaves at the board is less than at the cameras."""
+    samples = held_looks(5)
+    at_board = calibrate_hand_eye(samples, unlike_rig()).sigma_mm
+    joint = np.concatenate([hand_eye.pose_of(OVER_THE_TABLE), np.zeros(6)])
+    turned = hand_eye.pose_of(
+        OVER_THE_TABLE @ frames.rigid(frames.rotation_from_vector(np.array([1e-3, 0, 0])), np.zeros(3))
+    )
+    partial = [np.concatenate([turned, np.zeros(6)]), joint]
+    at_cameras, _ = hand_eye._jackknife(joint, partial)
+    away, _ = hand_eye._jackknife(joint, partial, OVER_THE_TABLE[:3, 3] + 400.0 * OVER_THE_TABLE[:3, 2])
+    assert at_cameras < 1e-9
+    assert away == pytest.approx(0.4 / 2, rel=0.01)
+    assert at_board < 0.5
+
+
+def test_the_jacobian_of_a_held_board_is_the_slope_of_the_residuals() -> None:
+    samples = held_looks(1, count=2)
+    problem = hand_eye_problem(samples, unlike_rig(), ArmError())
+    arm_errors = [0.001, 0.002, -0.001, 0.1, -0.2, 0.1] * 2
+    pose = [*hand_eye.pose_of(OVER_THE_TABLE) + 0.003, *hand_eye.pose_of(TOOL_FROM_BOARD) - 0.002]
+    x = np.array([*pose, *arm_errors])
     jacobian = problem(x)[1]
     for k in range(len(x)):
         step = np.zeros(len(x))

@@ -30,7 +30,9 @@ from daemon.calibration.session import (
     SPREAD_LIMIT_MM,
     BoardView,
     SessionError,
+    _board_in_gripper,
     _plan,
+    board_at_rest,
     sample_of,
     solve_camera,
     solve_hand_eye,
@@ -136,7 +138,7 @@ def session_of(**more: Any) -> Any:
     mover = SimpleNamespace(cell=cell, reach=SimpleNamespace(allows=lambda _: True), dry=False, here=None, **more)
     supervisor = SimpleNamespace(mover=mover, run=now, may_move=lambda: None)
     return SimpleNamespace(
-        supervisor=supervisor, board=BOARD, calibration=CALIBRATION, set_out=AsyncMock(return_value="here")
+        held=False, supervisor=supervisor, board=BOARD, calibration=CALIBRATION, set_out=AsyncMock(return_value="here")
     )
 
 
@@ -279,7 +281,7 @@ def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye
 def planned(count: int, allowed: Callable[[Array], bool]) -> list[Array]:
     reach = SimpleNamespace(allows=allowed)
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
-    session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor)
+    session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, held=False)
     return _plan(session, views_of_the_board(1)[0], count)
 
 
@@ -295,3 +297,63 @@ def test_a_tour_of_too_few_poses_is_refused_and_none_is_of_one_pose_over_and_ove
     poses = planned(count, lambda _: next(left, None) is not None)
     assert len({pose.tobytes() for pose in poses}) == reached
     assert diversity_deg(poses) > LEAST_TURN_DEG
+
+
+OVER = frames.rigid(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.array([520.0, 0.0, 300.0]))
+TURN = frames.rotation_from_vector(np.array([0.05, -0.03, 1.6]))
+HELD = frames.rigid(TURN, np.array([-60.0, -64.0, 0.0]))
+
+
+def held_view(world_from_tool: Array) -> BoardView:
+    """The board in the gripper, seen by fixed cameras."""
+    eye_from_board = frames.inverse(OVER) @ world_from_tool @ HELD
+    seen = [seen_by(eye, eye_from_board) for eye in (CALIBRATION.rig.left, CALIBRATION.rig.right)]
+    return BoardView(world_from_tool, Pair("held", *seen))
+
+
+FIXED = replace(CALIBRATION, tool_from_cyclopean=None, world_from_cyclopean=OVER)
+GRIPPER_DOWN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([600.0, -10.0, -120.0]))
+
+
+def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view() -> None:
+    supervisor = SimpleNamespace(mover=SimpleNamespace(reach=SimpleNamespace(allows=lambda _: True)))
+    session: Any = SimpleNamespace(calibration=FIXED, board=BOARD, supervisor=supervisor, held=True)
+    first = held_view(GRIPPER_DOWN)
+    np.testing.assert_allclose(board_at_rest(first, BOARD, FIXED), HELD, atol=0.05)
+    poses = _plan(session, first, 16)
+    assert diversity_deg(poses) > LEAST_TURN_DEG
+    middles = [frames.apply(frames.inverse(OVER) @ pose @ HELD, BOARD.points_mm().mean(axis=0)) for pose in poses]
+    assert np.ptp([z for _, _, z in middles]) > 80.0
+    for x, y, z in middles:
+        assert 0.8 * 420.0 < z < 1.2 * 420.0
+        assert max(abs(x), abs(y)) < 0.21 * 420.0
+
+
+def test_the_guard_knows_the_board_in_the_gripper_with_its_rim() -> None:
+    load = _board_in_gripper(SimpleNamespace(calibration=FIXED, board=BOARD), held_view(GRIPPER_DOWN))  # type: ignore[arg-type]
+    around = load[-1]
+    axis = np.array([around.from_mm, around.to_mm])
+    for corner in frames.apply(HELD, BOARD.points_mm()):
+        along = np.clip((corner - axis[0]) @ np.ptp(axis, axis=0), 0, None)
+        assert np.linalg.norm(corner - axis.mean(axis=0)) < around.radius_mm + np.linalg.norm(np.diff(axis, axis=0)) / 2
+        assert np.isfinite(along)
+    spread = np.ptp([piece.from_mm for piece in load[:-1]], axis=0)
+    board = np.ptp(frames.apply(HELD, BOARD.points_mm()), axis=0)
+    assert (spread[:2] >= board[:2] + 4 * BOARD.square_mm).all()
+
+
+def test_fixed_cameras_are_solved_with_what_the_pick_needs_of_arm_and_place() -> None:
+    rng = np.random.default_rng(3)
+    turns = [
+        frames.rotation_from_vector(np.array([*rng.uniform(-0.4, 0.4, 2), rng.uniform(-0.5, 0.5)])) for _ in range(9)
+    ]
+    views = [held_view(GRIPPER_DOWN @ frames.rigid(turn, rng.uniform(-20, 20, 3))) for turn in turns]
+    rough = replace(FIXED, world_from_cyclopean=frames.perturb(OVER, np.array([9.0, -7, 8, 0.02, -0.01, 0.02])))
+    after, result = solve_hand_eye(views, BOARD, rough)
+    np.testing.assert_allclose(after.world_from_cyclopean, OVER, atol=0.05)
+    assert after.tool_from_cyclopean is None
+    assert after.quality.about_mm == tuple(result.about_mm.round(1))
+    assert after.quality.arm_mm == round(result.arm.mm, 4)
+    assert verify(views, BOARD, after).passed
+    knocked = replace(after, world_from_cyclopean=frames.perturb(OVER, np.array([0.0, 0, 0, 0.01, 0, 0])))
+    assert any(failure.startswith("spread") for failure in verify(views, BOARD, knocked).failures)

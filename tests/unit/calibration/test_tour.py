@@ -58,7 +58,8 @@ def test_a_tour_that_begins_on_a_moving_arm_takes_no_view() -> None:
     session: Any = SimpleNamespace(
         supervisor=supervisor,
         set_out=supervisor.mover.rest,
-        calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)),
+        calibration=SimpleNamespace(hand_eye=np.eye(4)),
+        held=False,
     )
     with pytest.raises(OSError, match="not at rest"):
         asyncio.run(view_tour(session, 0, AsyncMock(), 60.0))
@@ -72,6 +73,6 @@ def test_while_dry_is_on_no_view_is_taken_for_one_from_where_the_arm_would_be(co
     supervisor = Supervisor(build(world), Limits(), Arrival(), lambda _: None)
     supervisor.enable()
     supervisor.dry(True)
-    session: Any = SimpleNamespace(supervisor=supervisor, calibration=SimpleNamespace(tool_from_cyclopean=np.eye(4)))
+    session: Any = SimpleNamespace(supervisor=supervisor, calibration=SimpleNamespace(hand_eye=np.eye(4)))
     with pytest.raises(RefusedError, match="dry"):
         asyncio.run(view_tour(session, count, AsyncMock(), 50.0))

@@ -34,10 +34,11 @@ def test_after_a_part_or_a_board_was_shown_every_part_lies_where_it_lay(hand: Si
     hand.show("cube", 0)
     hand.put_back()
     assert lie(hand) == before
-    hand.show_board(9, 6, 16.0, False)
-    assert lie(hand) == []
-    hand.put_back()
-    assert lie(hand) == before
+    for held in (False, True):
+        hand.show_board(9, 6, 16.0, False, held)
+        assert lie(hand) == []
+        hand.put_back()
+        assert lie(hand) == before
 
 
 def test_what_was_strewn_or_cleared_meanwhile_is_not_undone(hand: SimulatedOperator) -> None:

@@ -100,6 +100,19 @@ def test_the_camera_shows_the_part_where_the_cameras_true_pose_says(cell: Simula
         assert np.all(bright.max(axis=0) < outline.max(axis=0) + 2)
 
 
+def test_a_board_in_the_gripper_goes_with_it(cell: SimulatedCell) -> None:
+    tool_from_board = cell.hold_board()
+    scenes = []
+    for place in (above(520.0, 0.0, 0.0), above(480.0, 60.0, -40.0)):
+        drive(cell, place)
+        scenes.append(cell._scene_at(time.monotonic()))
+        (board,) = scenes[-1].solids
+        assert np.allclose(board.world_from_solid, cell.world_from_tool() @ tool_from_board, atol=0.01)
+    assert scenes[0].state != scenes[1].state, "what the cameras see is rendered anew"
+    cell.clear()
+    assert cell._scene_at(time.monotonic()).solids == ()
+
+
 def test_what_the_daemon_believes_is_off_by_realistic_errors(cell: SimulatedCell) -> None:
 
     believed = yaml.safe_load((TRUTH.parent / "calibration.yaml").read_text())
@@ -198,3 +211,11 @@ def test_the_file_says_which_arm_stands_there_how_its_controller_counts_and_wher
 def test_an_arm_that_cannot_be_is_told_with_its_file(tmp_path: Path, arm: dict[str, object], told: str) -> None:
     with pytest.raises(TruthError, match=rf"cell.yaml: .*{told}"):
         load_truth(written(tmp_path, **arm))
+
+
+def test_cameras_are_on_the_hand_or_in_the_world() -> None:
+    text = (folders.HOUSE / "etc" / "fixed" / "simcell.yaml").read_text()
+    truth = load_truth(folders.HOUSE / "etc" / "fixed" / "simcell.yaml")
+    for tool in (np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0])):
+        assert np.array_equal(truth.world_from_cyclopean_at(tool), np.array(truth.world_from_cyclopean))
+    assert "tool_from_cyclopean" not in text
