@@ -38,7 +38,7 @@ BOARD_IN_GRIPPER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 HELD_BOARD_MM = 60.0
 """How far its first square is beside the tool's axis: the fingers hide none."""
 FINGER_ALBEDO = 0.3
-HELD_UP = 0.85
+HELD_UP = 0.73
 """Of the way from fixed cameras to the table, where a part is held up for teaching."""
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """World axes of a board face up on the table, its rows across the arm's reach and its top farthest out."""
