@@ -149,7 +149,8 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "cameras": own.get("cameras", {}),
-        "pick": own.get("pick", {}) | {"stops": {"least_looks": 3}, "limits": room},
+        "pick": own.get("pick", {})
+        | {"stops": {"least_looks": 3} | own.get("pick", {}).get("stops", {}), "limits": room},
         "simulated": {
             "truth": truth,
             "time_scale": args.time_scale,
@@ -289,7 +290,7 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
     return ends, truths
 
 
-def _table(rows: list[dict[str, Any]], parts: int, seconds: float, brought: Sequence[str]) -> int:
+def _table(rows: list[dict[str, Any]], parts: int, seconds: float, brought: Sequence[str] = ("picked",)) -> int:
     """Print a table of the picks of so many parts; returns how many succeeded, as the simulated cell confirms."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:

@@ -171,7 +171,14 @@ async def choose(
             continue
         sure = part.taken_for.confidence
         world.target = world.last_target = Target(
-            part.label, shape, part.world_from_part, plan, part.look, side_view=side_view, confidence=sure
+            part.label,
+            shape,
+            part.world_from_part,
+            plan,
+            part.look,
+            side_view=side_view,
+            confidence=sure,
+            seen_at=part.centre,
         )
         context.decide(
             f"pick {part.label}",

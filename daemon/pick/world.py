@@ -256,7 +256,8 @@ def skip(
     code: CauseCode | DecisionCode,
 ) -> None:
     """Leave a part alone from now on."""
-    world.skipped.append(Skipped(part.label, part.centre, outcome, why))
+    seen_at = part.seen_at if isinstance(part, Target) and part.seen_at is not None else part.centre
+    world.skipped.append(Skipped(part.label, seen_at, outcome, why))
     world.outcome, world.why, world.code = outcome, f"{part.label}: {why}", code
     context.decide(f"skip {part.label}", f"{outcome}: {why}", code, label=part.label)
 

@@ -18,7 +18,7 @@ from daemon.pick.following import sighted
 from daemon.pick.pose_fusion import Doubt, Stops
 from daemon.pick.settings import Settings
 from daemon.vision.refine import Fit
-from tests.fakes.fake_cell import HEAD_DOWN, World, cycle_of, one_part, rig
+from tests.fakes.fake_cell import HEAD_DOWN, TruthRecogniser, World, cycle_of, one_part, rig
 
 OVER = frames.rigid(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.array([520.0, 0.0, 300.0]))
 ONCE = replace(Settings(), views_of_doubtful=0, last_surveys=(), verify_mm=100.0, stops=Stops((150.0,), most_looks=1))
@@ -121,3 +121,24 @@ def test_the_cameras_pose_errs_about_the_middle_of_where_it_was_calibrated() -> 
     own_mm = np.sqrt(3e-4)
     assert near.predicted_mm == pytest.approx(own_mm, rel=0.01)
     assert far.predicted_mm == pytest.approx(np.hypot(own_mm, lever_mm), rel=0.01)
+
+
+def test_a_part_of_which_little_shows_is_left_alone_once_and_not_chosen_again() -> None:
+    """The middle of the whole part is farther from that of what shows than two parts may be apart."""
+    world = one_part("triangular_prism")
+    world.fixed, world.most_seen = OVER, 1
+    cycle = cycle_of(world, replace(ONCE, stops=replace(ONCE.stops, enough_mm=0.2)))
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == "unsure"
+    (skipped,) = cycle.skipped
+    (chosen,) = [d for d in world.said("decision") if d["code"] == "chosen"]
+    assert chosen["label"] == "triangular_prism"
+    part, *_ = seen_parts_of(world)
+    assert np.linalg.norm(skipped.centre - part) < 1.0
+
+
+def seen_parts_of(world: World) -> list[np.ndarray]:
+    """The middles of what a look shows."""
+    scene = TruthRecogniser(world).see(None, None)
+    corners = [np.concatenate([facet.corners_mm for facet in part.facets]) for part in scene.parts]
+    return [frames.apply(OVER, each).mean(axis=0) for each in corners]
