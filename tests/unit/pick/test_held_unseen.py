@@ -70,6 +70,17 @@ def test_a_look_that_moves_nothing_needs_no_word_about_the_gripper():
     assert moves(world) == 0
 
 
+def test_a_look_of_one_camera_moves_the_arm_and_so_needs_a_word_about_the_gripper():
+    world = one_part()
+    cycle = cycle_of(world)
+    object.__setattr__(cycle.cell, "alone", "left")
+    cycle.use(TruthRecogniser(world, ()))
+    asyncio.run(cycle.hand(closed=True))
+    with pytest.raises(RefusedError, match="hand open"):
+        asyncio.run(cycle.look())
+    assert moves(world) == 0
+
+
 @pytest.mark.parametrize("after", [None, (SMALL,), ()])
 def test_what_was_gripped_before_the_model_was_exchanged_is_a_part_of_the_one_before(after: tuple[str, ...] | None):
     world = one_part()

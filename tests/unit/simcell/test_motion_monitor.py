@@ -318,7 +318,7 @@ def test_nothing_is_answered_for_of_a_line_of_somebody_else_s_and_all_of_the_sam
 
 def test_a_motion_of_ours_that_was_typed_right_behind_one_of_theirs_answers_for_no_way_that_began_elsewhere() -> None:
     cell = Cell(longest_step_mm=20.0)
-    cell.types("DO DRIVE 1,5,100", 0.2, theirs=True)
+    cell.types("DO DRIVE 1,25,100", 0.2, theirs=True)
     assert cell.found() == [], "nor while it is under way"
     cell.types("DO DRIVE 1,25,100")
     assert cell.found() == []
