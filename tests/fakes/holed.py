@@ -114,3 +114,19 @@ def holed_pair(kind: str, seed: int) -> tuple[Holed, Holed]:
         made = drawing(f"{label}.obj", obj(corners, rings))
         found.append(Holed(label, made, shown_shape(label, made)))
     return found[0], found[1]
+
+
+def rounded_pair(radius_mm: float, seed: int) -> tuple[Holed, Holed]:
+    """A block with sharp edges, and the same with its four upright edges rounded."""
+    rng = np.random.default_rng(seed)
+    sides = np.array([rng.uniform(48, 72), rng.uniform(34, 48), rng.uniform(14, 30)])
+    rim = rounded(sides[0], sides[1], radius_mm) + sides[:2] / 2
+    count = len(rim)
+    corners = np.vstack([np.column_stack([rim, np.full(count, z)]) for z in (sides[2], 0.0)])
+    walls = [(k, count + k, count + (k + 1) % count, (k + 1) % count) for k in range(count)]
+    rings = [tuple(range(count)), tuple(range(2 * count - 1, count - 1, -1)), *walls]
+    found = []
+    for label, (points, faces) in zip(("sharp", "rounded"), (box(*sides), (corners, rings)), strict=True):
+        made = drawing(f"{label}.obj", obj(points, faces))
+        found.append(Holed(label, made, shown_shape(label, made)))
+    return found[0], found[1]

@@ -66,8 +66,13 @@ def cell() -> Truth:
     return load_truth(ETC / "simcell.yaml")
 
 
-def photograph(shape: PartShape, rng: np.random.Generator, wanted: Callable[[Array], bool] | None = None) -> Photograph:
-    """The part alone on the table, on any of its rests and in any turn, from anywhere within DISTANCE_MM and
+def photograph(
+    shape: PartShape,
+    rng: np.random.Generator,
+    wanted: Callable[[Array], bool] | None = None,
+    distance_mm: tuple[float, float] = DISTANCE_MM,
+) -> Photograph:
+    """The part alone on the table, on any of its rests and in any turn, from anywhere within distance_mm and
     ELEVATION_DEG; half the tables patterned, half the parts printed. wanted: whether a cyclopean_from_part (4, 4) will
     do. Raises LookupError where none of TRIES does."""
     truth = cell()
@@ -77,7 +82,7 @@ def photograph(shape: PartShape, rng: np.random.Generator, wanted: Callable[[Arr
         spot = np.array([*np.add(truth.table.centre_mm, rng.uniform(-STRAY_MM, STRAY_MM, 2)), truth.table.height_mm])
         rest = shape.rests[int(rng.integers(len(shape.rests)))]
         lies = rigid(turn([0, 0, 1], rng.uniform(-np.pi, np.pi)), spot) @ rest
-        eyes = pose_above(float(rng.uniform(*DISTANCE_MM)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
+        eyes = pose_above(float(rng.uniform(*distance_mm)), np.array([*spot[:2], lies[2, 3]]), rng, ELEVATION_DEG)
         if wanted is None or wanted(inverse(eyes) @ lies):
             break
     else:

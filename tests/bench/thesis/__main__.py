@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import cv2
 
-from tests.bench.thesis import DOCUMENT, patterns, pictures, written
+from tests.bench.thesis import DOCUMENT, patterns, pictures, rounded, written
 
 PATTERNS: dict[str, Callable[[], str]] = {
     "silhouettes": patterns.silhouettes_table,
@@ -29,6 +29,7 @@ PICTURES: dict[str, Callable[[], str]] = {
     "views": pictures.views_table,
     "taught_views": pictures.taught_views_table,
     "shaded": pictures.shaded_table,
+    "rounded": rounded.rounded_table,
 }
 TIMES: dict[str, Callable[[], str]] = {"rotation": pictures.rotation_table, "times": pictures.times_table}
 
