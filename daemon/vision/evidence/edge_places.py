@@ -13,15 +13,15 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, hidden
-from daemon.vision.image import CameraImage, StereoImages, levels_across, peaks, slopes_across
+from daemon.vision.image import LEAST_SIGMAS, CameraImage, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import ROOM_PX, THIN_PX, ShapeBatch, across
 
 PLACES, REACH_PX = 24, 7
 """On each edge, at which is looked, and how far to either hand."""
 SHORTEST_PX = 12.0
-LEAST_SIGMAS, ON_PLACE_PX, CLOSE_PX, BESIDE_PX = 4.0, 2.25, 1.6, (2.5, 5.5)
-"""What a slope must be to be an edge; within what of its place it may be one, where one camera counts, and where both
-do; and between which the level beside it is taken."""
+ON_PLACE_PX, CLOSE_PX, BESIDE_PX = 2.25, 1.6, (2.5, 5.5)
+"""Within what of its place a slope may be the edge, where one camera counts, and where both do; and between which the
+level beside it is taken."""
 INNER = 0.25
 """How much an edge between two facets that are seen counts, which may be alike."""
 FAINT, STEP = 0.2, 0.6

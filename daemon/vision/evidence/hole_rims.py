@@ -16,7 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Hole, Polyhedron, hidden, robust_weight, solve
-from daemon.vision.image import STEP_PX, CameraImage, StereoImages, peaks, rim_slopes
+from daemon.vision.image import LEAST_SIGMAS, STEP_PX, CameraImage, StereoImages, peaks, rim_slopes
 from daemon.vision.model import Model
 from daemon.vision.recognition import PoseEvidence
 from daemon.vision.settings import TOLERANCE_MM
@@ -27,7 +27,6 @@ far inside the picture it must lie."""
 LEAST_VISIBLE = 0.6
 """Share of a rim that the part itself must leave in view."""
 REACH_PX, ROUNDS_PX = 7, (2.0, 1.2, 0.8, 0.6)
-LEAST_SIGMAS = 4.0
 ON_RIM_PX, BESIDE_PX = 1.0, 3.5
 """Within what of the fitted rim an edge is the rim's; from where on what shows is chance."""
 PULLED = 1.34

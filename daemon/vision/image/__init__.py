@@ -5,6 +5,7 @@ stereo_images.py only keeps the two together: what a look prepares once, and eve
 
 from daemon.vision.image.camera_image import CameraImage, fits, outlines_near
 from daemon.vision.image.edge_lines import (
+    LEAST_SIGMAS,
     Sides,
     edge_sigmas,
     find_sides,
@@ -34,6 +35,7 @@ from daemon.vision.image.stereo_images import StereoImages, open_stereo
 
 __all__ = [
     "BLOCK_PX",
+    "LEAST_SIGMAS",
     "MODEL_PX",
     "SATURATED",
     "STEP_PX",

@@ -197,6 +197,10 @@ def slopes_across(levels: Image32) -> Image32:
     return np.diff(levels, axis=1) * np.float32(_SLOPE_OF_ROWS)
 
 
+LEAST_SIGMAS = 4.0
+"""What a slope must be to be an edge, in sigmas of the noise."""
+
+
 def peaks(slopes: Array, least: Array | float) -> Flags:
     """(..., C - 2) where sizes of slopes (..., C), but for the first and the last, are no less than so much, nor than
     the one before, and more than the one after."""

@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import hidden, robust_weight, solve
-from daemon.vision.image import StereoImages, peaks, ranks, stretch_slopes
+from daemon.vision.image import LEAST_SIGMAS, StereoImages, peaks, ranks, stretch_slopes
 from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, ShapeBatch, expected
 from daemon.vision.refine.poses import moved
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""
-LEAST_SIGMAS = 4.0
-"""What a slope must be to be one, in sigmas of the noise."""
 ROUNDS_PX = (4.0, 3.0, 2.0, 1.2, 0.8), (1.5, 1.0, 0.8)
 """How near what is expected slopes count, round by round; between those the images are read anew."""
 PULLED = 1.34
