@@ -183,6 +183,7 @@ class Service:
     # Starting
 
     async def _start(self) -> None:
+        journal.starting("reading settings, calibration and model")
         config, calibration, trainer = read_files(self._config_path, self._simulated)
         _report_notes(config)
         try:
@@ -208,9 +209,11 @@ class Service:
         if left is not None:
             run_log.record("left", run=left.run, cycle=left.cycle, state=left.state, hand_closed=left.hand_closed,
                            label=left.label, auto=auto, fault=left.fault)  # fmt: skip
+        journal.starting("opening cameras and controller")
         self._hardware = cell.build(config, run_log.wire, record=run_log.record)
         self._opening = asyncio.create_task(self._hardware.open(), name="open the devices")
         await asyncio.shield(self._opening)
+        journal.starting("preparing the cell")
         context = self._furnish(config, calibration, trainer, troubles, run_log)
         if left is not None:
             context.cycle.recover(left.state or "an unknown state", left.hand_closed, left.auto)
@@ -222,6 +225,7 @@ class Service:
         if self._hardware.operator is not None:
             await know_drawings(context)
             self._hardware.operator.scatter()
+        journal.starting("opening the operators' connections")
         await self._open_frontends(context)
         context.use_model("start", trainer.model_store.current)
         watch = Watchdog(context)

@@ -22,6 +22,8 @@ except ImportError:
 
 STOPPED = "stopped "
 """Begin of the fault text of a person's stop (arm/supervisor.py)."""
+STAGE_S = 60
+"""Longest stage of a start, s (TimeoutStartSec in deploy/facetd.service)."""
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 
 # One id a kind of message, so that `journalctl MESSAGE_ID=...` finds all of that kind on any machine.
@@ -124,6 +126,11 @@ def notify(*states: str) -> None:
         sender.setblocking(False)
         sender.connect(address)
         sender.sendall("\n".join(map(printable, states)).encode())
+
+
+def starting(stage: str) -> None:
+    """Report the stage of the start, and ask systemd for STAGE_S more from now: a slow computer takes its time."""
+    notify(f"STATUS=starting: {stage}", f"EXTEND_TIMEOUT_USEC={STAGE_S * 1_000_000}")
 
 
 def watchdog_s() -> float | None:
