@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo deb docs test test-long check rig bench bench-faults bench-soak clean
+.PHONY: all help setup demo deb docs test test-long check rig arm64 bench bench-faults bench-soak clean
 
 all: setup help
 
@@ -20,6 +20,7 @@ help:
 	@echo "make docs         the references in docs/, made from the code"
 	@echo "make deb          Debian packages for this release of Debian, amd64 and arm64, in build/"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
+	@echo "make arm64        the package for arm64, emulated: names and poses as on this machine, then the demo"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators, first days and years, mutations: tables (a night)"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
@@ -28,7 +29,7 @@ setup: $(VENV)/.runtime
 	@echo "== ready. To try it: . $(VENV)/bin/activate, then"
 	@echo "   facetd --sim              in one window: a cell in simulation"
 	@echo "   facetctl console          in another: help, teach cube, train, enable, pick cube"
-	@echo "   README.md leads on; deploy/install.sh installs the service on a cell's own computer"
+	@echo "   README.md leads on; make deb builds the package for a cell's own computer"
 
 # One of the program's extras, such as extra-export. PIP_ARGS: an index, or a folder of wheels (--no-index --find-links DIR).
 extra-%: $(VENV)/.runtime
@@ -75,6 +76,9 @@ deb:
 
 rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)
+
+arm64: $(VENV)/.dev
+	$(BIN)/python tests/arm64/run.py
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m tests.bench

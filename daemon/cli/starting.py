@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from daemon.errors import FacetdError
 
 STALLED_S = 60.0
@@ -72,7 +74,7 @@ def _report(reports: socket.socket) -> dict[str, str]:
 def _processor_s(pid: int) -> float:
     """Processor time that a process has used, s; 0 where it has ended."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        ticks = np.array(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13], float)
     except OSError:
         return 0.0
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return float(np.sum(ticks)) / os.sysconf("SC_CLK_TCK")

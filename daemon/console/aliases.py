@@ -12,7 +12,7 @@ JOBS = {"hall": "fleet", "live": "dashboard"}
 JOB_KINDS = {("arm", "introduce"): "identify"}
 """Arguments behind a subcommand."""
 EXTRAS = {"live": "dashboard"}
-"""Extras of the package (pyproject.toml, deploy/install.sh)."""
+"""Extras of the package (pyproject.toml)."""
 UNITS = {"facetd-live.service": "facetd-dashboard.service"}
 """Units (deploy/)."""
 MESSAGE_KEYS = {"door": "frontend"}

@@ -222,7 +222,9 @@ def _unit(_: Config, __: bool) -> Iterator[CheckResult]:
     )  # fmt: skip
     unit = dict(line.split("=", 1) for line in shown.stdout.splitlines() if "=" in line)
     if unit.get("LoadState") != "loaded":
-        yield CheckResult("note", "unit", "facetd.service is not installed", "Install it: deploy/install.sh install")
+        yield CheckResult(
+            "note", "unit", "facetd.service is not installed", "Install the package: sudo apt install ./facetd_*.deb"
+        )
     else:
         restarts = unit.get("NRestarts", "0")
         level: CheckLevel = "bad" if unit.get("ActiveState") == "failed" or restarts not in ("", "0") else "good"

@@ -10,6 +10,8 @@ HOUSE = Path(__file__).resolve().parents[2]
 """The checkout or release; for an installed wheel, the site-packages folder."""
 ETC = (Path(__file__).resolve().parents[1] / "etc").resolve()
 """The settings that come with the program: etc/ of the checkout, which a wheel has inside the package."""
+INSTALLED_PROGRAM = Path("/usr/lib/facetd")
+"""Where the Debian package has it (debian/rules)."""
 INSTALLED_CONFIG = Path("/etc/facetd/facetd.yaml")
 INSTALLED_STATE = Path("/var/lib/facetd")
 INSTALLED_RUNTIME = Path("/run/facetd")
@@ -77,8 +79,8 @@ def runs_folder(simulated: bool = False) -> Path:
 
 def how_to_add(extra: str) -> str:
     """The command that installs one of the program's extras in this installation."""
-    if not _is_checkout():
-        return f"{sys.executable} -m pip install 'facetd[{extra}]'"
-    if HOUSE.parent.name == "releases":
-        return f"sudo {HOUSE.parent.parent}/current/deploy/install.sh extra {extra}"
-    return f"make -C {HOUSE} extra-{extra}"
+    if _is_checkout():
+        return f"make -C {HOUSE} extra-{extra}"
+    if Path(sys.prefix) == INSTALLED_PROGRAM:
+        return f"sudo apt install ./facetd-{extra}_*.deb"
+    return f"{sys.executable} -m pip install 'facetd[{extra}]'"

@@ -1,6 +1,6 @@
 """`make rig`: boot this machine in a guest with real V4L2 devices, systemd and a serial line, and run the jobs there.
 
-usage: run.py [JOB...]            all jobs, or those named: cameras, daemon
+usage: run.py [JOB...]            cameras and daemon, or those named: cameras, daemon, package
        run.py -- COMMAND...       one command line in the guest, by hand
 
 Exit status: 0 all passed; 1 a job failed; 2 it cannot be run here (the reason is one line).
@@ -38,7 +38,18 @@ def daemon() -> guest.Outcome:
         return guest.run(PYTEST + files, 1500.0, guest.FOLDER / "results/daemon", extra=devices)
 
 
-JOBS = {"cameras": cameras, "daemon": daemon}
+def package() -> guest.Outcome:
+    """The Debian package's life: install, upgrade, go back, remove, purge."""
+    import packages
+
+    packages.build()
+    command = f"RIG_PACKAGES={shlex.quote(str(packages.FOLDER))} {PYTEST} tests/rig/guest/test_package.py"
+    return guest.run(command, 1500.0, guest.FOLDER / "results/package")
+
+
+JOBS = {"cameras": cameras, "daemon": daemon, "package": package}
+UNNAMED = ("cameras", "daemon")
+"""Those that run where none is named."""
 
 
 def compile_all() -> None:
@@ -75,7 +86,7 @@ def main(words: list[str]) -> int:
         print(f"rig: ready after {time.monotonic() - started_s:.0f} s")
         if by_hand is not None:
             return guest.run(" ".join(by_hand), 3600.0, guest.FOLDER / "results/by-hand").status
-        return run_jobs(words or list(JOBS))
+        return run_jobs(words or list(UNNAMED))
     except guest.RigError as error:
         print(error, file=sys.stderr)
         return 2

@@ -166,12 +166,12 @@ def test_every_key_of_the_configuration_is_one() -> None:
 
 def test_every_file_and_target_named_is_there() -> None:
     makefile = (folders.HOUSE / "Makefile").read_text()
-    script = (folders.HOUSE / "deploy" / "install.sh").read_text()
+    control = (folders.HOUSE / "debian" / "control").read_text()
     for guide in GUIDES:
         for span in spans(guide):
             for target in re.findall(r"\bmake (?!-)([a-z][a-z-]*)", span):
                 assert re.search(rf"^(extra-%|{target}):", makefile, re.MULTILINE), f"{guide.name}: {span}"
-            for word in re.findall(r"deploy/install\.sh (\w+)", span):
-                assert re.search(rf"^{word}[ )|]", script, re.MULTILINE), f"{guide.name}: {span}"
+            for package in re.findall(r"\b(facetd(?:-[a-z]+)?)_", span):
+                assert f"Package: {package}\n" in control, f"{guide.name}: {span}"
             for file in re.findall(r"\b(?:docs|deploy)/[\w./-]+\.\w+", span):
                 assert (folders.HOUSE / file).exists(), f"{guide.name}: {span}"
