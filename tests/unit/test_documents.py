@@ -71,6 +71,16 @@ def test_each_file_that_the_thesis_names_exists() -> None:
         assert (folders.HOUSE / name).exists() or (folders.HOUSE / "daemon" / name).exists(), name
 
 
+def test_each_setting_link_and_bench_that_the_thesis_names_exists() -> None:
+    text, settings = DOCUMENT.read_text(), (folders.HOUSE / "docs" / "SETTINGS.md").read_text()
+    named = re.findall(r"`vision\.(\w+)", text)
+    assert named
+    assert all(f"| `{name}` |" in settings for name in named)
+    assert all((DOCUMENT.parent / link).exists() for link in re.findall(r"\]\(([^)#]+)", text))
+    for name in re.findall(r"python -m tests\.bench\.([a-z_]+)", text):
+        assert any((folders.HOUSE / "tests" / "bench" / end).exists() for end in (f"{name}.py", f"{name}/__main__.py"))
+
+
 @pytest.mark.parametrize(
     ("pattern", "last"),
     [

@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.grasp import GripperGeometry, centre_of_mass, closed_fingers, grasps, hull, tool_rotation
+from daemon.pick.grasp import (
+    GripperGeometry,
+    centre_of_mass,
+    closed_fingers,
+    closing_directions,
+    grasps,
+    hull,
+    tool_rotation,
+)
 from daemon.store import folders
 from daemon.vision.geometry import exact
 from drivers.simcell.drawn import drawn_shape
@@ -157,3 +165,11 @@ def test_no_grasp_brings_the_palm_down_on_a_part_higher_than_the_fingers_are_lon
     assert grasps(low, frames.rigid(np.eye(3), MIDDLE), -300.0, long)
     assert not grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, long)
     assert grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, replace(long, pad_back_mm=70.0))
+
+
+def test_the_fingers_may_close_along_and_across_the_longest_edge():
+    solid = hull(np.array([[0.0, 0.0, 0.0], [60.0, 10.0, 0.0], [10.0, 40.0, 0.0], [20.0, 15.0, 30.0]]))
+    longest = np.array([60.0, 10.0, 0.0]) / np.hypot(60.0, 10.0)
+    found = np.array(closing_directions(solid))
+    for wanted in (longest, np.cross([0.0, 0.0, 1.0], longest)):
+        assert np.abs(found @ wanted).max() > np.cos(np.radians(4.0))
