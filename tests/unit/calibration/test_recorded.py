@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from daemon.calibration import recorded
 from daemon.calibration.board import BoardError
+from daemon.calibration.file import Calibration, save_calibration
 from daemon.calibration.recorded import read_pairs, register, run
+from daemon.calibration.stereo import calibrate_stereo
 from tests.fakes.boards import BOARD, drawn_board
+from tests.unit.calibration.test_stereo import sights
 
 
 def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None:
@@ -60,6 +66,50 @@ def test_what_belongs_to_a_charuco_board_is_refused_for_another(words: list[str]
         run(parser.parse_args([*usual, *words]))
     with pytest.raises(BoardError, match=r"--left none\.png: no such picture"):
         run(parser.parse_args([*usual, "--charuco", *words]))
+
+
+def test_what_was_found_is_printed_with_its_errors_and_a_baseline_that_changed_is_told_with_the_square_that_would_agree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, result = tmp_path / "c.yaml", calibrate_stereo(sights(3), BOARD, (640, 480))
+    monkeypatch.setattr(recorded, "read_pairs", lambda *_: ([], {"l9.png, r9.png": "blurred"}, (640, 480)))
+    monkeypatch.setattr(recorded, "calibrate_stereo", lambda *_: result)
+    for name in ("l.png", "r.png"):
+        (tmp_path / name).touch()
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers())
+    pictures = ["--left", str(tmp_path / "l.png"), "--right", str(tmp_path / "r.png"), "--out", str(out)]
+    args = parser.parse_args(["stereo", "--board", "9x6", "--square-mm", "10", *pictures])
+    for factor, warned in ((None, False), (1.02, False), (1.04, True), (0.96, True)):
+        if factor is not None:
+            place = result.rig.right.cyclopean_from_camera.copy()
+            place[:3, 3] = (
+                result.rig.left.cyclopean_from_camera[:3, 3]
+                + (place[:3, 3] - result.rig.left.cyclopean_from_camera[:3, 3]) / factor
+            )
+            before = replace(result.rig, right=replace(result.rig.right, cyclopean_from_camera=place))
+            save_calibration(Calibration(before), out)
+        assert run(args) == 0
+        told = capsys.readouterr().out
+        assert ("warning: the baseline is" in told) is warned
+        assert not warned or f"x {1 / factor:.3f} would agree" in told  # type: ignore[operator]
+        assert ("the old one is c-" in told) is (factor is not None)
+    rig, sigmas = result.rig, result.sigmas
+    assert "not used: l9.png, r9.png: blurred" in told
+    assert f"{len(result.by_pair)} pairs, corners in {100 * result.coverage:.0f} % of the image" in told
+    for name, camera in (("left", rig.left), ("right", rig.right)):
+        at = camera.matrix
+        assert (
+            f"{name:5}  f {at[0, 0]:.2f} +- {sigmas[f'{name}.fx']:.2f} px, centre {at[0, 2]:.2f} {at[1, 2]:.2f}" in told
+        )
+        assert f"k1 {camera.distortion[0]:+.4f} +- {sigmas[f'{name}.k1']:.4f}" in told
+    assert f"baseline {rig.baseline_mm:.3f} +- {sigmas['baseline_mm']:.3f} mm" in told
+    args.json = True
+    assert run(args) == 0
+    line = json.loads(capsys.readouterr().out)
+    assert (line["pairs"], line["unused"]) == (12, {"l9.png, r9.png": "blurred"})
+    assert line["warning"] is None
+    assert line["baseline_mm"] == pytest.approx(rig.baseline_mm, abs=1e-4)
 
 
 def test_every_option_of_the_command_is_taken() -> None:
