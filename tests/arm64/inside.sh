@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Install the package in the root for arm64, and look at the pairs, or run the demo there. Mounts and files end with it.
 #
-# usage: unshare --mount inside.sh ROOT WORK [DEMO...]       WORK has facetd.deb, calibration.yaml, model.npz and looks/
+# usage: unshare --mount inside.sh ROOT WORK [DEMO...]       WORK has facetd.deb, recognise.py, calibration.yaml, model.npz and looks/
 set -euo pipefail
 root=$1 work=$2
 shift 2
@@ -17,7 +17,7 @@ began() { echo "arm64: $1 after $SECONDS s"; }
 inside dpkg -i /mnt/facetd.deb >"$work/dpkg.log" 2>&1 || { cat "$work/dpkg.log"; exit 1; }
 began "the package installed"
 if [[ $# == 0 ]]; then
-    (cd "$work" && inside facetctl recognise --calibration /mnt/calibration.yaml --model /mnt/model.npz \
+    (cd "$work" && inside /usr/lib/facetd/bin/python3 /mnt/recognise.py --calibration /mnt/calibration.yaml --model /mnt/model.npz \
         $(printf '/mnt/%s ' looks/*)) >"$work/arm64.jsonl"
     began "all pairs looked at"
 else
