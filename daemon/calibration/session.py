@@ -56,7 +56,7 @@ from daemon.calibration.tour import (
 )
 from daemon.errors import FacetdError
 from daemon.pick.moved_pair import SHORTEST_MM
-from daemon.vision.geometry import StereoRig, baseline
+from daemon.vision.geometry import StereoRig
 
 Say = Callable[[str], Awaitable[None]]
 MARGIN_SQUARES, PLATE_MM = 2.5, 10.0
@@ -363,9 +363,15 @@ def _stereo_views(
 
 
 def triangulate(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
-    """Triangulate matched corners as parts are: (N, 3) mm, cyclopean."""
-    line = baseline(rig)
-    return line.points(line.left.ideal(left_px), line.right.ideal(right_px))
+    """Triangulate matched corners: (N, 3) mm, cyclopean, midway along the shortest line between the two rays, which of
+    a moved pair pass each other by the arm's errors."""
+    points = []
+    ends = [camera.cyclopean_from_camera for camera in (rig.left, rig.right)]
+    for p, q in zip(rig.left.normalised(left_px), rig.right.normalised(right_px), strict=True):
+        a, b = (end[:3, :3] @ np.append(ray, 1.0) for end, ray in zip(ends, (p, q), strict=True))
+        s, t = np.linalg.lstsq(np.column_stack([a, -b]), ends[1][:3, 3] - ends[0][:3, 3], rcond=None)[0]
+        points.append((ends[0][:3, 3] + s * a + ends[1][:3, 3] + t * b) / 2)
+    return np.array(points)
 
 
 def _distances(points: Array) -> Array:

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the demo; 0 only when every part was picked. Raises FileError, DemoError, OSError."""
     from daemon.review.page import write_page
 
-    args.time_scale = args.time_scale or _time_scale()
+    args.time_scale = _time_scale() if args.time_scale is None else args.time_scale
     seed = args.seed if args.seed is not None else random.SystemRandom().randrange(1_000_000)
     runs = (args.runs or folders.runs_folder(simulated=True)).resolve()
     began = time.monotonic()

@@ -27,9 +27,6 @@ class CameraSettings:
     `facetctl cameras` lists it, or a number."""
     right: Device | None = None
     """The right camera, named as `left`. Unset: one camera alone."""
-    mounting: Mounting = "hand"
-    """Where the cameras are: `hand`, where they move with the gripper (eye-in-hand), or `world`, fixed over the table
-    (eye-to-hand). The calibration must be of the same."""
     width: Side = 640
     """Image width, px."""
     height: Side = 480
@@ -44,6 +41,9 @@ class CameraSettings:
     """Camera controls by name: exposure_us, gain, white_balance_k, focus, or any that `facetctl cameras` lists; a
     number, or `auto` (the camera's own control, held during a look). What is not named stays as found; the daemon sets
     the exposure where neither exposure_us nor gain is named."""
+    mounting: Mounting = "hand"
+    """Where the cameras are: `hand`, where they move with the gripper (eye-in-hand), or `world`, fixed over the table
+    (eye-to-hand). The calibration must be of the same."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for settings that no camera could have."""

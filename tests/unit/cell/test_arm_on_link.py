@@ -274,7 +274,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
             goes_on.append(loop.call_later(10.0, lambda: machine.move_joints(READY_RAD)))
 
         def stopped(machine: Machine, _: str) -> None:
-            machine.stop("ABORT")
+            machine.stop("ABORT", theirs=False)
             for timer in goes_on:
                 timer.cancel()
 
