@@ -29,11 +29,16 @@ class StartError(FacetdError):
 
 @contextlib.contextmanager
 def listener(folder: Path) -> Iterator[socket.socket]:
-    """A socket in a folder for NOTIFY_SOCKET, where the daemon reports its start as it does to systemd."""
+    """A socket in a folder for NOTIFY_SOCKET, where the daemon reports its start as it does to systemd. It is gone
+    afterwards: a daemon may be started in that folder again."""
+    path = folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as made:
-        made.bind(str(folder / "notify"))
+        made.bind(str(path))
         made.settimeout(POLL_S)
-        yield made
+        try:
+            yield made
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def wait_until_ready(

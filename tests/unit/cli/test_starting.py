@@ -80,3 +80,10 @@ def test_who_waits_long_is_told_each_stage_once(folder: Path) -> None:
 def test_the_cell_of_the_demo_is_slower_on_a_slow_computer(took: float, scale: float) -> None:
     times = iter([0.0, took * demo.STEPS_S])
     assert demo._time_scale(lambda: next(times)) == scale
+
+
+def test_a_daemon_is_listened_for_in_one_folder_time_and_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        with listener(tmp_path):
+            pass
+    assert list(tmp_path.iterdir()) == []
