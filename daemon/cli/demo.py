@@ -313,9 +313,11 @@ def _table(rows: list[dict[str, Any]], parts: int, seconds: float, brought: Sequ
         error = _error(row["error_mm"], row["error_deg"])
         outcome = row["outcome"] if row["held"] or row["outcome"] not in brought else "WRONG"
         say(f"{row['label'] or 'none':18}{outcome:9}{row['stops']:6}{predicted:>20}{error:>23}{row['seconds']:6.1f} s")
-    picked = sum(bool(row["outcome"] in brought and row["held"]) for row in rows)
-    say(f"{picked} of {parts} parts picked, {seconds:.0f} s in all")
-    return picked
+    done = [row["outcome"] for row in rows if row["outcome"] in brought and row["held"]]
+    picked = done.count("picked")
+    rest = f", {len(done) - picked} released and not confirmed by a look" if len(done) > picked else ""
+    say(f"{picked} of {parts} parts picked{rest}, {seconds:.0f} s in all")
+    return len(done)
 
 
 def _error(mm: float | None, deg: float | None) -> str:

@@ -148,7 +148,7 @@ def test_where_the_power_goes_on_the_way_back_the_daemon_does_not_start() -> Non
 
 def test_repeated_the_release_before_comes_back_with_settings_and_models() -> None:
     known = models()
-    done = apt("install", "--reinstall", "--allow-downgrades", package("this"))
+    done = run("dpkg", "--force-confold", "-i", package("this"), timeout_s=APT_S)
     assert done.returncode == 0, done.stderr
     assert installed_version().startswith("installed")
     assert NEXT not in installed_version()
