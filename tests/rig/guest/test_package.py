@@ -168,6 +168,7 @@ def test_removed_it_leaves_settings_and_models() -> None:
 
 
 def test_purged_it_leaves_nothing() -> None:
+    print(run("find", str(HOME)).stdout)
     assert apt("purge", "facetd").returncode == 0
     left = [path for path in (ETC, HOME, SIMULATED, Path("/var/lib/facetd")) if path.exists()]
     assert left == []
