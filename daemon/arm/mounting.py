@@ -96,11 +96,11 @@ def in_view(links: Array, body: ArmBody, rig: StereoRig, world_from_cyclopean: A
     A piece is the balls along its axis; each is in a picture where its middle is no farther outside than its radius
     appears there.
     """
-    width, height = rig.image_size
+    (width, height), cyclopean_from_world = rig.image_size, frames.inverse(world_from_cyclopean)
     for name, (start, end), radius in zip(body.names, body.placed(links[None])[0], body.radius_mm, strict=True):
         count = int(np.ceil(np.linalg.norm(end - start) / APART_MM)) + 1
         points = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
-        seen = frames.apply(frames.inverse(world_from_cyclopean), points)
+        seen = frames.apply(cyclopean_from_world, points)
         for eye in (rig.left, rig.right):
             depth = frames.apply(frames.inverse(eye.cyclopean_from_camera), seen)[:, 2]
             before = depth > radius

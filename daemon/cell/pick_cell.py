@@ -9,22 +9,20 @@ from statistics import median
 import numpy as np
 
 from daemon.arm import (
-    ARM,
     CAMERA_POINTS_MM,
     CAMERAS_ON_HAND,
     CameraMounting,
     InWorld,
-    Limits,
     OnHand,
     Recorder,
     Workcell,
-    body_like,
     cameras_box,
 )
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
 from daemon.cell.build import Hardware
+from daemon.cell.sections import guarded
 from daemon.compute.calls import Compute
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
@@ -32,7 +30,6 @@ from daemon.pick.placing import PlaceTable, fixture_boxes
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.store.place_status import PlaceStatuses
-from drivers.puma560 import ArmGeometry
 
 WORST_MM = SPREAD_LIMIT_MM / sqrt(3)
 WORST_DEG = degrees(SPREAD_LIMIT_MM / sqrt(2) / median(DISTANCES_MM))
@@ -90,11 +87,6 @@ def looking_once(settings: Settings, calibration: Calibration) -> Settings:
 def place_table(config: Config) -> PlaceTable:
     """Where parts belong, and what is known of each place."""
     return PlaceTable(config.places, PlaceStatuses(config.state))
-
-
-def guarded(limits: Limits, arm: ArmGeometry) -> Limits:
-    """The limits with the capsules scaled to this arm, where the configuration has the default ones."""
-    return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
 
 
 def doubt_of(quality: Quality, doubt: Doubt) -> Doubt:

@@ -8,8 +8,7 @@ from pathlib import Path
 from daemon.arm import KeepOut, body_of
 from daemon.arrays import Array
 from daemon.cell.arm_on_link import PumaKinematics
-from daemon.cell.pick_cell import guarded
-from daemon.cell.sections import arm_geometry
+from daemon.cell.sections import arm_geometry, guarded
 from daemon.config import OBSOLETE, Config, ConfigFile
 from daemon.store.yamlfile import read
 

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from daemon.arm import ARM, CAMERAS_ON_HAND, EYES, EyeName, body_like, body_of, in_view, plausible
+from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, rigid
 from daemon.calibration.plausible import implausible_rig
@@ -229,11 +230,15 @@ def _check_fixed(config: Config) -> None:
         raise config.document.error(("cameras", "mounting"), problem)
 
 
+def guarded(limits: GuardLimits, arm: ArmGeometry) -> GuardLimits:
+    """The limits with the capsules scaled to this arm, where the configuration has the default ones."""
+    return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
+
+
 def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmGeometry) -> str | None:
     """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
     out of reach."""
-    limits = config.values.pick.limits
-    capsules = limits.capsules if limits.capsules != ARM else body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)
+    capsules = guarded(config.values.pick.limits, arm).capsules
     body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())
     ways = [joints for _, joints in solutions(config.values.pick.home.pose(), arm)]
     seen = [in_view(link_frames(joints[None], arm)[0], body, rig, world_from_cyclopean) for joints in ways]

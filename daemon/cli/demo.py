@@ -9,18 +9,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import os
 import random
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from daemon.cli.starting import StartError, listener, wait_until_ready
+from daemon.cli.starting import StartError, daemon_in, wait_until_ready
 from daemon.errors import FacetdError
 from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
@@ -181,10 +179,7 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
     """Start a daemon with all its files in a folder, and connect to it. Raises DemoError with its last message."""
     (folder / "facetd.yaml").write_text(json.dumps(configuration))
     _begin(folder, "demo")
-    command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
-    environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify")}
-    with (folder / "stderr").open("wb") as errors, listener(folder) as reports:
-        process = subprocess.Popen(command, stderr=errors, env=environment)
+    with daemon_in(folder, 10.0) as (process, reports):
         try:
             wait_until_ready(process, reports, say)
             with DaemonLink(folder / folders.SOCKET_NAME) as link:
@@ -200,9 +195,6 @@ def _daemon(folder: Path, configuration: dict[str, Any]) -> Iterator[tuple[subpr
             if isinstance(error, StartError):
                 raise DemoError(f"{error}{f'; its last message: {last}' if last else ''}") from None
             raise DemoError(last or "the daemon has ended") from None
-        finally:
-            process.terminate()
-            process.wait(10.0)
 
 
 def _do(link: DaemonLink, text: str) -> dict[str, Any]:

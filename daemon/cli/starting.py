@@ -6,6 +6,7 @@ import contextlib
 import os
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -39,6 +40,21 @@ def listener(folder: Path) -> Iterator[socket.socket]:
             yield made
         finally:
             path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def daemon_in(folder: Path, ends_within_s: float) -> Iterator[tuple[subprocess.Popen[bytes], socket.socket]]:
+    """A daemon with the facetd.yaml of a folder, which has its messages in the file stderr, and the socket for its
+    reports. It is ended afterwards."""
+    command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
+    environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify")}
+    with (folder / "stderr").open("wb") as errors, listener(folder) as reports:
+        process = subprocess.Popen(command, stderr=errors, env=environment)
+        try:
+            yield process, reports
+        finally:
+            process.terminate()
+            process.wait(ends_within_s)
 
 
 def wait_until_ready(

@@ -6,6 +6,7 @@ reported; parts as their measured facets.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
@@ -19,7 +20,7 @@ from daemon.arrays import Array
 from daemon.cell.recorded_arm import RecordedArm, recorded_arm
 from daemon.config import ConfigError
 from daemon.events.records import Record
-from daemon.review.digest import Cycle, Digest, in_use, parts_of
+from daemon.review.digest import Cycle, Digest, parts_of
 from daemon.review.page import read_digest, render
 from daemon.store.files import write_atomically
 from daemon.store.folders import how_to_add
@@ -56,7 +57,8 @@ def cycle_data(folder: Path, run: Digest, cycle: Cycle) -> Json:
     arm, trouble = _arm_of(folder, run, cycle)
     zero = float(cycle.records[0]["mono_s"])
     moments = _moments(cycle, zero)
-    joints = _joints_over(run, cycle, moments)
+    arrivals = _arrivals(run, cycle)
+    joints = _joints_over(arrivals, moments)
     return {
         "run": run.name,
         "utc_offset_s": (run.start or {}).get("utc_offset_s"),
@@ -67,8 +69,8 @@ def cycle_data(folder: Path, run: Digest, cycle: Cycle) -> Json:
         "why": cycle.why,
         "seconds": round(cycle.seconds, 2),
         "moments": moments,
-        "motion": _motion(run, cycle, zero),
-        "way": _way(run, cycle, arm),
+        "motion": _motion(arrivals, cycle, zero),
+        "way": _way(arrivals, cycle, arm),
         "arm": _drawn(arm, joints),
         "table_z": None if arm is None else arm.table_z_mm,
         "keep_out": [] if arm is None else [[box.name, box.low_mm, box.high_mm] for box in arm.keep_out],
@@ -79,7 +81,7 @@ def cycle_data(folder: Path, run: Digest, cycle: Cycle) -> Json:
 def _arm_of(folder: Path, run: Digest, cycle: Cycle) -> tuple[RecordedArm | None, str | None]:
     """The arm as it was configured, or why it cannot be drawn."""
     start: Record = {}
-    for record, _ in in_use(run.records):
+    for record in run.records:
         start = record if record["kind"] == "run_start" else start
         if record is cycle.records[0]:
             break
@@ -183,26 +185,25 @@ def _at(arrival: Record) -> bool:
     return bool(arrival.get("joints") and arrival.get("where"))
 
 
-def _joints_over(run: Digest, cycle: Cycle, moments: list[Json]) -> Array:
+def _joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:
     """(N, 6) rad: the joints at each of the moments; (0, 6) where the run recorded none."""
-    arrivals = _arrivals(run, cycle)
     if not arrivals:
         return np.empty((0, 6))
     at = np.searchsorted([r["seq"] for r in arrivals], [m["seq"] for m in moments], side="right") - 1
     return np.array([r["joints"] for r in arrivals])[np.maximum(at, 0)]
 
 
-def _motion(run: Digest, cycle: Cycle, zero: float) -> Json:
+def _motion(arrivals: Sequence[Record], cycle: Cycle, zero: float) -> Json:
     """Joints, tool and speed over time: each move from where the last one ended, both ends with their times."""
-    arrivals = {r["seq"]: r for r in _arrivals(run, cycle)}
-    here, pct = next(iter(arrivals.values()), None), 0.0
+    by_seq = {r["seq"]: r for r in arrivals}
+    here, pct = next(iter(arrivals), None), 0.0
     points = [(cycle.records[0], here, 0.0)]
     for record in cycle.of("move", "moved"):
         if record["kind"] == "move":
             pct = float(record.get("speed_pct") or 0.0)
             points += [(record, here, 0.0), (record, here, pct)]
         else:
-            here = arrivals.get(record["seq"], here)
+            here = by_seq.get(record["seq"], here)
             points += [(record, here, pct), (record, here, 0.0)]
     points.append((cycle.records[-1], here, 0.0))
     drawn = [(_seconds(record, zero), at, speed) for record, at, speed in points if at is not None]
@@ -214,9 +215,8 @@ def _motion(run: Digest, cycle: Cycle, zero: float) -> Json:
     }
 
 
-def _way(run: Digest, cycle: Cycle, arm: RecordedArm | None) -> list[list[float]]:
+def _way(arrivals: Sequence[Record], cycle: Cycle, arm: RecordedArm | None) -> list[list[float]]:
     """The way of the tool centre point, mm in the world: straight moves by their ends, joint moves sampled."""
-    arrivals = _arrivals(run, cycle)
     how = {after["seq"]: move.get("how") for move, after in pairwise(cycle.of("move", "moved"))}
     points: list[Array] = []
     for before, after in zip([None, *arrivals], arrivals, strict=False):

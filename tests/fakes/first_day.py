@@ -7,7 +7,6 @@ deploy/FIRST-DAY.md. What such a person reads off a plate or measures is taken f
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -23,7 +22,7 @@ import yaml
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.cli.starting import listener, wait_until_ready
+from daemon.cli.starting import daemon_in, wait_until_ready
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.controller import Manners
 from drivers.val2.dialect import SLOWEST_BAUD
@@ -324,16 +323,9 @@ class Day:
 
 def commissioned(folder: Path) -> Day:
     """`facetd`, and `facetctl commission` beside it, with the files as they are in the folder."""
-    command = [sys.executable, "-m", "daemon.main", "--config", str(folder / "facetd.yaml")]
-    environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify")}
-    with (folder / "stderr").open("wb") as errors, listener(folder) as reports:
-        daemon = subprocess.Popen(command, stderr=errors, env=environment)
-        try:
-            wait_until_ready(daemon, reports, print)
-            seen = lives_through(Person(folder, "commission", "--keep", str(folder)), DAY_S)
-        finally:
-            daemon.terminate()
-            daemon.wait(30.0)
+    with daemon_in(folder, 30.0) as (daemon, reports):
+        wait_until_ready(daemon, reports, print)
+        seen = lives_through(Person(folder, "commission", "--keep", str(folder)), DAY_S)
     lines = map(json.loads, (folder / "verdict.jsonl").read_text(encoding="utf-8").splitlines())
     return Day(seen, tuple(f"{line['rule']}: {line['text']} (`{line['by']}`)" for line in lines if "rule" in line))
 

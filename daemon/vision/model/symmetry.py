@@ -54,7 +54,7 @@ def turns_but_for_holes(solid: Polyhedron) -> Array:
     outside = replace(solid.only(_outside_of_holes(solid)), holes=())
     own, found = symmetries(solid).motions, list[Array]()
     for motion in symmetries(outside).motions:
-        if not any(np.abs(np.linalg.inv(one) @ motion - own).max((1, 2)).min() < SAME_RIM_MM for one in found):
+        if not any(np.abs(frames.inverse(one) @ motion - own).max((1, 2)).min() < SAME_RIM_MM for one in found):
             found.append(motion)
     return np.array(found)
 
