@@ -29,6 +29,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.transitions import PickState
 from daemon.pick.world import PickContext
+from daemon.store.named_positions import NamedPositions
 from daemon.store.runlog import RunLog
 from drivers.puma560 import ArmGeometry
 from drivers.simcell.rigid import rigid
@@ -365,6 +366,21 @@ def test_a_bin_that_is_moved_amid_a_pick_is_the_next_picks():
     proven(act, "another bin", RELOADS_BETWEEN_JOBS, REFITS_BETWEEN_JOBS, CONTEXT_OF_ITS_OWN, parts=True)
 
 
+def test_a_home_that_is_moved_amid_a_pick_is_the_next_picks():
+    def act(story: Story) -> str | None:
+        context = story._service.context
+        assert context is not None
+        before = context.cycle.positions()["home"]
+        pick_up_to(story, PickState.LOOKING)
+        story.write_config(home={"point_mm": [400, 60, 80], "heading_deg": 90, "tilt_deg": 20})
+        story.frontends[1].say("reload")
+        wrong = picked_or(story, "not picked")
+        there = story.cell.world_from_tool()
+        return wrong or (None if np.allclose(there, before, atol=1.0) else "another home")
+
+    proven(act, "another home", RELOADS_BETWEEN_JOBS, REFITS_BETWEEN_JOBS, CONTEXT_OF_ITS_OWN, parts=True)
+
+
 def test_a_place_that_is_written_amid_a_pick_is_the_next_picks():
     """No grasp of this cube can set it down there: a pick that heard of it would leave it alone."""
 
@@ -394,6 +410,34 @@ def test_a_position_that_is_named_amid_a_pick_is_no_place_on_the_way():
         return "on the way" if "spot" in story.texts[-1] else None
 
     proven(act, "on the way", (PickCycle, "rest", place_on_the_way), parts=True)
+
+
+def remembered_positions(now: Callable[[NamedPositions], dict[str, Any]] = NamedPositions.now) -> Any:
+    """Positions that are read where a name is new, as if nobody could drop one."""
+    known: dict[str, Any] = {}
+
+    def remembered(positions: NamedPositions) -> dict[str, Any]:
+        known.update(now(positions))
+        return known
+
+    return remembered
+
+
+def test_a_position_that_is_dropped_while_the_arm_goes_there_is_gone_to_no_more():
+    def act(story: Story) -> str | None:
+        machine = story.cell.controller.machine
+        for text in ("go home", "here spot", "go bin"):
+            typed(story, text, 20.0)
+        typed(story, "go spot", 0.5)
+        until(story, lambda: not machine.at_rest())
+        story.frontends[1].say("positions drop spot")
+        story.wait(20.0)
+        spot = story.cell.world_from_tool()
+        for text in ("go bin", "go spot"):
+            typed(story, text, 20.0)
+        return "to where no position is" if np.allclose(story.cell.world_from_tool(), spot, atol=1.0) else None
+
+    proven(act, "to where no position is", (NamedPositions, "now", remembered_positions()))
 
 
 EVERY = 3
