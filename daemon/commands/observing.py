@@ -23,6 +23,7 @@ from daemon.pick.find import in_all
 from daemon.pick.looking import Look
 from daemon.pick.world import WorldModel
 from daemon.vision.health import SAID, findings_json, troubles
+from daemon.vision.model import facet_name
 from daemon.vision.report import scene_json
 from daemon.vision.values import Facet, Part, Scene
 
@@ -260,7 +261,7 @@ def describe_part(part: Part) -> str:
 def describe_facet(facet: Facet) -> str:
     """square 50 50 50 50 mm."""
     sides = np.linalg.norm(facet.corners_mm - np.roll(facet.corners_mm, -1, axis=0), axis=1)
-    return f"{facet.type} {millimetres(sides)}"
+    return f"{facet_name(facet.type)} {millimetres(sides)}"
 
 
 def look_json(seen: Look) -> dict[str, Any]:

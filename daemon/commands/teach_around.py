@@ -24,7 +24,7 @@ from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round
 from daemon.vision.facets import fuse
 from daemon.vision.geometry import Polyhedron, measure
-from daemon.vision.model import FacetLibrary, TeachError, empty_model
+from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_name
 
 USAGE = "teach LABEL --around [6..12]"
 
@@ -102,7 +102,7 @@ def _told(part: WalkedRound, looks: int) -> list[str]:
     for k, (ring, kind, places) in enumerate(zip(solid.rings, solid.types, part.looks, strict=True)):
         sides = measure(solid.corners_mm[ring]).sides
         lengths = " ".join(f"{mm:.1f}" for mm in sides)
-        lines.append(f"  side {k + 1}: {kind} {lengths} mm, seen from {plural(places, 'place')}")
+        lines.append(f"  side {k + 1}: {facet_name(kind)} {lengths} mm, seen from {plural(places, 'place')}")
     if part.lain:
         lines.append(f"Not seen: the side it lies on ({plural(part.lain, 'edge')} end at the table).")
     for k, count in part.open_edges:

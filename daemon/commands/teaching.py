@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import hashlib
 import re
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +33,7 @@ from daemon.teaching.solid_from_mesh import Drawing, read_drawing
 from daemon.teaching.sufficiency import VIEWPOINTS, Alike, Sufficiency, apart_from
 from daemon.teaching.trainer import ROUND, teaching_note
 from daemon.teaching.understood import understood
-from daemon.vision.model import TeachError
+from daemon.vision.model import TeachError, facet_name, facets_counted
 from daemon.vision.values import Facet
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
@@ -161,9 +160,8 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     except (MeshError, TeachError) as error:
         raise CommandError(str(error), NOT_UNDERSTOOD) from None
     verdict, data = await _sufficiency(context, label)
-    count = Counter(view.note["facets"][0])
-    facets = ", ".join(f"{n} {kind}" for kind, n in count.most_common())
-    lines = [f"Stored as {view.name}: a solid of {plural(sum(count.values()), 'facet')} ({facets})."]
+    kinds = view.note["facets"][0]
+    lines = [f"Stored as {view.name}: a solid of {plural(len(kinds), 'facet')} ({facets_counted(kinds)})."]
     lines.append(verdict)
     unmade = (await simulated_parts.know_drawings(context)).get(label)
     if unmade is not None:
@@ -277,12 +275,14 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
         return known + (f"; from some it could be {' or '.join(sorted(taken))}" if taken else "") + "."
     if judged.turn_away is not None:
         place, kind = judged.turn_away
-        lines.append(f"  Show next: turn it so that side {place + 1} ({kind}) points away from the cameras.")
+        lines.append(
+            f"  Show next: turn it so that side {place + 1} ({facet_name(kind)}) points away from the cameras."
+        )
     told: dict[str, int] = {}
     for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
-        alone = _counted(mistake.facets)
+        alone = facets_counted(mistake.facets, " and ")
         seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
         told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
     for text, directions in list(told.items())[:3]:
@@ -294,19 +294,13 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
 def describe_alike(pairs: Sequence[Alike]) -> str:
     """In one line: which parts could be taken for each other, and what is then seen of them; the likeliest few."""
     told = [
-        f"{' and '.join(two.labels)} seen as {_counted(two.facets)} alone"
+        f"{' and '.join(two.labels)} seen as {facets_counted(two.facets, ' and ')} alone"
         f" ({plural(two.viewpoints, 'direction')} of {VIEWPOINTS})"
         for two in pairs[:MOST_ALIKE]
     ]
     if len(pairs) > MOST_ALIKE:
         told.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more by less")
     return f"Could be taken for each other: {'; '.join(told)}. A second look from another side decides."
-
-
-def _counted(kinds: Sequence[str]) -> str:
-    return " and ".join(
-        f"one {kind}" if number == 1 else f"{number} {kind}s" for kind, number in Counter(kinds).items()
-    )
 
 
 def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:

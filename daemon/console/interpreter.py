@@ -322,7 +322,7 @@ class Interpreter:
         prefix = [c for c in self.commands if c.startswith(name)] if len(name) >= 3 else []
         if len(prefix) == 1:
             return self.commands[prefix[0]]
-        close = prefix or difflib.get_close_matches(name, self.commands, 3, 0.6)
+        close = prefix or difflib.get_close_matches(name, self.commands, 3, 0.7)
         hint = f"did you mean {either(close)}?" if close else "`help all` lists every command"
         raise CommandError(f"{word}: no such command; {hint}", NOT_UNDERSTOOD)
 

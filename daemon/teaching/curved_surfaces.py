@@ -5,6 +5,7 @@ cylinder (a bore, a boss, a fillet), a cone, or another shape. Pure.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -129,6 +130,6 @@ def owners(regions: FlatRegions, surfaces: tuple[CurvedSurface, ...]) -> Index:
     return owner
 
 
-def counted(names: list[str]) -> str:
-    """['bore of 8 mm', 'bore of 8 mm', 'cone'] -> '2 of: bore of 8 mm, cone'."""
+def counted(names: Iterable[str]) -> str:
+    """['bore of 8 mm', 'bore of 8 mm', 'cone'] -> '2 x bore of 8 mm, cone'."""
     return ", ".join(name if count == 1 else f"{count} x {name}" for name, count in Counter(names).items())

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.teaching.curved_surfaces import counted
 from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.geometry import Polyhedron, inside
+from daemon.vision.model import facets_counted
 
 ALONG_COS = np.cos(np.radians(0.5))
 OPPOSITE_COS = -np.cos(np.radians(3.0))
@@ -20,21 +20,17 @@ def understood(drawing: Drawing, opening_mm: float) -> list[str]:
     """Size, facets, holes, what is no facet, what was mended, the part's frame, and how a gripper could hold it."""
     size = " x ".join(f"{side:.4g}" for side in drawing.size_mm)
     solid = drawing.solid
-    facets = f"{len(solid.facets)} facets ({_counted(solid.types)})"
+    facets = f"{len(solid.facets)} facets ({facets_counted(solid.types)})"
     holes = f", {drawing.holes} {'hole' if drawing.holes == 1 else 'holes'} in them" if drawing.holes else ""
     lines = [f"{size} mm along the drawing's x, y, z. {facets}{holes}."]
     if drawing.curved:
-        lines.append(f"Curved, so no facets: {_counted(str(one) for one in drawing.curved)}.")
+        lines.append(f"Curved, so no facets: {counted(str(one) for one in drawing.curved)}.")
     lines += [f"In the file: {note}." for note in drawing.notes]
     origin = " ".join(f"{value + 0.0:.4g}" for value in np.round(drawing.origin_mm, 2))
     axes = ", ".join(_axis(row) for row in solid.laid_flat[0, :3, :3])
     lines.append(f"The part's frame: its origin at ({origin}) of the drawing, its x, y, z along the drawing's {axes}.")
     lines.append(_held(solid, opening_mm))
     return lines
-
-
-def _counted(names: Iterable[str]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in Counter(names).most_common())
 
 
 def _axis(way: Array) -> str:

@@ -21,7 +21,7 @@ const known = (value) => value !== null && value !== undefined;
 
 // ---- types of facets in the words of geometry
 const POLYGONS = { 3: "triangle", 4: "quadrilateral", 5: "pentagon", 6: "hexagon", 7: "heptagon", 8: "octagon", 9: "nonagon", 10: "decagon", 12: "dodecagon" };
-const facetName = (type) => { const sides = /^polygon(\d+)$/.exec(type || ""); return sides ? POLYGONS[sides[1]] || `${sides[1]}-sided polygon` : (type || "").replaceAll("_", " "); };
+const facetName = (type) => { const sides = /^polygon(\d+)$/.exec(type || ""); return sides ? POLYGONS[sides[1]] || `${sides[1]}-sided polygon` : (type || "").replace(/^arc(\d+)$/, "$1-degree arc").replaceAll("_", " "); };
 
 // ---- numbers: as many digits as mean something
 const number = (value) => {

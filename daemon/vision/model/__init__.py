@@ -8,6 +8,8 @@ from daemon.vision.model.facet_types import (
     FacetType,
     Value,
     conditions,
+    facet_name,
+    facets_counted,
     type_facet,
     type_number,
 )
@@ -45,6 +47,8 @@ __all__ = [
     "conditions",
     "correspondences",
     "empty_model",
+    "facet_name",
+    "facets_counted",
     "fit_shared",
     "learn_solid",
     "learn_solids",

@@ -7,6 +7,9 @@ what the library allows a real part to deviate from its drawing.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
@@ -22,6 +25,8 @@ ARC_NUMBERS = 0.005  # the numbers of arcs lie within so much above that
 LEVEL_SIGMAS = 6.0  # an angle off by more fails level two, whatever the rest says
 FALSE_ALARM = 1e-4  # how rarely a true square may fail to be called one
 SIGMA_SCALE = 1.5  # how far predicted corner errors may be too small before typing suffers
+POLYGONS = ("triangle", "quadrilateral", "pentagon", "hexagon", "heptagon", "octagon", "nonagon", "decagon")
+"""What people call a facet of three sides and more that the library does not have."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,23 @@ def type_number(name: str, library: FacetLibrary) -> float:
     """
     kind = library.type_named(name)
     return kind.number if kind else _other_number(name)
+
+
+def facet_name(kind: str) -> str:
+    """A type as people call it: `polygon6` is a hexagon, `polygon11` an 11-sided polygon, `arc90` a 90-degree arc."""
+    other = re.fullmatch(r"(polygon|arc)(\d+)", kind)
+    if other is None:
+        return kind.replace("_", " ")
+    number = int(other[2])
+    if other[1] == "arc":
+        return f"{number}-degree arc"
+    return POLYGONS[number - 3] if 3 <= number < len(POLYGONS) + 3 else f"{number}-sided polygon"
+
+
+def facets_counted(kinds: Iterable[str], joined: str = ", ") -> str:
+    """`5 rectangles, 1 hexagon`, the most frequent type first."""
+    told = Counter(facet_name(kind) for kind in kinds).most_common()
+    return joined.join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in told)
 
 
 def _other_number(name: str) -> float:

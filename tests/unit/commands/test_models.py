@@ -115,6 +115,6 @@ def test_accept_takes_no_candidate_that_somebody_trains_while_it_is_asked_about(
 def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:
     pairs = [Alike((f"a{k}", f"b{k}"), ("square", "rectangle", "square"), 9 - k) for k in range(5)]
     told = describe_alike(pairs)
-    assert "a0 and b0 seen as 2 squares and one rectangle alone (9 directions of 60); " in told
+    assert "a0 and b0 seen as 2 squares and 1 rectangle alone (9 directions of 60); " in told
     assert "a3" not in told
     assert told.endswith("; 2 pairs more by less. A second look from another side decides.")

@@ -108,8 +108,8 @@ def test_a_part_of_a_solid_keeps_the_sides_that_do_not_show() -> None:
 
 def test_what_was_understood_is_said_with_size_frame_and_grip() -> None:
     told = understood(drawing(*drawn.bored_block(60, 40, 20, 8.0, 36)), 50.0)
-    assert told[0] == "60 x 40 x 20 mm along the drawing's x, y, z. 6 facets (6 rectangle), 2 holes in them."
-    assert told[1] == "Curved, so no facets: 1 bore of 16 mm."
+    assert told[0] == "60 x 40 x 20 mm along the drawing's x, y, z. 6 facets (6 rectangles), 2 holes in them."
+    assert told[1] == "Curved, so no facets: bore of 16 mm."
     assert told[2].startswith(
         "The part's frame: its origin at (30 20 10) of the drawing, its x, y, z along the drawing's "
     )

@@ -11,7 +11,15 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.geometry.facet_measures import measure
-from daemon.vision.model.facet_types import LARGEST_NUMBER, FacetLibrary, conditions, type_facet, type_number
+from daemon.vision.model.facet_types import (
+    LARGEST_NUMBER,
+    FacetLibrary,
+    conditions,
+    facet_name,
+    facets_counted,
+    type_facet,
+    type_number,
+)
 from tests.fakes.solids import regular
 
 LIBRARY = load_facets()
@@ -155,3 +163,24 @@ def test_without_squares_in_the_library_a_square_is_a_rectangle() -> None:
     exactly = np.repeat(1e-6 * np.eye(3)[None], 4, axis=0)
     assert type_facet(square, exactly, LIBRARY)[0].name == "square"
     assert [t.name for t in type_facet(square, exactly, coarse)] == ["rectangle"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("square", "square"),
+        ("equilateral_triangle", "equilateral triangle"),
+        ("polygon3", "triangle"),
+        ("polygon10", "decagon"),
+        ("polygon11", "11-sided polygon"),
+        ("polygon", "polygon"),
+        ("arc90", "90-degree arc"),
+    ],
+)
+def test_people_read_a_type_by_its_usual_name(kind: str, name: str) -> None:
+    assert facet_name(kind) == name
+
+
+def test_facets_are_counted_most_frequent_first() -> None:
+    assert facets_counted(["polygon6", "square", "square", "polygon6", "square"]) == "3 squares, 2 hexagons"
+    assert facets_counted(["square", "polygon6"], " and ") == "1 square and 1 hexagon"
