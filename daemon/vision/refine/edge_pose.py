@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron, solve, whitener
+from daemon.vision.geometry import Polyhedron, chi_square_limit, solve, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
@@ -42,6 +42,9 @@ STRETCH_PX = 0.8
 printed cube and 32 at rendered parts lines alone had corners 1.8 and .38 mm off on average, with this 1.4 and .34."""
 AGAIN = 8
 """How often at most edges are measured of a part that is known to be there."""
+FARTHEST_CHI2 = chi_square_limit(6, 1e-3)
+"""How far lines may lead a part from where stretches have it, by the covariance that it has there beforehand: one of
+which some edges only stay in view may be led along these."""
 SEARCH_DEG = 3.0
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
@@ -162,18 +165,22 @@ def fit_at(
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
     it; and those edges. Print beside edges leads lines astray, from one measurement to the next all the way to another
     minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it. A part
-    that its lines lead out of both pictures stays at the pose."""
+    that its lines lead farther than PRIOR allows, or out of both pictures, stays at the pose."""
     laid = ShapeBatch.of([shape])
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
                        np.zeros((6, 6)))  # fmt: skip
+    stays = Fit(pose, np.linalg.inv(PRIOR) * SIGMA_SCALE**2, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
         left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
-            return Fit(anchor[0], np.linalg.inv(PRIOR) * SIGMA_SCALE**2, 0.0, 0), first
+            return stays, first
         final = adjusted(shape, pose, (left, right), tolerance_mm, anchor)
         pose = final.pose
+        led = frames.difference(pose, anchor[0])
+        if led @ PRIOR @ led > FARTHEST_CHI2:
+            return stays, first
         if np.linalg.norm(final.motion / SCALE) < SMALL_MM:
             break
     off_px = np.concatenate([seen.off[seen.on_place] for seen in (left, right)])

@@ -155,13 +155,14 @@ def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
             assert sorted(facets - first) == np.flatnonzero(bounds).tolist()
 
 
-def test_a_part_that_its_lines_lead_out_of_both_pictures_stays_at_its_pose(monkeypatch):
+@pytest.mark.parametrize("led", [[900.0, 0, 0, 0, 0, 0], [0, 26.0, 0, 0, 0, 0], [0, 0, 0, 0, np.radians(16.0), 0]])
+def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_its_pose(monkeypatch, led):
     rng, shape = np.random.default_rng(1), shape_of("cube")
     where = pose(np.array(VIEWS[0]), 0.3, 300.0)
     eyes = open_stereo(*paint_pair([(KNOWN["cube"], where)], rng), rig())
-    away = frames.rigid(np.eye(3), np.array([900.0, 0.0, 0.0])) @ where
+    away = frames.perturb(where, np.array(led))
     monkeypatch.setattr(
-        edge_pose, "adjusted", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.full(6, 9.0))
+        edge_pose, "adjusted", lambda *_: AdjustedPose(away, np.eye(6), shape.corners_mm, np.array(led))
     )
     fit, observed = fit_at(shape, eyes, where, 0.25)
     np.testing.assert_array_equal(fit.cyclopean_from_part, where)
