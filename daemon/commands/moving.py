@@ -181,7 +181,7 @@ async def abort(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels, first=True)
 async def pick(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Pick one part, and put it into the bin.
+    """Pick one part, and put it at its place, or into the bin.
 
     Without LABEL it picks the part in reach that is recognised with the most confidence (pick.order). The arm looks,
     moves closer and looks again until the predicted error at the grasp is small enough. Then it grasps, lifts
@@ -330,7 +330,7 @@ def describe_end(end: CycleEnd, why: bool = True) -> str:
     text = f"{end.outcome}: {approached}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
-    return text + (f" ({end.why})" if why and end.outcome != "picked" and end.why else "")
+    return text + (f" ({end.why})" if why and end.why and (end.outcome != "picked" or end.place) else "")
 
 
 def tell_end(context: CommandContext, end: CycleEnd) -> None:
@@ -350,6 +350,7 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
         "seconds": round(end.seconds, 2),
         "predicted_mm": end.predicted_mm,
         "predicted_deg": end.predicted_deg,
+        "place": end.place,
         "skipped": [{"label": s.label, "at": s.centre.tolist(), "why": s.why} for s in end.skipped],
     }
 

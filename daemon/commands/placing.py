@@ -16,7 +16,7 @@ from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.placing import flattened
 from daemon.store.outside import FileError
-from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, with_place, without_place, write_places
+from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
 from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus
 from daemon.vision.geometry import Polyhedron
 
@@ -29,8 +29,19 @@ def _names(context: CommandContext) -> list[str]:
     return [place.name for place in context.cycle.placing.places.places]
 
 
+def _known(context: CommandContext) -> list[str]:
+    """Every place and every pattern."""
+    return [*_names(context), *context.cycle.placing.places.file.patterns]
+
+
+def _named(context: CommandContext, words: list[str]) -> list[str]:
+    """The place that is named, or those of the pattern that is."""
+    name = one_of(words, 0, _known(context), "place or pattern", USAGE)
+    return [each for each in _names(context) if name in (each, pattern_of(each))]
+
+
 def _further(context: CommandContext, word: str) -> Sequence[str]:
-    return (*_names(context), *(("all",) if word == "clear" else ()), *(context.parts if word == "show" else ()))
+    return (*_known(context), *(("all",) if word == "clear" else ()), *(context.parts if word == "show" else ()))
 
 
 @command(
@@ -46,6 +57,7 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
 
     place show          every place: its part, what is known of it, where it is. Of a part: its sides by number
     place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
+    place check tray    the same for every place of a pattern that is not free; show and clear take its name as well
     place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
     place clear nest    you have emptied it: parts are brought there again (all: every place)
     place drop nest     delete it
@@ -60,9 +72,9 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
 async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
-    if words and words[0] in context.parts and placing.places.named(words[0]) is None:
+    if words and words[0] in context.parts and words[0] not in _known(context):
         return _sides(context, words[0])
-    names = [one_of(words, 0, _names(context), "place", USAGE)] if words else _names(context)
+    names = _named(context, words) if words else _names(context)
     rows, data = [], {}
     for name in names:
         state, part = placing.statuses.of(name), placing.places.named(name)
@@ -78,13 +90,22 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
             "at": None if goal is None else goal.centre.tolist(),
         }
     lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
-    lines += [
-        f"pattern {one.pattern}: the fourth corner is {one.off_mm:.2f} mm from where the other three have it"
-        for one in placing.places.residuals
-    ]
-    lines += [
-        f"fixture {one.name}: its solid has {plural(len(one.entry.solid), 'piece')}" for one in placing.places.fixtures
-    ]
+    lines += (
+        []
+        if words
+        else [
+            f"pattern {one.pattern}: the fourth corner is {one.off_mm:.2f} mm from where the other three have it"
+            for one in placing.places.residuals
+        ]
+    )
+    lines += (
+        []
+        if words
+        else [
+            f"fixture {one.name}: its solid has {plural(len(one.entry.solid), 'piece')}"
+            for one in placing.places.fixtures
+        ]
+    )
     return CommandResult("\n".join(lines), {"places": data})
 
 
@@ -101,7 +122,7 @@ def _sides(context: CommandContext, label: str) -> CommandResult:
     for number, ring in enumerate(shape.rings, start=1):
         corners = shape.corners_mm[ring]
         lengths = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
-        rows.append(f"side {number}: {len(ring)} corners, {millimetres(lengths)} mm")
+        rows.append(f"side {number}: {len(ring)} corners, {millimetres(lengths)}")
     return CommandResult("\n".join(rows), {"sides": len(rows)})
 
 
@@ -116,8 +137,9 @@ def _shape(context: CommandContext, label: str) -> Polyhedron:
 async def _check(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
-    every = [goal.place.name for goal in placing.taken()]
-    names = [one_of(words, 0, _names(context), "place", USAGE)] if words else every
+    taken = [goal.place.name for goal in placing.taken()]
+    names = _named(context, words) if words else taken
+    names = names if len(names) == 1 else [name for name in names if name in taken]
     for name in names:
         if name in placing.unusable:
             raise CommandError(f"place {name}: {placing.unusable[name]}")
@@ -186,8 +208,8 @@ def _entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ..
 async def _clear(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     every = words[:1] == ["all"]
-    names = _names(context) if every else [one_of(words, 0, _names(context), "place", USAGE)]
-    if every and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
+    names = _names(context) if every else _named(context, words)
+    if len(names) > 1 and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
     if context.cycle.status()["doing"]:
         raise CommandError("a job is running: clear places when it has ended")
@@ -203,7 +225,7 @@ async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -
     placing = context.cycle.placing
     known = [*placing.places.file.places, *placing.places.file.patterns]
     name = one_of(words, 0, known, "place or pattern", USAGE)
-    gone = {one for one in _names(context) if one == name or one.startswith(f"{name}.")}
+    gone = {one for one in _names(context) if name in (one, pattern_of(one))}
     await _written(context, frontend, without_place(placing.places, name))
     context.cycle.placing.statuses.forget(gone)
     return CommandResult(f"{name} is deleted.", {"dropped": name})

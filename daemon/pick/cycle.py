@@ -559,6 +559,7 @@ class PickCycle:
             grasp=None if target is None else target.plan.grasp.world_from_tool,
             skipped=tuple(self.skipped[before:]),
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
+            place=world.set_down_at,
         )
         self.ends.append(end)
         self.tally[end.outcome] += 1

@@ -25,7 +25,8 @@ class Skipped:
 @dataclass(frozen=True, eq=False)
 class CycleEnd:
     """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
-    corners: (N, 3) world mm, where the part's corners were estimated to be."""
+    corners: (N, 3) world mm, where the part's corners were estimated to be; place: where it was set down, None: not at
+    a place."""
 
     cycle: int
     outcome: Outcome
@@ -38,6 +39,7 @@ class CycleEnd:
     grasp: Array | None
     skipped: tuple[Skipped, ...]
     corners: Array | None
+    place: str | None = None
 
 
 class InGripper(StrEnum):

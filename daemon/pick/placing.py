@@ -21,7 +21,7 @@ from daemon.arrays import Array
 from daemon.pick.grasp import in_the_way
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
-from daemon.store.place_file import CellPlaces, Fixture, Place, about_vertical
+from daemon.store.place_file import CellPlaces, Fixture, Place, about_vertical, pattern_of
 from daemon.store.place_status import FILLABLE, UNSEEN, PlaceStatus, PlaceStatuses
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import turns_onto_themselves
@@ -34,6 +34,8 @@ NEARLY_FLAT_RAD = 0.06
 """A side that leans by less lies flat: looks err by less."""
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
 """A half turn about x: what Polyhedron.laid_flat lays face up comes to lie on that face."""
+TOUCH_MM = 0.1
+"""Parts of a pattern that touch one another by no more than rounding do not overlap."""
 AT_PLACE_MM = 40.0
 """A part whose middle is seen this near to that of a place lies at it, and not beside it."""
 
@@ -158,6 +160,32 @@ def ways_to(
             yield way
 
 
+def too_tight(goals: Mapping[str, Goal]) -> dict[str, str]:
+    """The places of patterns whose parts would overlap with one at another place of the same layer, each with a reason.
+
+    Two places of different names may be meant for one spot: a part that lies there bars the other.
+    """
+    found: dict[str, str] = {}
+    by_pattern: dict[tuple[str, float], list[Goal]] = {}
+    for name, goal in goals.items():
+        if pattern_of(name) != name:
+            by_pattern.setdefault((pattern_of(name), round(goal.level_mm, 3)), []).append(goal)
+    for (pattern, _), places in by_pattern.items():
+        points = places[0].corners[:, :2]
+        edges = (points[:, None] - points[None]).reshape(-1, 2)
+        edges = edges[np.linalg.norm(edges, axis=1) > TOUCH_MM]
+        across = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        widths = np.ptp(points @ across.T, axis=0)
+        middles = np.array([goal.centre[:2] for goal in places])
+        for number, goal in enumerate(places[1:], start=1):
+            apart = np.abs((middles[:number] - middles[number]) @ across.T)
+            bars = np.flatnonzero((apart < widths - TOUCH_MM).all(axis=1))
+            if len(bars):
+                other = places[int(bars[0])].place.name
+                found[goal.place.name] = f"parts here and at {other} would overlap: set the corners of {pattern} wider"
+    return found
+
+
 def flattened(world_from_part: Array, shape: Polyhedron, table_z_mm: float) -> Array:
     """The pose as the part must lie that rests: the side that looks down most exactly down, where it nearly does, and
     on the table, where it is nearly there."""
@@ -231,7 +259,9 @@ class PlaceTable:
                 goals[place.name] = goal_of(place, shape)
             except PartPlaceError as error:
                 unusable[place.name] = str(error)
-        self.goals, self.unusable = goals, unusable
+        tight = too_tight(goals)
+        self.goals = {name: goal for name, goal in goals.items() if name not in tight}
+        self.unusable = unusable | tight
 
     def has(self, label: str) -> bool:
         """Whether parts of this label go to places, and not to the bin."""

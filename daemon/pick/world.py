@@ -168,7 +168,8 @@ class WorldModel:
     was looked at again because its looks got old; questioned: what was found before two looks at the target disagreed;
     doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
     the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
-    next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often.
+    next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often;
+    set_down_at: the place at which the gripper was to open.
     All in world, mm.
     """
 
@@ -192,6 +193,7 @@ class WorldModel:
     taken: int = 0
     again: tuple[int, int] = (0, 0)
     odd: Counter[str] = field(default_factory=Counter)
+    set_down_at: str | None = None
     outcome: Outcome = Outcome.EMPTY
     why: str = "nothing on the table that can be picked"
     code: CauseCode | DecisionCode | None = None

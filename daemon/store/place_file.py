@@ -111,16 +111,25 @@ class PlaceEntry(Manner):
 
 @dataclass(frozen=True, kw_only=True)
 class PatternEntry(Manner):
-    """A grid of places: three corners and the number of rows and columns. The fourth corner is a check."""
+    """A grid of places: three corners and the number of rows and columns. The fourth corner is a check. Each corner may
+    be the name of a place of this file, as `place teach` keeps it: the pattern takes that place over."""
 
-    first: Matrix
-    """Pose of the part in the first place, as `pose` of a place."""
-    row_end_mm: Point
-    """Where the origin of the part is in the last place of the first row, mm."""
-    column_end_mm: Point
-    """Where the origin of the part is in the last place of the first column, mm."""
-    check_mm: Point | None = None
-    """Where it is in the place opposite of the first: compared with what the other three say, mm."""
+    first: Matrix | str
+    """Pose of the part in the first place, as `pose` of a place; or the name of a place."""
+    row_end_mm: Point | str
+    """Where the origin of the part is in the last place of the first row, mm; or the name of a place."""
+    column_end_mm: Point | str
+    """Where the origin of the part is in the last place of the first column, mm; or the name of a place."""
+    check_mm: Point | str | None = None
+    """Where it is in the place opposite of the first: compared with what the other three say, mm; or the name of a
+    place."""
+
+    @property
+    def corners(self) -> dict[str, str]:
+        """The places that it takes for its corners, by key."""
+        keys = ("first", "row_end_mm", "column_end_mm", "check_mm")
+        return {key: value for key in keys if isinstance(value := getattr(self, key), str)}
+
     columns: Count
     """Places in a row."""
     rows: Count
@@ -199,11 +208,16 @@ class CellPlaces:
     def of(self, label: str, name: str | None = None) -> tuple[Place, ...]:
         """The places of a part; none: it goes to the bin. name: only the place or pattern of that name."""
         of_part = (place for place in self.places if place.part == label)
-        return tuple(p for p in of_part if name is None or name in (p.name, p.name.partition(".")[0]))
+        return tuple(p for p in of_part if name is None or name in (p.name, pattern_of(p.name)))
 
     def named(self, name: str) -> Place | None:
         """The place of that name."""
         return next((place for place in self.places if place.name == name), None)
+
+
+def pattern_of(name: str) -> str:
+    """tray of tray.3; of a place that is of no pattern its name."""
+    return name.partition(".")[0]
 
 
 def load_places(path: Path) -> CellPlaces:
@@ -215,8 +229,10 @@ def load_places(path: Path) -> CellPlaces:
     _check_names(document, file)
     places: list[Place] = []
     residuals: list[Residual] = []
+    corners = {name for pattern in file.patterns.values() for name in pattern.corners.values()}
     for name, entry in file.places.items():
-        places.append(_place(document, file, name, entry))
+        place = _place(document, file, name, entry)
+        places += [] if name in corners else [place]
     for name, pattern in file.patterns.items():
         grid = _pattern(document, file, name, pattern)
         places += grid.places
@@ -320,13 +336,15 @@ class _Grid(NamedTuple):
 
 def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntry) -> _Grid:
     keys: tuple[Key, ...] = ("patterns", name)
-    frame, first = _frame(document, file, keys, entry), _rigid(document, (*keys, "first"), entry.first)
-    along_row = np.array(entry.row_end_mm) - first[:3, 3]
-    along_column = np.array(entry.column_end_mm) - first[:3, 3]
+    frame = _frame(document, file, keys, entry)
+    first = _corner_pose(document, file, name, "first", entry.first)
+    along_row = _corner(document, file, name, "row_end_mm", entry.row_end_mm) - first[:3, 3]
+    along_column = _corner(document, file, name, "column_end_mm", entry.column_end_mm) - first[:3, 3]
     _check_grid(document, keys, entry, along_row, along_column)
     residual = None
     if entry.check_mm is not None:
-        off = float(np.linalg.norm(first[:3, 3] + along_row + along_column - np.array(entry.check_mm)))
+        fourth = _corner(document, file, name, "check_mm", entry.check_mm)
+        off = float(np.linalg.norm(first[:3, 3] + along_row + along_column - fourth))
         if off > RESIDUAL_MM:
             problem = f"{off:.1f} mm from where the other three corners have it, {RESIDUAL_MM:g} is the most"
             raise document.error((*keys, "check_mm"), problem)
@@ -342,6 +360,26 @@ def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntr
         named[layer, row, column] = f"{name}.{number}"
         places.append(Place(f"{name}.{number}", entry, frame, pose, on_top_of=named.get((layer - 1, row, column))))
     return _Grid(places, residual)
+
+
+def _corner_pose(document: Document, file: PlacesFile, name: str, key: str, corner: Matrix | str) -> Array:
+    """(4, 4) mm: the pose of the part at a corner of a pattern, frame of the pattern."""
+    keys: tuple[Key, ...] = ("patterns", name, key)
+    if not isinstance(corner, str):
+        return _rigid(document, keys, corner)
+    pattern, place = file.patterns[name], file.places.get(corner)
+    if place is None or place.pose is None or (place.part, place.fixture) != (pattern.part, pattern.fixture):
+        wanted = f"a pose or a place of {pattern.part} that has a pose, in the world or in the same fixture"
+        raise document.error(keys, f"expected {wanted}, found {corner}: `place teach {corner} {pattern.part}`")
+    return _rigid(document, ("places", corner, "pose"), place.pose)
+
+
+def _corner(document: Document, file: PlacesFile, name: str, key: str, corner: Point | str) -> Array:
+    """(3,) mm: where the origin of the part is at a corner of a pattern, frame of the pattern."""
+    if isinstance(corner, str):
+        pose: Array = _corner_pose(document, file, name, key, corner)
+        return pose[:3, 3]
+    return np.array(corner)
 
 
 def _check_grid(
@@ -388,6 +426,7 @@ __all__ = [
     "Residual",
     "about_vertical",
     "load_places",
+    "pattern_of",
     "with_place",
     "without_place",
     "write_places",

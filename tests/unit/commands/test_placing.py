@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,7 @@ from daemon import frames
 from daemon.commands import every_command
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.pick.placing import PlaceTable
-from daemon.store.place_file import FILE, PlaceEntry, load_places, with_place, write_places
+from daemon.store.place_file import FILE, PatternEntry, PlaceEntry, load_places, with_place, write_places
 from daemon.store.place_status import PlaceStatus, PlaceStatuses
 from tests.fakes.fake_cell import shape_of
 from tests.fakes.fake_context import FakeFrontend, fake_context
@@ -119,6 +120,24 @@ def test_a_place_that_a_person_emptied_is_filled_again(context: Any) -> None:
     assert not context.cycle.placing.taken()
 
 
+def test_a_pattern_is_shown_looked_at_and_cleared_by_its_name(context: Any) -> None:
+    tray = PatternEntry(part="cube", first=POSE, row_end_mm=(580, -200, -275), column_end_mm=(400, 0, -275), columns=3,
+                        rows=2)  # fmt: skip
+    path = context.config.places_file
+    write_places(path, replace(load_places(path).file, patterns={"tray": tray}))
+    asyncio.run(context.reload("x"))
+    statuses = context.cycle.placing.statuses
+    for name in ("tray.2", "tray.5", "nest"):
+        statuses.put(name, PlaceStatus.CLAIMED)
+    assert sorted(say(context, "place show tray").data["places"]) == [f"tray.{k}" for k in range(1, 7)]
+    assert sorted(say(context, "place check tray").data["places"]) == ["tray.2", "tray.5"]
+    asking = FakeFrontend(answers=["y"])
+    assert say(context, "place clear tray", asking).text.startswith("6 places emptied by hand")
+    assert asking.asked == ["Are all 6 places empty? [y/n]"]
+    assert statuses.of("tray.5").status is PlaceStatus.EMPTIED
+    assert statuses.of("nest").status is PlaceStatus.CLAIMED
+
+
 def test_places_are_not_cleared_under_a_pick(context: Any) -> None:
     context.cycle.doing = "pick"
     assert "a job is running" in say(context, "place clear nest").text
@@ -146,7 +165,7 @@ def test_parts_say_where_they_go_and_status_counts_places(context: Any) -> None:
     [
         ("place pile", "pile: no such word"),
         ("place check shelf", "shelf: no such place"),
-        ("place clear", "place is missing"),
+        ("place clear", "place or pattern is missing"),
         ("place teach slot", "PART is missing"),
         ("place teach Slot cube", "a place's name is small letters"),
         ("place teach all cube", "a place's name is small letters"),

@@ -129,7 +129,8 @@ def test_the_solid_of_a_fixture_is_named_for_it() -> None:
 
 
 def test_places_are_filled_in_order_and_a_layer_once_what_is_below_was_seen_right(tmp_path: Path) -> None:
-    first, second = place(name="tray.1"), place(name="tray.2")
+    first = place(name="tray.1")
+    second = Place("tray.2", first.manner, np.eye(4), None, 1, (560.0, -100.0, -300.0))
     above = Place("tray.3", first.manner, np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
     table = PlaceTable(CellPlaces(places=(first, second, above)), PlaceStatuses(tmp_path))
     table.know({"cube": shape_of("cube")})
@@ -151,3 +152,27 @@ def test_a_place_of_a_part_that_nobody_taught_is_told_and_takes_none(tmp_path: P
     assert (table.goals, table.has("bracket")) == ({}, True)
     assert "side_down is 9" in table.unusable["nest"]
     assert "no part bracket is taught" in table.unusable["other"]
+
+
+@given(pitch_mm=st.floats(20.0, 80.0), heading_deg=ANGLES)
+def test_parts_of_a_pattern_that_would_be_in_one_another_take_no_part(pitch_mm: float, heading_deg: float) -> None:
+    """Cubes of 50 mm along a line that is turned as they are: they overlap as soon as the pitch is less than 50 mm."""
+    along = pitch_mm * np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg)), 0.0])
+    shape, first = shape_of("cube"), np.array([500.0, -100.0, -300.0])
+    places = tuple(
+        Place(f"tray.{k + 1}", Manner(part="cube"), np.eye(4), None, 1, tuple(first + k * along), heading_deg)
+        for k in range(3)
+    )
+    table = PlaceTable(CellPlaces(places=places))
+    table.know({"cube": shape})
+    assert sorted(table.goals) == (["tray.1"] if pitch_mm < 49.9 else ["tray.1", "tray.2", "tray.3"])
+    if pitch_mm < 49.9:
+        assert table.unusable["tray.2"].startswith("parts here and at tray.1 would overlap: set the corners of tray")
+
+
+def test_two_places_for_one_spot_and_layers_over_one_another_are_no_mistake() -> None:
+    lower = place(name="tray.1")
+    upper = Place("tray.2", Manner(part="cube"), np.eye(4), None, 1, (500.0, -100.0, -250.0), on_top_of="tray.1")
+    table = PlaceTable(CellPlaces(places=(place(name="a"), place(name="b"), lower, upper)))
+    table.know({"cube": shape_of("cube")})
+    assert not table.unusable

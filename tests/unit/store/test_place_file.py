@@ -148,3 +148,27 @@ def test_a_place_is_read_as_it_was_written(
     write_places(path, without_place(again, "tray"))
     write_places(path, without_place(load_places(path), "nest"))
     assert load_places(path).places == ()
+
+
+def test_the_corners_of_a_pattern_may_be_places_that_were_taught(tmp_path: Path) -> None:
+    """It takes them over: each would otherwise be filled twice."""
+
+    def at(x: float, y: float) -> dict[str, Any]:
+        return {"part": "cube", "pose": [[1, 0, 0, x], [0, 1, 0, y], [0, 0, 1, -275], [0, 0, 0, 1]]}
+
+    corners = {"a": at(400, -200), "b": at(400, -20), "c": at(520, -200), "d": at(520.5, -20), "nest": at(300, 0)}
+    named = {**TRAY, "first": "a", "row_end_mm": "b", "column_end_mm": "c", "check_mm": "d"}
+    found = load_places(written(tmp_path, places=corners, patterns={"tray": named}))
+    plain = load_places(written(tmp_path, patterns={"tray": TRAY}))
+    assert [place.name for place in found.places] == ["nest", *(place.name for place in plain.places)]
+    for ours, theirs in zip(found.places[1:], plain.places, strict=True):
+        assert ours.frame_from_part == pytest.approx(theirs.frame_from_part)
+    assert found.residuals[0].off_mm == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("place", [None, {"part": "cube", "side_down": 1, "point_mm": [0, 0, 0]},
+                                   {"part": "pyramid", "pose": FLAT}])  # fmt: skip
+def test_a_corner_that_is_no_taught_place_of_the_part_says_how_to_teach_it(tmp_path: Path, place: Any) -> None:
+    places = {} if place is None else {"a": place}
+    with pytest.raises(ConfigError, match=r"tray\.first: .*found a: `place teach a cube`"):
+        load_places(written(tmp_path, places=places, patterns={"tray": {**TRAY, "first": "a"}}))
