@@ -6,6 +6,7 @@ Independent of the corner detection: OpenCV draws the board, and rays sample it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ def drawn_board(turned: bool = False, square_px: int = 36) -> np.ndarray:
     return image[::-1, ::-1].copy() if turned else image
 
 
+@lru_cache(maxsize=2)
 def drawing(board: Board) -> np.ndarray:
     """The board as it is printed, PX_A_SQUARE px a square, with a white rim of one square."""
     if board.kind == "charuco":

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from daemon import frames
 from daemon.calibration.file import Calibration, load_calibration
@@ -27,11 +28,13 @@ from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.settings import Settings
 from daemon.store import folders
 from daemon.store.library import load_facets
+from daemon.store.model import load, save
 from daemon.vision.geometry.rig import Camera, StereoRig
 from daemon.vision.model.model import Model, TeachError, empty_model, learn_view
 from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.truth import load_truth
 from tests.fakes.checked_record import checked
+from tests.fakes.once import made_once
 
 CONFIG = folders.HOUSE / "etc" / "facetd.yaml"
 FIXED = folders.HOUSE / "etc" / "fixed" / "facetd.yaml"
@@ -168,6 +171,17 @@ async def taught(here: Rig) -> Model:
     here.cell.clear()
     here.cycle.use(ModelRecogniser(model, sight.rig, sight.settings))
     return model
+
+
+def taught_once(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """What `taught` learns in a cell of its own, once for all tests of a run."""
+
+    async def teach() -> Model:
+        async with rig(seed=100) as here:
+            return await taught(here)
+
+    folder = made_once(tmp_path_factory, "taught", lambda folder: save(asyncio.run(teach()), folder / "model.npz"))
+    return load(folder / "model.npz")
 
 
 async def _learnt(here: Rig, model: Model, label: str, view: int) -> Model:

@@ -11,23 +11,29 @@ from daemon.arm import MoveRefusedError
 from daemon.compute.calls import ComputeError
 from daemon.compute.worker import Worker
 from daemon.events.codes import CauseCode
+from daemon.vision.model.model import Model
 from tests.fakes.faulty_recogniser import FaultyRecogniser
-from tests.fakes.simulated_cell import Rig, rig, taught
+from tests.fakes.simulated_cell import Rig, rig, taught_once
 
 ROOT = Path(__file__).parents[3]
 SAID = {"killed": "was ended by SIGKILL", "exhausted": "ran out of memory", "endless": "took longer than"}
 
 
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    return taught_once(tmp_path_factory)
+
+
 @pytest.mark.parametrize("fault", SAID)
 def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
-    fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fault: str, model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     orders, worker = tmp_path / "orders", Worker("the look", 60.0)
 
     async def story(here: Rig) -> None:
         cycle, supervisor = here.cycle, here.cycle.supervisor
-        await taught(here)
+        await cycle.go("survey")
         sight = cycle.recogniser
         cycle.use(FaultyRecogniser(sight, orders))  # type: ignore[arg-type]
         here.cell.scatter(["cube"])
@@ -58,7 +64,7 @@ def test_a_look_that_crashes_is_one_failed_look_and_the_arm_stays_under_control(
 
     async def live() -> None:
         try:
-            async with rig(3, compute=worker) as here:
+            async with rig(3, model=model, compute=worker) as here:
                 await story(here)
         finally:
             worker.close()

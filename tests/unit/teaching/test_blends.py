@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import Drawing, read_drawing
@@ -21,6 +20,8 @@ def drawing(corners: np.ndarray, rings: list[tuple[int, ...]]) -> Drawing:
 
 
 def hull(points: np.ndarray) -> Drawing:
+    from scipy.spatial import ConvexHull  # by the test that needs it, not by every worker that collects
+
     return drawing(points, [tuple(map(int, one)) for one in ConvexHull(points).simplices])
 
 

@@ -57,7 +57,7 @@ def random_solid(seed: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
     return corners @ (turn * np.sign(np.linalg.det(turn))).T, rings
 
 
-@pytest.mark.parametrize("first", range(0, 200, 20))
+@pytest.mark.parametrize("first", range(0, 60, 20))
 def test_random_solids_that_trimesh_wrote_are_read_back_as_the_same_solid_in_each_format(first: int) -> None:
     for seed in range(first, first + 20):
         corners, rings = random_solid(seed)
