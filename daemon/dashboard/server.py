@@ -13,6 +13,7 @@ from typing import Any
 from daemon.dashboard.follow import RunFollower, follow_daemon
 from daemon.dashboard.state import DashboardState
 from daemon.errors import FacetdError
+from daemon.review.space import arm_of
 from daemon.store.folders import how_to_add
 
 LOOPBACK = "127.0.0.1"
@@ -28,6 +29,12 @@ CONTENT_POLICY = "; ".join(
         "frame-ancestors 'none'",
     )
 )
+
+
+SPACE_POLICY = CONTENT_POLICY.replace("script-src 'self'", "script-src 'self' 'unsafe-eval'").replace(
+    "style-src 'self'", "style-src 'self' 'unsafe-inline'"
+)
+"""For the 3-D page alone: plotly compiles its drawing code and sets styles in the page."""
 
 
 class DashboardError(FacetdError):
@@ -70,9 +77,9 @@ def app(socket_path: Path | None) -> Any:
         yield
         following.cancel()
 
-    def asset(content: str, kind: str) -> Any:
+    def asset(content: str, kind: str, policy: str = CONTENT_POLICY) -> Any:
         async def answer(_: Request) -> Response:
-            headers = {"Content-Security-Policy": CONTENT_POLICY, "Cache-Control": "no-cache"}
+            headers = {"Content-Security-Policy": policy, "Cache-Control": "no-cache"}
             return Response(content, media_type=kind, headers=headers)
 
         return answer
@@ -86,17 +93,47 @@ def app(socket_path: Path | None) -> Any:
             return Response(status_code=404)
         return Response(content, media_type="image/png", headers={"Cache-Control": "no-store"})
 
+    async def space(_: Request) -> Response:
+        content = json.dumps(await space_now(now, run), default=str)
+        return Response(content, media_type="application/json", headers={"Cache-Control": "no-store"})
+
     pages, review = resources.files("daemon.dashboard") / "assets", resources.files("daemon.review") / "assets"
     routes = [
         Route("/", asset((pages / "dashboard.html").read_text(), "text/html")),
         Route("/shared.js", asset((review / "shared.js").read_text(), "text/javascript")),
         Route("/dashboard.js", asset((pages / "dashboard.js").read_text(), "text/javascript")),
+        Route("/space", asset((pages / "space.html").read_text(), "text/html", SPACE_POLICY)),
+        Route("/space.js", asset((review / "space.js").read_text(), "text/javascript")),
+        Route("/space-now.js", asset((pages / "space-now.js").read_text(), "text/javascript")),
+        Route("/space.json", space),
+        Route("/plotly.js", asset(plotly_js(), "text/javascript")),
         Route("/style.css", asset((review / "style.css").read_text(), "text/css")),
         Route("/events", events),
         Route("/picture/{seq:int}/{camera}", picture),
     ]
     hosts = Middleware(TrustedHostMiddleware, allowed_hosts=["localhost", LOOPBACK], www_redirect=False)
     return Starlette(routes=routes, lifespan=lifespan, middleware=[hosts])
+
+
+def plotly_js() -> str:
+    """The library that draws in 3-D; a line that asks for it where the extra `plots` is not installed."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        missing = f"the 3-D view needs the library plotly: {how_to_add('plots')}; then start the dashboard again"
+        return f"const missing = {json.dumps(missing)};\n"
+    return str(get_plotlyjs())
+
+
+async def space_now(now: DashboardState, run: RunFollower) -> dict[str, Any]:
+    """What the 3-D page shows; trouble: why the arm is not drawn."""
+    if run.folder is None:
+        return now.space(None) | {"trouble": "No daemon answers yet."}
+    arm, trouble = await asyncio.to_thread(arm_of, run.folder, now.start)
+    try:
+        return now.space(arm) | {"trouble": trouble}
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        return DashboardState().space(None) | {"trouble": "The run was written by another version of facetd."}
 
 
 async def picture_once_written(run: RunFollower, seq: int, camera: str) -> bytes | None:

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from daemon.cell.recorded_arm import RecordedArm
 from daemon.events.records import Record
 from daemon.review.cli import record_line
 from daemon.review.digest import LookStep
 from daemon.review.pagedata import stop_json
+from daemon.review.space import is_arrival, joints_over, moments_of, space_of, way_of
 
 Json = dict[str, Any]
 SHOWN = (
@@ -18,8 +20,14 @@ SHOWN = (
     *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "up_s"),
 )
 """Fields of the daemon's status on the page."""
+STARTED = ("name", "cell", "version", "utc_offset_s", "limits", "config", "arm")
+"""Fields of the run's first record that are kept."""
 LOOKS = 4
 """Looks whose images stay available."""
+DRAWN = ("move", "moved", "look", "hand", "refusal", "fault")
+"""Records that change what is in space."""
+RECENT = 1000
+"""Most of them that are kept."""
 
 
 @dataclass
@@ -32,6 +40,8 @@ class DashboardState:
     look: Json | None = None
     pictures: dict[int, Mapping[str, str]] = field(default_factory=dict)
     """Files of the last looks, by record and camera: a viewer may still load those of the look before."""
+    recent: deque[Record] = field(default_factory=lambda: deque(maxlen=RECENT))
+    """The DRAWN records since the last cycle began, after the last arrival before it."""
     approach: list[Json] = field(default_factory=list)
     picks: deque[Json] = field(default_factory=lambda: deque(maxlen=20))
     lines: deque[str] = field(default_factory=lambda: deque(maxlen=40))
@@ -55,6 +65,7 @@ class DashboardState:
         """Start with another run."""
         self.run, self.look, self.pictures = run, None, {}
         self.approach.clear()
+        self.recent.clear()
         self.version += 1
 
     def recorded(self, record: Record) -> None:
@@ -70,9 +81,14 @@ class DashboardState:
         self.version += 1
 
     def _fold(self, kind: str, record: Record) -> None:
+        if kind in DRAWN:
+            self.recent.append(record)
         if kind == "run_start":
-            self.start = {name: record.get(name) for name in ("name", "cell", "version", "utc_offset_s", "limits")}
+            self.start = {name: record.get(name) for name in STARTED}
         elif kind == "cycle_start":
+            arrivals = [arrival for arrival in self.recent if is_arrival(arrival)]
+            self.recent.clear()
+            self.recent.extend(arrivals[-1:])
             self.approach.clear()
             self._began_s = float(record["mono_s"])
         elif kind == "look":
@@ -99,3 +115,11 @@ class DashboardState:
             "picks": list(self.picks),
             "lines": list(self.lines),
         }
+
+    def space(self, arm: RecordedArm | None) -> Json:
+        """Where the arm and the parts are now, mm in the world, and the way since the cycle began. moment None: nothing
+        was recorded yet."""
+        moments = moments_of(self.recent, 0.0)
+        arrivals = [record for record in self.recent if is_arrival(record)]
+        drawn = space_of(arm, joints_over(arrivals, moments[-1:]), way_of(arrivals, self.recent, arm))
+        return {"moment": moments[-1] if moments else None, **drawn}

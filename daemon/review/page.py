@@ -86,10 +86,16 @@ def read_digest(folder: Path, scenes_of: Container[int] | None = None) -> Digest
 
 
 def render(
-    name: str, data: dict[str, Any], pictures: dict[str, str], package: str = "daemon.review", library: str = ""
+    name: str,
+    data: dict[str, Any],
+    pictures: dict[str, str],
+    package: str = "daemon.review",
+    library: str = "",
+    shared: str = "",
 ) -> str:
     """A page as text: the files `name`.html, .css and .js of `package` in the frame, style and script that all pages
-    share, with data and images. library: script of others that the page uses."""
+    share, with data and images. library: script of others that the page uses; shared: ours that other pages use
+    too."""
     assets, own = (resources.files(name) / "assets" for name in ("daemon.review", package))
     style, run = own / f"{name}.css", data.get("run")
     parts = {
@@ -97,7 +103,7 @@ def render(
         "OWN": style.read_text() if style.is_file() else "",
         "MAIN": (own / f"{name}.html").read_text(),
         "LIBRARY": library,
-        "SHARED": (assets / "shared.js").read_text(),
+        "SHARED": (assets / "shared.js").read_text() + shared,
         "PROGRAM": (own / f"{name}.js").read_text(),
         "DATA": _embedded(data),
         "PICTURES": _embedded(pictures),

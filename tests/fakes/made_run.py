@@ -70,6 +70,11 @@ class MadeRun:
             **images, **({} if self.moved is None else {"moved": self.moved}),
         )  # fmt: skip
 
+    def arrive(self, where: Any, joints: Any, how: str, purpose: str) -> None:
+        """A move that ends at where (4, 4), joints (6,) rad."""
+        self.write("move", cycle=self.cycle, how=how, target=where, speed_pct=40.0, purpose=purpose, sent=True)
+        self.write("moved", after_s=1.0, cycle=self.cycle, where=where, joints=list(joints), error_mm=0.02, seconds=1.0)
+
     def pick(
         self, outcome: str = "picked", label: str = "cube", why: str = "gone from where it lay", **end: Any
     ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import sys
 import threading
 import time
 import urllib.error
@@ -13,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daemon.dashboard import server
@@ -97,6 +99,54 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     browser.get("about:blank")
     do(again.close())
     made.close()
+
+
+def test_a_person_sees_the_arm_move_in_space(
+    port: int, tmp_path: Path, browser: Any, do: Callable[[Any], None]
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `plots` is not installed")
+    made = MadeRun(tmp_path / "20260101T000000Z", pictures=False)
+    made.cycle = 1
+    made.write("cycle_start", cycle=1, target=None)
+    made.arrive(np.eye(4), [0.1, 0.7, -2.2, 0.1, -1.0, 0.0], "joint", "survey")
+    made.log.settle()
+    daemon = StatusDaemon(tmp_path / "sock", made.folder)
+    do(daemon.open())
+    browser.get(f"http://127.0.0.1:{port}/space")
+    if browser.execute_script("return document.createElement('canvas').getContext('webgl') === null"):
+        pytest.skip("this browser has no WebGL")
+
+    def arm() -> Any:
+        return browser.execute_script(
+            "const drawn = document.getElementById('space').data || [];"
+            "return (drawn.find((t) => t.name === 'arm') || {}).x"
+        )
+
+    def text() -> str:
+        return str(browser.find_element("id", "moment").text)
+
+    until(lambda: "arrived: survey" in text() and arm() is not None)
+    before = arm()
+    made.arrive(np.eye(4), [0.5, 0.7, -2.2, 0.1, -1.0, 0.0], "joint", "bin")
+    until(lambda: "arrived: bin" in text() and arm() != before)
+    do(daemon.close())
+    until(lambda: "No daemon answers" in browser.find_element("tag name", "body").text)
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+    browser.get("about:blank")
+    made.close()
+
+
+def test_without_the_library_the_3d_page_says_how_to_add_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    assert "plots" in server.plotly_js()
+
+
+def test_a_record_of_another_version_is_a_line_on_the_3d_page(tmp_path: Path) -> None:
+    now = DashboardState()
+    run = RunFollower(now)
+    run.folder = tmp_path
+    now.recorded({"kind": "look", "seq": 1, "world_from_cyclopean": "nowhere"})
+    assert "another version" in asyncio.run(server.space_now(now, run))["trouble"]
 
 
 def test_it_answers_this_machine_alone_and_takes_nothing(port: int) -> None:

@@ -37,9 +37,7 @@ def forward(joints: Any) -> Any:
 
 
 def moved(run: MadeRun, joints: Any, how: str, purpose: str) -> None:
-    where = forward(joints)
-    run.write("move", cycle=run.cycle, how=how, target=where, speed_pct=40.0, purpose=purpose, sent=True)
-    run.write("moved", after_s=1.0, cycle=run.cycle, where=where, joints=list(joints), error_mm=0.02, seconds=1.0)
+    run.arrive(forward(joints), joints, how, purpose)
 
 
 @pytest.fixture

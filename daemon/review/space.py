@@ -1,0 +1,168 @@
+"""What records of a run show in space: where the arm was, its way, the parts as measured. Millimetres in the world.
+
+For the page of a cycle, and for the live one. The arm is drawn as the capsules that the sweep checks, from the joints
+that the controller reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.cell.recorded_arm import RecordedArm, recorded_arm
+from daemon.config import ConfigError
+from daemon.events.records import Record
+from daemon.review.digest import parts_of
+from daemon.store.outside import FileError
+from daemon.store.runs import RunError, kept_file
+
+Json = dict[str, Any]
+
+WAY_SAMPLES = 12
+"""Points that draw the way of a joint-interpolated move."""
+
+
+def arm_of(folder: Path, start: Record) -> tuple[RecordedArm | None, str | None]:
+    """The arm as it was configured when the run in folder began with that record, or why it cannot be drawn."""
+    if not start.get("config"):
+        return None, "The run kept no configuration: the arm is not drawn."
+    try:
+        arm_file = kept_file(folder, start["arm"]) if start.get("arm") else None
+        return recorded_arm(kept_file(folder, start["config"]), arm_file), None
+    except (RunError, FileError, ConfigError) as error:
+        return None, f"The arm is not drawn: {error}"
+
+
+def moments_of(records: Iterable[Record], zero: float) -> list[Json]:
+    """Arrivals, looks, the gripper, refusals, each with the parts to draw: those of the last look, from the grasp on
+    the held one with the tool. zero: mono_s from which seconds count."""
+    found: list[Json] = []
+    purpose, parts, held = None, list[Json](), None
+    world_from_tool = np.eye(4)
+    for record in records:
+        kind, name = record["kind"], record["kind"]
+        if kind == "move":
+            purpose = record.get("purpose")
+            continue
+        if kind == "moved":
+            off = record.get("error_mm")
+            name = str(purpose)
+            text = f"arrived: {name}" + ("" if off is None else f", {off:.2f} mm from the target")
+            world_from_tool = np.array(record.get("where") or world_from_tool, float)
+            parts = parts if held is None else held.at(world_from_tool)
+        elif kind == "look":
+            parts, held = _seen(record), None
+            name = f"look: {record.get('purpose') or 'unnamed'}"
+            text = f"{name}: {', '.join(part['label'] for part in parts) or 'nothing'}"
+        elif kind == "hand":
+            name = text = "gripper closes" if record.get("closed") else "gripper opens"
+            held = _grasped(parts, world_from_tool) if record.get("closed") else None
+        elif kind in ("refusal", "fault"):
+            text = f"{kind}: {record.get('text')}"
+        else:
+            continue
+        found.append(
+            {"s": seconds_after(record, zero), "seq": record["seq"], "kind": kind, "name": name, "text": text,
+             "parts": [part | {"facets": [np.round(f, 1).tolist() for f in part["facets"]]} for part in parts]}
+        )  # fmt: skip
+    return found
+
+
+def _seen(look: Record) -> list[Json]:
+    """The parts of a look, their facets (N, 3) mm in the world."""
+    pose = look.get("world_from_cyclopean")
+    if pose is None:
+        return []
+    world_from_cyclopean = np.array(pose, float)
+    return [
+        {
+            "label": part["label"],
+            "facets": [
+                frames.apply(world_from_cyclopean, np.array(facet["corners_mm"], float))
+                for facet in part.get("facets") or []
+            ],
+        }
+        for part in parts_of(look)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """The parts of the last look as the gripper closed, the held one first."""
+
+    parts: list[Json]
+    world_from_tool: Array
+
+    def at(self, world_from_tool: Array) -> list[Json]:
+        """The parts when the tool is at a pose (4, 4): the held one has gone with it."""
+        moved = world_from_tool @ frames.inverse(self.world_from_tool)
+        first, *rest = self.parts
+        return [first | {"facets": [frames.apply(moved, facet) for facet in first["facets"]]}, *rest]
+
+
+def _grasped(parts: list[Json], world_from_tool: Array) -> _Held | None:
+    """The part nearest to the tool centre point is held; None where no part was seen."""
+    by_distance = sorted(
+        (part for part in parts if part["facets"]),
+        key=lambda part: np.linalg.norm(np.vstack(part["facets"]).mean(axis=0) - world_from_tool[:3, 3]),
+    )
+    return _Held(by_distance, world_from_tool) if by_distance else None
+
+
+def is_arrival(arrival: Record) -> bool:
+    """Whether the arrival says where the arm was."""
+    return bool(arrival.get("joints") and arrival.get("where"))
+
+
+def joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:
+    """(N, 6) rad: the joints at each of the moments; (0, 6) where the run recorded none."""
+    if not arrivals:
+        return np.empty((0, 6))
+    at = np.searchsorted([r["seq"] for r in arrivals], [m["seq"] for m in moments], side="right") - 1
+    return np.array([r["joints"] for r in arrivals])[np.maximum(at, 0)]
+
+
+def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedArm | None) -> list[list[float]]:
+    """The way of the tool centre point, mm in the world: straight moves by their ends, joint moves sampled."""
+    how = {
+        after["seq"]: move.get("how") for move, after in pairwise(r for r in records if r["kind"] in ("move", "moved"))
+    }
+    points: list[Array] = []
+    for before, after in zip([None, *arrivals], arrivals, strict=False):
+        if before is not None and arm is not None and how.get(after["seq"]) == "joint":
+            ends = np.array(before["joints"]), np.array(after["joints"])
+            shares = np.linspace(0, 1, WAY_SAMPLES + 1)[1:-1]
+            points += [arm.kinematics.between(*ends, float(share))[:3, 3] for share in shares]
+        points.append(np.array(after["where"], float)[:3, 3])
+    return np.round(points, 1).tolist() if points else []
+
+
+def space_of(arm: RecordedArm | None, joints: Array, way: list[list[float]]) -> Json:
+    """What stays as it is from moment to moment, and the arm's capsules at joints (N, 6) rad: radius_mm (C,), ends
+    (N, C, 2, 3)."""
+    return {
+        "way": way,
+        "arm": _bodies(arm, joints),
+        "table_z": None if arm is None else arm.table_z_mm,
+        "keep_out": [] if arm is None else [[box.name, box.low_mm, box.high_mm] for box in arm.keep_out],
+    }
+
+
+def _bodies(arm: RecordedArm | None, joints: Array) -> Json | None:
+    """The arm's capsules at each moment: radius_mm (C,), ends (N, C, 2, 3)."""
+    if arm is None or not len(joints):
+        return None
+    radius, ends = arm.capsules(joints)
+    return {"radius": radius, "ends": np.round(ends, 1).tolist()}
+
+
+def seconds_after(record: Record, zero: float) -> float:
+    """Seconds of a record after mono_s zero, to the millisecond."""
+    return round(float(record["mono_s"]) - zero, 3)
