@@ -17,6 +17,9 @@ from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, united
 
+MeasuredCorners = tuple[Array, Array]
+"""Corners (N, 2) px in one image, and their covariance (N, 2, 2)."""
+
 UNKNOWN = "unknown"
 """The label of a part that nothing trained fits."""
 
@@ -33,6 +36,11 @@ class Polygon:
     covariance_px2: Array
     contrast: Array
     border_px: Array
+
+    @property
+    def measured(self) -> MeasuredCorners:
+        """The corners and their covariance."""
+        return self.corners_px, self.covariance_px2
 
 
 @dataclass(frozen=True, eq=False)

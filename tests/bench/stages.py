@@ -23,8 +23,8 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
-from daemon.vision.facets import candidates, joining, matching, merge_vertices, reconstruct
-from daemon.vision.image import camera_image, stereo_images
+from daemon.vision.facets import candidates, corner_adjustment, matching, merge_vertices, reconstruct
+from daemon.vision.image import stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise
 from daemon.vision.refine import refined_parts
@@ -33,13 +33,13 @@ from tests.fakes import rendered
 
 SETS = ("clean", "shadow", "textured", "multi")
 EVERY_S, ROUNDS = 0.001, 5
-EYE = camera_image.CameraImage
+EYE = stereo_images.CameraImage
 BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "pixels": (stereo_images.open_stereo, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
-    "outlines": (camera_image.outlines_near, EYE.rough),
-    "corners": (camera_image.fits,),
+    "outlines": (stereo_images.outlines_near, EYE.rough),
+    "corners": (stereo_images.fits,),
     "matching": (matching.in_both, matching.match_polygons, candidates.candidates, candidates.choose),
-    "welding": (merge_vertices, joining.settled),
+    "welding": (merge_vertices, corner_adjustment.settled),
     "facets, rest": (
         reconstruct.facets_seen,
         reconstruct.with_lone_outlines,

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.vertices import merge_vertices
+from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.values import Facet, Group
 
 LATERAL_MM, DEPTH_MM = 0.08, 0.4  # at 350 mm, 700 px focal length, 60 mm base, 0.1 px

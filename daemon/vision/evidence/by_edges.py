@@ -27,8 +27,8 @@ from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
 from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_at, registered_near
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
-from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulated_covariance
-from daemon.vision.geometry import Baseline, Polyhedron, planarity
+from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulate
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
     SEARCHED,
@@ -48,8 +48,8 @@ from daemon.vision.hypotheses import (
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, typed_as
-from daemon.vision.refine import SCALE, Fit, LaidFacet, facets_laid, facets_shown, fit_at
-from daemon.vision.values import Facet, NearestGuess, Part, Recognition
+from daemon.vision.refine import SCALE, Fit, facets_laid, facets_shown, fit_at
+from daemon.vision.values import NearestGuess, Part, Recognition
 
 BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
 """Less, the less alike its print is in both eyes, and the more of the segments where it lies are none of its edges: and
@@ -260,9 +260,8 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), eyes)
     fit, observed = fit_at(seen.solid, eyes, seen.pose, model.parameters.tolerance_mm)
     laid = facets_laid(seen.solid, observed)
-    facets = typed_as(
-        [measured_facet(f, eyes.geometry) for f in laid], (seen.solid.types[f.index] for f in laid), model.library
-    )
+    measured = triangulate([(f.left, f.right) for f in laid], eyes.geometry)
+    facets = typed_as(measured, (seen.solid.types[f.index] for f in laid), model.library)
     pose, covariance = _on_ground(search.ground, seen.solid, fit)
     corners = frames.apply(pose, seen.solid.corners_mm)
     fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
@@ -310,13 +309,3 @@ def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], eyes: StereoIm
         return poses
     seen = np.array([hole_nats(solid, one, eyes) for one in poses])
     return np.asarray(poses[seen > seen[0] - HOLES_APART])
-
-
-def measured_facet(seen: LaidFacet, geometry: Baseline) -> Facet:
-    """The facet triangulated from its corners in both eyes."""
-    (left, left_doubt), (right, right_doubt) = seen.left, seen.right
-    ideal = geometry.left.ideal(left), geometry.right.ideal(right)
-    corners = geometry.points(*ideal)
-    off = np.abs(ideal[0][:, 1] - ideal[1][:, 1]) * geometry.left.focal_px
-    covariance = triangulated_covariance(geometry, *ideal, left_doubt, right_doubt)
-    return Facet(corners, covariance, left, right, off, planarity(corners))

@@ -1,13 +1,12 @@
 """Two sets of outlines -> facets in space, grouped, corners welded once; several looks fused. Nothing is named."""
 
-from daemon.vision.facets.candidates import triangulated_covariance
+from daemon.vision.facets.candidates import triangulate
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
-from daemon.vision.facets.grouping import connected
+from daemon.vision.facets.grouping import connected, merge_vertices
 from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.patterned_table import seen_table
 from daemon.vision.facets.reconstruct import facets_seen, find_facets, with_lone_outlines
 from daemon.vision.facets.table import TablePlane, table_at, table_of, without_table
-from daemon.vision.facets.vertices import merge_vertices
 
 __all__ = [
     "Fused",
@@ -24,7 +23,7 @@ __all__ = [
     "shared_motion",
     "table_at",
     "table_of",
-    "triangulated_covariance",
+    "triangulate",
     "with_lone_outlines",
     "without_table",
 ]

@@ -13,7 +13,7 @@ from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
 from daemon.vision.geometry import Baseline, PlanarShape, disparity, fit_plane, planarities, rings, weighted_plane
 from daemon.vision.image import Fitted, Outline, StereoImages, fits, outlines_near
 from daemon.vision.settings import VisionSettings
-from daemon.vision.values import Facet, Polygon
+from daemon.vision.values import Facet, MeasuredCorners
 
 # Set by eye on the rendered scenes, like the shares in choose() and what it calls.
 _FEW = 2  # pairs of much the same region that are fitted
@@ -75,7 +75,7 @@ def candidates(fitted: Sequence[tuple[Fitted, Fitted, float]], geometry: Baselin
     """Candidates of polygons in the left and the right eye whose corners correspond, each with how far its outlines are
     seen, less what speaks against it.
     """
-    facets = triangulate([(left.polygon, right.polygon) for left, right, _ in fitted], geometry)
+    facets = triangulate([(left.polygon.measured, right.polygon.measured) for left, right, _ in fitted], geometry)
     found = []
     for facet, (left, right, support) in zip(facets, fitted, strict=True):
         worth = support + _agreement(left, right) - _PER_CORNER * len(facet.left_px)
@@ -164,22 +164,22 @@ def _angle_between(a: Facet, b: Facet) -> float:
     return float(np.arccos(np.clip(one @ other, -1, 1)))
 
 
-def triangulate(pairs: Sequence[tuple[Polygon, Polygon]], geometry: Baseline) -> list[Facet]:
+def triangulate(pairs: Sequence[tuple[MeasuredCorners, MeasuredCorners]], geometry: Baseline) -> list[Facet]:
     """Facets whose corners are these in the left and in the right eye, in the same order."""
     if not pairs:
         return []
-    shape, other = (rings([pair[eye].corners_px for pair in pairs]) for eye in (0, 1))
-    spread = (np.concatenate([pair[eye].covariance_px2 for pair in pairs]) for eye in (0, 1))
+    shape, other = (rings([pair[eye][0] for pair in pairs]) for eye in (0, 1))
+    spread = (np.concatenate([pair[eye][1] for pair in pairs]) for eye in (0, 1))
     left, right = geometry.left.ideal(shape.corners), geometry.right.ideal(other.corners)
     corners = geometry.points(left, right)
-    covariance = triangulated_covariance(geometry, left, right, *spread)
+    covariance = _triangulated_covariance(geometry, left, right, *spread)
     off = np.abs(left[:, 1] - right[:, 1]) * geometry.left.focal_px
     flat = planarities(shape.moved(corners))
     each = (shape.split(v) for v in (corners, covariance, shape.corners, other.corners, off))
     return [Facet(*values) for values in zip(*each, flat, strict=True)]
 
 
-def triangulated_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
+def _triangulated_covariance(geometry: Baseline, left: Array, right: Array, left_px2: Array, right_px2: Array) -> Array:
     """(N, 3, 3) mm^2 of triangulated corners, to first order. left, right: ideal coordinates (N, 2)."""
     d = disparity(left, right)
     z = geometry.length_mm / d

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
-from daemon.vision.facets.grouping import connected, lying_under, nearest_first
-from daemon.vision.facets.joining import settled
+from daemon.vision.facets.corner_adjustment import settled
+from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
 from daemon.vision.facets.shades import join_shaded
-from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import Baseline, StereoRig
 from daemon.vision.image import Outline, StereoImages, open_stereo
 from daemon.vision.settings import VisionSettings
@@ -150,7 +149,7 @@ def _with_detected_corners(c: Candidate, eyes: StereoImages, settings: VisionSet
         covariance = np.repeat(_DETECTED_PX**2 * np.eye(2)[None], len(corners), 0)
         polygons.append(replace(p, corners_px=corners, covariance_px2=covariance))
     left, right = replace(c.left, polygon=polygons[0]), replace(c.right, polygon=polygons[1])
-    (facet,) = triangulate([(polygons[0], polygons[1])], eyes.geometry)
+    (facet,) = triangulate([(polygons[0].measured, polygons[1].measured)], eyes.geometry)
     return replace(c, facet=facet, left=left, right=right)
 
 

@@ -1,9 +1,8 @@
 """One image -> straight-sided outlines and sub-pixel corners. Nothing is compared with the other eye here.
 
-stereo_images.py only keeps the two together: what a look prepares once, and everything that runs over it takes.
+stereo_images.py keeps the two together: what a look prepares once, and everything that runs over it takes.
 """
 
-from daemon.vision.image.camera_image import CameraImage, fits, outlines_near
 from daemon.vision.image.edge_lines import (
     LEAST_SIGMAS,
     Sides,
@@ -31,7 +30,7 @@ from daemon.vision.image.segments import (
     runs,
     segment_corners,
 )
-from daemon.vision.image.stereo_images import StereoImages, open_stereo
+from daemon.vision.image.stereo_images import CameraImage, StereoImages, fits, open_stereo, outlines_near
 
 __all__ = [
     "BLOCK_PX",

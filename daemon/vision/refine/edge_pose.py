@@ -18,13 +18,20 @@ from daemon.vision.geometry import Polyhedron, chi_square_limit, solve, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
-from daemon.vision.refine.expected_edges import THIN_PX, EdgeObservation, ExpectedEdges, ShapeBatch, expected
+from daemon.vision.refine.expected_edges import (
+    SCALE,
+    THIN_PX,
+    EdgeObservation,
+    ExpectedEdges,
+    ShapeBatch,
+    across,
+    expected,
+    moved,
+    off_places,
+)
 from daemon.vision.refine.following import Fit
-from daemon.vision.refine.poses import SCALE, across, moved, off_places
 from daemon.vision.settings import TOLERANCE_MM
-
-SeenCorners = tuple[Array, Array]
-"""A facet's corners (N, 2) px in one eye, and their covariance (N, 2, 2)."""
+from daemon.vision.values import MeasuredCorners
 
 ROUGHLY = (1.0, 0.4)
 """Shares of the reach within which edges are searched for, round by round."""
@@ -85,8 +92,8 @@ class LaidFacet:
     """A facet of a shape that both eyes have in view: its index, and its corners in either eye."""
 
     index: int
-    left: SeenCorners
-    right: SeenCorners
+    left: MeasuredCorners
+    right: MeasuredCorners
 
 
 def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) -> Located | None:
@@ -352,7 +359,7 @@ def _clear(seen: EdgeObservation, view: CameraImage) -> Flags:
     return np.asarray(seen.on_place & (sigmas > LEAST_SIGMAS))
 
 
-def _outline(ring: Sequence[int], seen: EdgeObservation) -> SeenCorners:
+def _outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
     """Most likely corners given the model and the sides that were found."""
     assert seen.sides is not None
     which, turned = seen.edges.of_ring(ring)

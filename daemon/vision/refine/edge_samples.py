@@ -19,8 +19,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import hidden, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, peaks, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, ShapeBatch, expected
-from daemon.vision.refine.poses import moved
+from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, ShapeBatch, expected, moved
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""

@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, sides_of
+from daemon.vision.geometry import Camera, Polyhedron, outward, sides_of
 from daemon.vision.image import CameraImage, Sides
-from daemon.vision.refine.poses import across, corners_in
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
@@ -21,6 +21,44 @@ ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
 """How far inside the image an edge must be, and how much of it, to be measured."""
 ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 """An edge is on its place within so many times what the shape leaves open, which is this at least."""
+SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
+"""Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
+
+
+def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
+    """Where an eye sees corners (K, 3) of a part, at one pose (4, 4) or each at its own (K, 4, 4): (K, 2) px, and their
+    derivative (K, 2, 6) by a motion of the pose."""
+    levers = (cyclopean_from_part[..., :3, :3] @ corners_mm[..., None])[..., 0]
+    px, slope = camera.project_with_slope(levers + cyclopean_from_part[..., :3, 3])
+    return px, slope @ frames.point_motion(levers)
+
+
+def moved(poses: Array, motions: Array) -> Array:
+    """Poses (P, 4, 4), each by its motion (P, 6)."""
+    found = poses.copy()
+    found[:, :3, :3] = frames.rotations_from_vectors(motions[:, 3:]) @ poses[:, :3, :3]
+    found[:, :3, 3] += motions[:, :3]
+    return found
+
+
+def turned(poses: Array, turns: Array, points: Array) -> Array:
+    """Poses (P, 4, 4), each turned (P, 3, 3) about a point (P, 3) of the frame they lead to."""
+    found = poses.copy()
+    found[:, :3, :3] = turns @ poses[:, :3, :3]
+    found[:, :3, 3] = points + (turns @ (poses[:, :3, 3] - points)[..., None])[..., 0]
+    return found
+
+
+def across(start: Array, end: Array) -> Array:
+    """(E, 2) unit vectors across edges start -> end, (E, 2) each."""
+    chord = start - end
+    return outward(chord, np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-6))
+
+
+def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -> Array:
+    """(E, 2) px how far the ends of edges found are from the ends expected, across the expected edge; each (E, 2)."""
+    normal = across(start, end)
+    return np.stack([((found_start - start) * normal).sum(1), ((found_end - end) * normal).sum(1)], 1)
 
 
 @dataclass(frozen=True, eq=False)

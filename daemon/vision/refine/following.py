@@ -14,7 +14,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, solve, whitener
-from daemon.vision.refine.poses import SCALE
+from daemon.vision.refine.expected_edges import SCALE
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Facet
 

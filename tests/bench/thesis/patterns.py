@@ -9,7 +9,7 @@ import numpy as np
 from daemon import frames
 from daemon.art.others import ART1, FuzzyARTMAP, best_numbering, choose
 from daemon.store.library import load_facets
-from daemon.vision.facets.vertices import merge_vertices
+from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.model import Model, empty_model, learn_view, relational_view, types_of
 from daemon.vision.recognition.group_recognition import recognise_group
 from daemon.vision.thesis import silhouette

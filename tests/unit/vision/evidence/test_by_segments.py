@@ -15,8 +15,8 @@ from daemon.store.library import load_facets
 from daemon.vision.evidence import by_edges, registered
 from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_edges
 from daemon.vision.evidence.registered import RegisteredPart, registered_near
+from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.facets.table import TablePlane
-from daemon.vision.facets.vertices import merge_vertices
 from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import search
 from daemon.vision.hypotheses.edge_distance_map import edge_distances

@@ -10,7 +10,7 @@ import numpy as np
 from daemon import frames
 from daemon.store.library import load_facets
 from daemon.vision.evidence.overlaps import all_accounted_for, lies_on, without_overlaps
-from daemon.vision.facets.vertices import merge_vertices
+from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.geometry import exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view

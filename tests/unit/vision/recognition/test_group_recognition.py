@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets.vertices import merge_vertices
+from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.model.model import Model, learn_view
 from daemon.vision.recognition.group_recognition import recognise, recognise_group, standing
 from daemon.vision.values import Facet, Part

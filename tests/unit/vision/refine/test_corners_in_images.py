@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry.rig import Camera
-from daemon.vision.refine.poses import across, corners_in, moved, off_places
+from daemon.vision.refine.expected_edges import across, corners_in, moved, off_places
 
 CUBE = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (-20.0, 20)])
 

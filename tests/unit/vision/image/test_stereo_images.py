@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daemon.vision.image.camera_image import CameraImage, fits, outlines_near
 from daemon.vision.image.grey import VisionError
 from daemon.vision.image.segments import find_segments
-from daemon.vision.image.stereo_images import open_stereo
+from daemon.vision.image.stereo_images import CameraImage, fits, open_stereo, outlines_near
 from daemon.vision.settings import VisionSettings
 from tests.fakes.painted import paint_pair
 from tests.fakes.printed import print_pair, straight_rig
@@ -59,7 +58,7 @@ def test_segments_are_where_they_are_in_the_image_and_sought_near_edges_alone(mo
         searched.append(grey.size)
         return find_segments(grey)
 
-    monkeypatch.setattr("daemon.vision.image.camera_image.find_segments", noted)
+    monkeypatch.setattr("daemon.vision.image.stereo_images.find_segments", noted)
     found = view.segments
     assert searched[0] < 0.5 * view.grey.size
     for start, end in zip(every.start[:5], every.end[:5], strict=True):
