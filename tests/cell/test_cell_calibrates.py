@@ -91,7 +91,7 @@ def test_a_cell_with_one_camera_is_calibrated_by_a_tour_and_verified_from_new_po
         async with cell_in_time(14, alone="left") as here:
             await here.cycle.go("survey")
             here.cell.show_board()
-            views = await view_tour(session(here, believed), 20, silence, 100.0)
+            views = await view_tour(session(here, believed), 14, silence, 100.0)
             after, result = solve_camera(views, BOARD, believed)
             after, hand_eye = solve_hand_eye(views, BOARD, after)
             await here.cycle.go("survey")
@@ -99,7 +99,7 @@ def test_a_cell_with_one_camera_is_calibrated_by_a_tour_and_verified_from_new_po
                 after,
                 result,
                 hand_eye,
-                verify(await view_tour(session(here, after), 6, silence, 100.0), BOARD, after),
+                verify(await view_tour(session(here, after), 5, silence, 100.0), BOARD, after),
             )
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:

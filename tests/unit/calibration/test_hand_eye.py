@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from daemon.calibration import hand_eye
 from daemon.calibration.hand_eye import (
     ArmError,
     HandEyeError,
+    HandEyeResult,
     Sample,
     calibrate_hand_eye,
     cyclopean_from_board,
@@ -47,6 +49,16 @@ def looks(seed: int, count: int = 14, arm_mm: float = 0.05, noise_px: float = 0.
     return samples
 
 
+@cache
+def calibrated(seed: int) -> HandEyeResult:
+    return calibrate_hand_eye(looks(seed), unlike_rig())
+
+
+@cache
+def calibrated_held(seed: int) -> HandEyeResult:
+    return calibrate_hand_eye(held_looks(seed), unlike_rig())
+
+
 def off(found: Array) -> tuple[float, float]:
     motion = frames.difference(found, TRUE_HAND_EYE)
     return float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
@@ -64,7 +76,7 @@ def test_both_closed_forms_are_exact_without_noise() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_refined_hand_eye_is_right_and_its_standard_deviation_covers_its_error(seed: int) -> None:
-    result = calibrate_hand_eye(looks(seed), unlike_rig())
+    result = calibrated(seed)
     mm, deg = off(result.mounting)
     assert mm < 0.3
     assert deg < 0.1
@@ -112,14 +124,14 @@ def held_looks(seed: int, count: int = 18, arm_mm: float = 0.1, noise_px: float 
 
 
 def test_fixed_cameras_are_found_exactly_without_noise() -> None:
-    result = calibrate_hand_eye(held_looks(0, arm_mm=0.0, noise_px=0.0), unlike_rig())
+    result = calibrate_hand_eye(held_looks(0, count=9, arm_mm=0.0, noise_px=0.0), unlike_rig())
     np.testing.assert_allclose(result.mounting, OVER_THE_TABLE, atol=1e-3)
     assert max(result.left_out_mm) < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_where_fixed_cameras_are_is_right_about_where_the_board_was_and_so_is_the_arm(seed: int) -> None:
-    result = calibrate_hand_eye(held_looks(seed), unlike_rig())
+    result = calibrated_held(seed)
     motion = frames.difference(result.mounting, OVER_THE_TABLE)
     assert result.about_mm is not None
     assert np.linalg.norm(result.about_mm - OVER_THE_TABLE[:3, 3]) == pytest.approx(400.0, abs=30.0)
@@ -132,8 +144,7 @@ def test_where_fixed_cameras_are_is_right_about_where_the_board_was_and_so_is_th
 
 def test_a_turn_of_fixed_cameras_far_from_the_board_counts_at_the_board() -> None:
     """Their rotation and their place err together: what that leaves at the board is less than at the cameras."""
-    samples = held_looks(5)
-    at_board = calibrate_hand_eye(samples, unlike_rig()).sigma_mm
+    at_board = calibrated_held(0).sigma_mm
     joint = np.concatenate([hand_eye.pose_of(OVER_THE_TABLE), np.zeros(6)])
     turned = hand_eye.pose_of(
         OVER_THE_TABLE @ frames.rigid(frames.rotation_from_vector(np.array([1e-3, 0, 0])), np.zeros(3))
@@ -198,7 +209,7 @@ def test_how_far_the_arm_errs_is_found_from_its_looks_whatever_was_thought_of_it
 
 
 def test_two_solvers_that_disagree_by_more_than_chance_are_told() -> None:
-    result = calibrate_hand_eye(looks(0), unlike_rig())
+    result = calibrated(0)
     assert result.warning is None
     assert result.solvers_mm > 0.0 < result.solvers_deg
     limit_mm, limit_deg = max(2.0, 8 * result.sigma_mm), max(0.3, 8 * result.sigma_deg)
