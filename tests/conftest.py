@@ -29,11 +29,15 @@ def browser() -> Iterator[Any]:
     driver.quit()
 
 
+LONGEST = ("test_whole_daemon.py", "test_demo_run.py")
+"""The longest of `make test-long`, and of `make test`."""
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest test of all begins first: nobody waits for it at the end. What is slow comes last at each of
-    pytest-xdist's workers, who begin with a share each of the whole list: the others have answered before."""
-    items.sort(key=lambda item: item.path.name != "test_whole_daemon.py")
+    """What is slow comes last at each of pytest-xdist's workers, who begin with a share each of the whole list: the
+    others have answered before. Of the slow ones the longest begin first: no worker waits for them at the end."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
     slow = [item for item in items if item.get_closest_marker("slow")]
     others = [item for item in items if not item.get_closest_marker("slow")]
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
