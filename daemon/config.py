@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from daemon.pick.settings import Settings
 from daemon.quantities import Coordinate, Name
+from daemon.signals.settings import SignalSettings, check_signals
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.job_file import FOLDER as JOBS
@@ -200,6 +201,7 @@ class ConfigFile:
     log: LogSettings = field(default_factory=LogSettings)
     health: HealthSettings = field(default_factory=HealthSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)
+    signals: dict[str, SignalSettings] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -267,6 +269,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     values = document.convert(ConfigFile)
     for check in (_check_limits, _check_stops, _check_depth, _check_files):
         check(document, values)
+    check_signals(document, values.signals)
     config = Config(values, document, "simulated" if simulated else values.cell)
     try:
         made, old = config.calibrations.in_use, config.calibrations.passed_over

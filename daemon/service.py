@@ -22,6 +22,7 @@ from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
+from daemon.commands.signals import last_word, serve_the_line
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
 from daemon.compute.worker import Worker
@@ -40,6 +41,8 @@ from daemon.maintenance.metrics import MetricsServer
 from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
+from daemon.signals.input_form import load_form
+from daemon.signals.line import LineSignals
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
@@ -52,7 +55,7 @@ from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 
 STOPPED, NO_DEVICE, BAD_CONFIGURATION = 0, 2, 78
-AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics")
+AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics", "signals")
 """Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that describe the geometry of gripper and cell."""
@@ -230,6 +233,7 @@ class Service:
         context.use_model("start", trainer.model_store.current)
         watch = Watchdog(context)
         self.in_background(self._guarded(watch.run()), "watch")
+        self.in_background(self._guarded(serve_the_line(context)), "signals")
         self.in_background(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
@@ -243,6 +247,9 @@ class Service:
         worker, study = self._workers = Worker("the look", LOOK_S), Worker("what is learnt", STUDY_S, STUDY_IDLE_S)
         cycle = PickCycle(*pick_cell(config, calibration, self._hardware, log, worker), trainer.in_use)
         cycle.use_places(place_table(config))
+        signals, robot = config.values.signals, self._hardware.robot
+        form = load_form(config.state) if signals else None
+        cycle.line = LineSignals(signals, robot, form, self._hardware.clock, log.record)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
@@ -360,6 +367,8 @@ class Service:
         elif self._opening is not None and not self._opening.done():
             await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
+        if self._started and self.context is not None and self.context.cycle.line.signals:
+            await _within(0.5, last_word(self.context))
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None

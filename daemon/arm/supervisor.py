@@ -51,6 +51,8 @@ class Supervisor:
         self._interrupted = interrupted
         self._task: asyncio.Task[Any] | None = None
         self._doing = ""
+        self.job_moves = False
+        """Whether the job that has the arm may move it."""
         self.ended_by: Interruption | None = None
         """What ended the job that was ended last: a person (STOP, ABORT) or an error."""
         self._ending = 0
@@ -228,7 +230,7 @@ class Supervisor:
         own = copy_context()
         own.run(SAID.set, None)  # what a job leaves to be done after it is nobody's word
         task: asyncio.Task[T] = asyncio.create_task(self._watched(work, moves), name=f"arm: {doing}", context=own)
-        self._doing, self._task = doing, task
+        self._doing, self._task, self.job_moves = doing, task, moves
         task.add_done_callback(self._done)
         task.add_done_callback(lambda _: work.close())  # one that was ended before it began was never awaited
         return task

@@ -157,6 +157,17 @@ class ArmOnLink:
             await (self.link.close_hand if closed else self.link.open_hand)()
         self._heard()
 
+    async def set_outputs(self, numbers: Sequence[int]) -> None:
+        """Switch digital outputs: n on, -n off. Raises LinkError."""
+        await self.link.set_outputs(numbers)
+        self._heard()
+
+    async def ask_input(self, text: str) -> str:
+        """What the controller prints to a line that reads an input, on one line. Raises LinkError."""
+        printed = await self.link.ask_plainly(text)
+        self._heard()
+        return " ".join(" ".join(printed).split())
+
     async def at_rest(self) -> bool:
         """Whether two readings of WHERE agree, or the controller is at its power-up questions. Raises LinkError."""
         if self.link.program_may_run:

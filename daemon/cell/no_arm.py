@@ -68,7 +68,7 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    move = hand = power_up = calibrate = monitor = prove_stop = _refuse
+    move = hand = power_up = calibrate = monitor = prove_stop = set_outputs = ask_input = _refuse
 
     def check_typable(self, _: str) -> None:
         """Accept anything: `monitor` refuses it."""

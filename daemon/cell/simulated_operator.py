@@ -52,6 +52,12 @@ class SimulatedOperator:
         self._drawn = {shape.label: len(DRAWN_VIEWS) for shape in shapes}
         return unmade
 
+    def switch_input(self, number: int, high: bool) -> None:
+        """Switch a digital input of the controller."""
+        with self.cell.server.controller() as controller:
+            inputs = controller.machine.inputs
+            (inputs.add if high else inputs.discard)(number)
+
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, modulo their number. Returns the view."""
         view %= {**self._views, **self._drawn}[label]

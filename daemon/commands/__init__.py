@@ -14,6 +14,7 @@ from daemon.commands import (
     placing,
     positions,
     run_notes,
+    signals,
     simulated_parts,
     teaching,
 )
@@ -34,6 +35,7 @@ def every_command(kind: str = "real") -> list[ConsoleCommand]:
         *models.COMMANDS,
         *calibrating.COMMANDS,
         *controller_terminal.COMMANDS,
+        *signals.COMMANDS,
         *run_notes.COMMANDS,
         *maintaining.COMMANDS,
         *hand.get(kind, ()),

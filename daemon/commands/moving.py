@@ -29,7 +29,7 @@ from daemon.pick.outcome import CycleEnd
 MOST_PICKS = 1_000_000
 HELD = "Motion is paused: `resume` continues."
 AUTO_WORDS = ("on", "off", "wait", "resume")
-AUTO_USAGE = "auto on [N] [every S] | auto resume | auto off | auto wait"
+AUTO_USAGE = "auto on [N] [every S|signal] | auto resume | auto off | auto wait"
 
 
 @command("enable", "move", first=True)
@@ -199,6 +199,7 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
     """Pick until the table is empty, or N parts.
 
     auto on       start, at most N parts; with `every S` look again every S seconds when the table is empty
+    auto on signal   wait for the line before each part (docs/operate/signals.md)
     auto off      end after the current part; after an interruption: cancel what is left
     auto wait     show each part as it is picked, until the end
     auto resume   continue an auto that a stop, a fault or a restart interrupted, or a job that lacked a part
@@ -230,6 +231,7 @@ async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult
     what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
     what = what if pick_order.job is None else f"job {pick_order.job}, {what.removeprefix('at most ')}"
     missing = "when it is empty" if pick_order.job is None else "when a part is missing"
+    what += ", each when the line asks for it" if pick_order.on_signal else ""
     what += "" if every_s is None else f", looking again every {every_s:g} s {missing}"
     told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
     return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
@@ -356,12 +358,17 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
 
 
 def _auto_words(words: list[str]) -> PickOrder:
-    """[N] [every S] -> how many, and after how many seconds an empty table is looked at again."""
+    """[N] [every S|signal] -> how many; after how many seconds an empty table is looked at again, or when the line asks
+    for the next part."""
     count = every_s = None
-    if words and words[0] != "every":
+    if words and words[0] not in ("every", "signal"):
         count, words = number(words[0], "N", 1, MOST_PICKS), words[1:]
+    if words == ["signal"]:
+        return PickOrder(count, on_signal=True)
     if words:
-        one_of(words, 0, ("every",), "word", AUTO_USAGE)
+        one_of(words, 0, ("every", "signal"), "word", AUTO_USAGE)
+        if words[0] == "signal":
+            no_more(words, 1, AUTO_USAGE)
         if len(words) < 2:
             raise CommandError(f"S is missing: {AUTO_USAGE}", NOT_UNDERSTOOD)
         every_s = number(words[1], "S", 1, 3600)

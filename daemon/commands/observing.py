@@ -12,6 +12,7 @@ import numpy as np
 from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.placing import counted, destinations
+from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
@@ -54,6 +55,9 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     candidate = frontend.shown = model_store.candidate
     if candidate is not None:
         lines.insert(3, f"candidate version {candidate}, not in use yet: `try`, then `accept`")
+    if context.cycle.line.signals:
+        waits = "" if state["waits_for"] is None else f"; waits for {state['waits_for']}"
+        lines.insert(-1, f"line      PackML state {state['packml']}{waits}")
     places = counted(context)
     if places:
         told = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
@@ -71,6 +75,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),
         "places": places,
+        "signals": signal_levels(context),
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),
     }

@@ -29,7 +29,7 @@ class PickOrder(Struct, frozen=True):
 
     job: name of the job that it comes from; steps: what is still to be brought this time, none for any part; in_turn:
     only the first step is wanted now; skip: a step whose part is not there is left out; times: how often all of `whole`
-    is to be brought, this time included.
+    is to be brought, this time included; on_signal: the line asks for each part.
     """
 
     count: int | None = None
@@ -40,6 +40,7 @@ class PickOrder(Struct, frozen=True):
     skip: bool = False
     times: int = 1
     whole: tuple[OrderStep, ...] = ()
+    on_signal: bool = False
 
     @property
     def done(self) -> bool:
@@ -107,7 +108,7 @@ def auto_record(order: PickOrder | None) -> dict[str, Any]:
     """The fields of the run log's record `auto`; None: nothing is to be picked any more."""
     plain = order or ALL
     fields: dict[str, Any] = {"on": order is not None, "count": plain.count, "every_s": plain.every_s}
-    return fields if plain.job is None else {**fields, "order": plain.json()}
+    return fields if plain.job is None and not plain.on_signal else {**fields, "order": plain.json()}
 
 
 def read_order(values: Mapping[str, Any]) -> PickOrder:

@@ -427,6 +427,14 @@ class PlaceChanged(CycleRecord, kw_only=True):
     why: Annotated[Text, meaning("in words")] = None
 
 
+class SignalChanged(EventRecord, kw_only=True):
+    """A signal of the line changed, as it was read or set."""
+
+    name: Annotated[Text, meaning("its name in facetd.yaml")] = None
+    role: Annotated[Text, meaning("its role there")] = None
+    on: Annotated[Flag, meaning("whether it is on")] = None
+
+
 SCHEMA: Mapping[str, type[EventRecord]] = {
     "run_start": RunStart,
     "model": ModelInUse,
@@ -456,6 +464,7 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
     "release": PartReleased,
     "in_gripper": PartMeasured,
     "place": PlaceChanged,
+    "signal": SignalChanged,
     "gap": RecordsLost,
     "clock": ClockSet,
     "run_end": RunEnded,

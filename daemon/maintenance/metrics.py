@@ -14,6 +14,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 from daemon.config import ConfigError
 from daemon.events.outcomes import DEFINITION
 from daemon.maintenance.troubles import WatchedDaemon
+from daemon.signals.packml import PackMLState
 from daemon.store.folders import how_to_add
 
 LOOPBACK = "127.0.0.1"
@@ -128,6 +129,10 @@ class MetricsCollector:
             "facetd_controller_silence_seconds": ("since its last answer", _since(now, context.hardware.robot.heard_s)),
             "facetd_parts_taught": ("parts of the model in use", len(context.trainer.model.labels)),
         }
+        packml = GaugeMetricFamily("facetd_packml_state", "1 at PackML's state of the cell", labels=["state"])
+        for each in PackMLState:
+            packml.add_metric([each.value], float(each == state["packml"]))
+        yield packml
         for name, (text, value) in gauges.items():
             yield GaugeMetricFamily(name, text, value=float(value))  # type: ignore[arg-type]
 

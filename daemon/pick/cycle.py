@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import statistics
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -46,6 +46,8 @@ from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
 from daemon.pick.world import Handler, PickContext, WorldModel
+from daemon.signals.line import no_line
+from daemon.signals.packml import PackMLState, packml_state
 
 HANDLERS: dict[PickState, Handler] = {
     PickState.SURVEY: find.survey,
@@ -63,6 +65,27 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.LOOK_AT_PLACE: set_down.look_at_place,
     PickState.HOME: take.home,
 }
+PERMITS: dict[PickState, str] = {
+    **dict.fromkeys(
+        (
+            PickState.SURVEY,
+            PickState.CHOOSE,
+            PickState.SECOND_VIEW,
+            PickState.STOP_N,
+            PickState.LOOKING,
+            PickState.ESTIMATING,
+            PickState.FINAL,
+            PickState.CLOSING,
+            PickState.RETREAT,
+            PickState.VERIFY,
+        ),
+        "permit_pick",
+    ),
+    **dict.fromkeys((PickState.BIN, PickState.SET_DOWN, PickState.LOOK_AT_PLACE), "permit_place"),
+}
+"""Which permit of the line each move of arm or gripper needs, by the state of the pick; the way home needs none."""
+LINE_LOOKS_S = 5.0
+"""How long an auto that waits for the line rests after a pick that brought nothing."""
 IDLE_LOOKS = 2
 """After so many looks in turn that show nothing new, what has a name is taken for all there is."""
 LATEST = 20
@@ -94,6 +117,9 @@ class PickCycle:
         self.pick_order: PickOrder | None = None
         self.placing = PlaceTable()
         """Where parts belong; without places they go to the bin."""
+        self.line = no_line()
+        """The signals of the line; none unless the cell has some."""
+        self.supervisor.mover.gate = self._gate
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
@@ -119,6 +145,8 @@ class PickCycle:
             "state": self.state,
             **self.supervisor.status(),
             "auto": self._auto,
+            "packml": self.packml,
+            "waits_for": self.line.waits_for,
             "left": None if order is None else order.json(),
             "left_s": self._seconds_left(),
             "cycle": self._cycles,
@@ -139,6 +167,12 @@ class PickCycle:
             ],
             "last": None if not self.ends else f"{self.ends[-1].outcome}: {self.ends[-1].why}",
         }
+
+    @property
+    def packml(self) -> PackMLState:
+        """PackML's state of the cell."""
+        at_work = self.supervisor.busy and self.supervisor.job_moves and not self.line.waits_to_begin
+        return packml_state(self.supervisor.status(), at_work, self.line.done)
 
     def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused). What may be in
@@ -173,6 +207,10 @@ class PickCycle:
     def begin_auto(self, pick_order: PickOrder = ALL) -> Coroutine[Any, Any, list[CycleEnd]]:
         """The same, on in this very moment: an auto_off() that comes next ends it. Gives what waits for its end."""
         self._may_pick()
+        if pick_order.on_signal and not (self.line.has("cycle_start") or self.line.has("part_present")):
+            raise RefusedError(
+                "the line has no signal to wait for: give an input of facetd.yaml the role cycle_start or part_present"
+            )
         task = self.supervisor.begin("auto", self._many())
         task.add_done_callback(self._auto_over)
         self._auto, self.skipped = True, []
@@ -301,6 +339,8 @@ class PickCycle:
         self._must_know_the_hand()
         if self.recogniser is None or not self.recogniser.labels:
             raise RefusedError("there is no model: teach and train first")
+        if self.line.unreadable is not None:
+            raise RefusedError(self.line.unreadable)
 
     def _must_move_the_cameras(self, command: str) -> None:
         """Raise RefusedError where a command needs looks from several sides, and the cameras are fixed."""
@@ -336,6 +376,14 @@ class PickCycle:
             self._held = then
         if (before, then) != (PickState.IDLE, PickState.IDLE):
             self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": before})
+
+    async def _gate(self, text: str, seen: Callable[[], Awaitable[object]]) -> None:
+        """Hold a move: for a pause and step mode, then as long as the line does not permit it."""
+        while True:
+            await self.supervisor.hold.wait(text, seen)
+            if not await self.line.permit(PERMITS.get(self.state)):
+                return
+            await seen()
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover
@@ -466,8 +514,12 @@ class PickCycle:
         ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         try:
             while self._auto and self.pick_order is not None and not self.pick_order.done:
+                if self.pick_order.on_signal and not await self._line_wants():
+                    break
                 ends.append(await self._one(self.pick_order))
                 every_s = self.pick_order.every_s
+                if ends[-1].outcome in BROUGHT and not await self._line_told():
+                    break
                 if self._auto and ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
@@ -479,6 +531,7 @@ class PickCycle:
                 elif self._auto and every_s is None and self.pick_order.job is not None:
                     return list(ends)  # its part is missing: once it is there, the job can be resumed
                 else:
+                    every_s = LINE_LOOKS_S if self.pick_order.on_signal else every_s
                     if every_s is None or not self._auto:
                         break
                     with contextlib.suppress(TimeoutError):
@@ -489,6 +542,22 @@ class PickCycle:
         except asyncio.CancelledError:
             pass  # stopped while it waited for parts: the arm stands, and what was picked is told
         return list(ends)
+
+    async def _line_told(self) -> bool:
+        """Have the line know that a part was brought; false where its signals cannot be read."""
+        return await self._of_the_line(self.line.brought()) is not False
+
+    async def _line_wants(self) -> bool:
+        """Whether the line asks for a part, once it does; false where auto is to end."""
+        return bool(await self._of_the_line(self.line.wanted(lambda: self._auto)))
+
+    async def _of_the_line(self, asked: Awaitable[bool | None]) -> bool | None:
+        """What the line's signals say; where they cannot be read, false, and the arm is stopped with a fault."""
+        try:
+            return await asked
+        except Exception as error:
+            await self._stop_arm(Interruption.ERROR, f"signals: {error}", f"signals: {error}", cause_of(error))
+            return False
 
     async def _only(self, label: str | None) -> CycleEnd:
         self.skipped = []

@@ -99,7 +99,9 @@ class Document:
     def _explain(self, error: msgspec.ValidationError, kind: type[Any], data: Any, at: tuple[Key, ...]) -> ConfigError:
         """msgspec's error in the words of the person who wrote the file."""
         problem, keys = _split(str(error))
-        keys = _resolve_wildcards(keys, data, problem, lambda changed: msgspec.convert(changed, kind))
+        keys = _resolve_wildcards(
+            keys, data, problem, lambda changed: msgspec.convert(_without_empty_sections(changed, kind), kind)
+        )
         where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, isfinite, log10
 
 from drivers.val2.location import Location
@@ -19,7 +20,7 @@ HARMLESS_DO = frozenset({"BREAK", "SET"})
 ARM_ALONE = HARMLESS_DO | {"ALIGN", "APPRO", "APPROS", "DEPART", "DEPARTS", "DRIVE", "MOVE", "MOVES", "NEST", "READY",
                            "SPEED"}  # fmt: skip
 """Program instructions that work no hand, spelled out: of a beginning nobody knows for which it is taken."""
-SAYS_NOTHING = frozenset({"BREAK", "CLOSEI", "MOVE", "MOVES", "OPENI", "SET", "SPEED"})
+SAYS_NOTHING = frozenset({"BREAK", "CLOSEI", "MOVE", "MOVES", "OPENI", "SET", "SIGNAL", "SPEED"})
 """Program instructions of ours that are answered by the prompt alone."""
 TURNS_OVER = ("ABOVE", "BELOW", "FLIP", "LEFTY", "NOFLIP", "RIGHTY")
 """Program instructions after which the next motion, whoever's, goes with shoulder, elbow or wrist turned over."""
@@ -58,6 +59,13 @@ def speed(percent: float) -> str:
     if not 0.1 <= percent <= 100:
         raise ValueError(f"speed {percent} percent: expected 0.1 to 100")
     return f"SPEED {percent:g}"
+
+
+def signals(numbers: Sequence[int]) -> str:
+    """Switch digital outputs: n on, -n off. Raises ValueError on 0, and on none."""
+    if not numbers or 0 in numbers:
+        raise ValueError(f"not outputs: {list(numbers)}")
+    return f"DO SIGNAL {','.join(map(str, numbers))}"
 
 
 def moves_the_arm(command: str) -> bool:

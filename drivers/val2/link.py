@@ -278,6 +278,17 @@ class Link:
         """Close the hand now."""
         await self.command("DO CLOSEI", timeout_s=self.dialect.answer_s)
 
+    async def set_outputs(self, numbers: Sequence[int]) -> None:
+        """Switch digital outputs, n on and -n off, also where nothing may move: an output says that. Raises
+        ControllerError."""
+        await self.ask_plainly(commands.signals(numbers))
+
+    async def ask_plainly(self, text: str) -> tuple[str, ...]:
+        """One line that moves nothing, in a turn of its own; the lines printed. Raises ControllerError."""
+        session = self._open_session
+        async with session.turn() as talk:
+            return session.accept(await session.ask(talk, text, (), self.dialect.answer_s)).of_text
+
     async def rest(self, location: Location, timeout_s: float | None = None, then: Then | None = None) -> Where:
         """Wait until the arm is at rest at location: the controller says so, and two readings agree with it; or it says
         so by the prompt to BREAK, and one reading is the very place, to what two may differ by.

@@ -23,6 +23,8 @@ from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.placing import PlaceTable
 from daemon.pick.settings import Settings as PickSettings
+from daemon.signals.line import LineSignals, no_line
+from daemon.signals.packml import PackMLState
 from tests.fakes.checked_record import checked
 from tests.fakes.computing import ComputesHere
 
@@ -54,6 +56,8 @@ class FakeCycle:
     placing: PlaceTable = field(default_factory=PlaceTable)
     recogniser: Any = None
     located: Any = None
+    line: LineSignals = field(default_factory=no_line)
+    packml: PackMLState = PackMLState.IDLE
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
 
     @property
@@ -82,7 +86,7 @@ class FakeCycle:
             "paused": False, "step": False, "dry": False, "pending": self.pending, "auto": self.auto, "cycle": 1,
             "target": None, "stop": None, "predicted_mm": None, "predicted_deg": None, "left_s": None,
             "holding": self.held, "picked": 2, "tried": 3, "failed": 1, "released": 0, "aborted": 0,
-            "skipped": self.skipped, "last": None,
+            "skipped": self.skipped, "last": None, "packml": self.packml, "waits_for": self.line.waits_for,
         }  # fmt: skip
 
     async def move_to(self, world_from_tool: Any, purpose: str) -> None:

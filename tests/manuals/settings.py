@@ -41,7 +41,7 @@ its unit and its meaning. This page is made from the code: `make docs` writes it
 - A key that is absent has its default. *required*: the key must be there. *unset*: nothing applies.
 - facetd refuses an unknown key or a value outside the bounds, and names file, line and key: `facetd --check`.
 - After a change: `facetctl reload`. It says which changes need `sudo systemctl restart facetd` instead.
-- `[]` marks a list: each entry has the keys of that table.
+- `[]` marks a list: each entry has the keys of that table. `NAME` stands for a name of your choice.
 - Lengths are in mm, angles in degrees. *world* is VAL II's world frame.
 """
 TAIL = """## Keys of earlier versions
@@ -87,9 +87,10 @@ def bare(kind: Any) -> Any:
 
 
 def entries(kind: Any) -> type | None:
-    """The structure that a list is of, or the structure itself."""
+    """The structure that a list or a mapping of names is of, or the structure itself."""
     kind = bare(kind)
     inner = bare(typing.get_args(kind)[0]) if typing.get_origin(kind) is tuple else kind
+    inner = bare(typing.get_args(kind)[1]) if typing.get_origin(kind) is dict else inner
     return inner if dataclasses.is_dataclass(inner) and isinstance(inner, type) else None
 
 
@@ -161,9 +162,9 @@ def sections(kind: type, path: str) -> Iterator[tuple[str, type, list[Setting]]]
             continue
         hint = TYPED_BY_DRIVERS.get(full, hints[field.name])
         inner = entries(hint)
-        listed = typing.get_origin(bare(hint)) is tuple
+        listed, named = (typing.get_origin(bare(hint)) is each for each in (tuple, dict))
         if inner is not None:
-            below.append((f"{full}{'[]' if listed else ''}", inner))
+            below.append((f"{full}{'[]' if listed else '.NAME' if named else ''}", inner))
         if inner is None or listed:
             rows.append(Setting(field.name, hint, default_of(field), meanings(kind).get(field.name, "")))
     yield path, kind, rows

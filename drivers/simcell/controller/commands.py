@@ -5,6 +5,7 @@ A verb acts on a machine at once, or returns a generator that yields lines to pr
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 
@@ -75,6 +76,16 @@ def define(machine: Machine, name: str, value: str) -> None:
     if precise is None:
         raise MonitorError(SYNTAX_ERROR)
     machine.memory.precision_points[name] = precise
+
+
+def print_input(machine: Machine, word: str, arguments: str) -> Command:
+    """SIG(n): -1 while the input is on, else 0. Raises MonitorError where this controller has another word for it."""
+    call = re.fullmatch(r"SIG\((\d{1,4})\)", arguments)
+    if word != machine.manners.reads_inputs_by:
+        raise MonitorError("*Illegal command*")
+    if call is None:
+        raise MonitorError(SYNTAX_ERROR)
+    yield "-1" if int(call[1]) in machine.inputs else "0"
 
 
 def percent_of_full(text: str) -> float:

@@ -17,6 +17,7 @@ from drivers.simcell.controller.commands import (
     come_to_rest,
     define,
     percent_of_full,
+    print_input,
 )
 from drivers.simcell.controller.expressions import (
     ILLEGAL_VALUE,
@@ -157,6 +158,19 @@ def _program_speed(machine: Machine, arguments: str) -> None:
     machine.program_speed(percent, bool(always))
 
 
+def _signal(machine: Machine, arguments: str) -> None:
+    """SIGNAL n, -m, ...: outputs on, and off."""
+    for part in split_arguments(arguments):
+        value = number(part)
+        if not value or value != int(value):
+            raise MonitorError(ILLEGAL_VALUE)
+        (machine.outputs.add if value > 0 else machine.outputs.discard)(abs(int(value)))
+
+
+def _type(machine: Machine, arguments: str) -> Command:
+    return print_input(machine, "TYPE", arguments)
+
+
 INSTRUCTIONS: dict[str, Verb] = {
     "ABOVE": _configure(above=True),
     "APPRO": _to_pose(_approached),
@@ -178,5 +192,7 @@ INSTRUCTIONS: dict[str, Verb] = {
     "READY": _to_joints(READY_RAD),
     "RIGHTY": _configure(lefty=False),
     "SET": _set,
+    "SIGNAL": _signal,
     "SPEED": _program_speed,
+    "TYPE": _type,
 }

@@ -40,6 +40,10 @@ class Machine:
         self.alive = True
         self.arm_power = self.calibrated = not cold
         self.hand_closed = False
+        self.outputs: set[int] = set()
+        """Numbers of the digital outputs that are on."""
+        self.inputs: set[int] = set()
+        """Numbers of the digital inputs that the line has switched on."""
         self._zero_found_s = 0.0
         """End of CAL's motion."""
         self.by, self.given_s, self.theirs = "", float("-inf"), False
@@ -201,6 +205,7 @@ class Machine:
         self.arm_power = False
         if what is Mishap.POWER_CYCLED:
             self.alive, self.calibrated = True, False
+            self.outputs.clear()
             self.arm.tool = np.eye(4)
             self._forget()
 

@@ -82,6 +82,8 @@ class Manners:
     knows_break: bool = True
     lost_within_s: float = 0.0
     """A character that follows another within this time is lost."""
+    reads_inputs_by: Literal["LISTR", "TYPE"] = "LISTR"
+    """By which word an input is printed: `LISTR SIG(1001)`, or `DO TYPE SIG(1001)`."""
     joint_signs: Six = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     joint_zeros_deg: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Joint convention of WHERE and DRIVE: our angle is sign times the printed one, plus zero."""

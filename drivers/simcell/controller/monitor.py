@@ -18,6 +18,7 @@ from drivers.simcell.controller.commands import (
     carry_out,
     come_to_rest,
     define,
+    print_input,
     set_speed,
 )
 from drivers.simcell.controller.expressions import SYNTAX_ERROR, MonitorError, numbers, point_name
@@ -184,6 +185,10 @@ def _list_locations(machine: Machine) -> Command:
         yield f"{name:<10}" + _row(np.degrees(joints))
 
 
+def _list_values(machine: Machine, arguments: str) -> Command:
+    return print_input(machine, "LISTR", arguments)
+
+
 def _tool(machine: Machine, arguments: str) -> Command:
     yield from come_to_rest(machine)
     machine.arm.tool = machine.place(arguments) if arguments else np.eye(4)
@@ -225,6 +230,7 @@ MONITOR_COMMANDS: dict[str, Verb] = {
     "EXECUTE": _execute,
     "HERE": _here,
     "LISTL": bare(_list_locations),
+    "LISTR": _list_values,
     "PANIC": bare(_panic),
     "POINT": _point,
     "SPEED": set_speed,

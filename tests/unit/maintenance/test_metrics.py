@@ -31,6 +31,7 @@ def watched(**state: Any) -> Any:
         "fault": None,
         "enabled": True,
         "doing": None,
+        "packml": "Idle",
     } | state
     document = SimpleNamespace(error=lambda key, text: ConfigError(f"facetd.yaml: {'.'.join(key)}: {text}"))
     return SimpleNamespace(
@@ -72,6 +73,8 @@ def test_a_scrape_says_what_status_says(port: int) -> None:
     assert (found["facetd_fault"], found["facetd_enabled"], found["facetd_busy"]) == (0, 1, 0)
     assert (found["facetd_troubles"], found["facetd_parts_taught"]) == (1, 2)
     assert found["facetd_up_seconds"] > 0
+    states = ("Stopped", "Idle", "Execute", "Complete", "Aborted")
+    assert [found[f'facetd_packml_state{{state="{each}"}}'] for each in states] == [0, 1, 0, 0, 0]
 
 
 def test_silence_is_counted_from_what_was_heard_and_no_number_where_nothing_was(port: int) -> None:

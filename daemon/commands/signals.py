@@ -1,0 +1,174 @@
+"""Commands for the line's signals: show, read, find how inputs are read, test an output; and serving the line."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import Any
+
+from daemon.arm import RefusedError
+from daemon.console.context import ANSWERABLE, CommandContext
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
+from daemon.console.notices import NoticeLevel
+from daemon.console.text_layout import table
+from daemon.errors import NOT_DONE
+from daemon.events.codes import BY_OPERATOR
+from daemon.signals.input_form import FORMS, form_found, keep_form
+from daemon.signals.line import keep_watch
+from daemon.signals.packml import PackMLState
+
+USAGE = "signal show | read | find INPUT | test OUTPUT"
+ACTS = ("show", "read", "find", "test")
+TEST_S = 2.0
+"""How long an output is switched for a test."""
+
+
+def _names(context: CommandContext, inputs: bool) -> list[str]:
+    return [name for name, signal in context.cycle.line.signals.items() if signal.is_input is inputs]
+
+
+def _further(context: CommandContext, word: str) -> Sequence[str]:
+    return _names(context, word == "find") if word in ("find", "test") else ()
+
+
+@command(
+    USAGE,
+    "move",
+    most=2,
+    looks=lambda words: not words or words[0] == "show",
+    choices=ACTS,
+    further=_further,
+)
+async def signal(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """Show, read and test the signals of the line.
+
+    signal show          each signal: number, role, and whether it is on, as it was read or set last
+    signal read          read every input now
+    signal find permit   find how inputs are read on this controller: you switch the input permit off, on, and off
+    signal test busy     switch the output busy to its other state for 2 seconds
+    """
+    if not context.cycle.line.signals:
+        raise CommandError("this cell has no signals: write them into the section `signals` of facetd.yaml")
+    act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
+    return await HANDLERS[act](context, words[1:], frontend)
+
+
+async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 0, USAGE)
+    line, rows = context.cycle.line, []
+    for name, each in line.signals.items():
+        kind = "input" if each.is_input else "output"
+        level = line.levels.get(name)
+        known = "not known" if level is None else "on" if level.on else "off"
+        rows.append((name, f"{kind} {each.number}, {each.role}: {known}"))
+    lines = [table(rows, frontend.columns), f"PackML state {context.cycle.packml}"]
+    lines += [f"waits for {line.waits_for}"] if line.waits_for else []
+    lines += [line.unreadable] if line.unreadable else []
+    return CommandResult("\n".join(lines), {"signals": signal_levels(context), "packml": context.cycle.packml})
+
+
+def signal_levels(context: CommandContext) -> dict[str, Any]:
+    """Each signal: whether it is on, None where that is not known."""
+    line = context.cycle.line
+    return {name: level.on if (level := line.levels.get(name)) else None for name in line.signals}
+
+
+async def _read(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 0, USAGE)
+
+    async def every() -> None:
+        for name in _names(context, inputs=True):
+            await context.cycle.line.read(name)
+
+    await context.cycle.supervisor.run("read the inputs", every(), moves=False)
+    return await _show(context, [], frontend)
+
+
+async def _find(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    name = one_of(words, 0, _names(context, inputs=True), "input", USAGE)
+    if not frontend.asks:
+        raise CommandError("a person must switch the input: give this command at a console")
+    number = context.cycle.line.signals[name].number
+    printed: dict[str, list[str | None]] = {form: [] for form in FORMS}
+    for level in ("off", "on", "off again"):
+        if not await yes_or_no(frontend, f"Switch {name} (input {number}) {level} at the line. Done? [y/n]"):
+            return CommandResult("Nothing was changed.", status=NOT_DONE)
+        for form in FORMS:
+            asked = _printed(context, form.format(number=number))
+            printed[form].append(await context.cycle.supervisor.run("find how inputs are read", asked, moves=False))
+    found = form_found(printed)
+    if found is None:
+        told = "; ".join(
+            f"`{text.format(number=number)}`: {' / '.join(map(str, each))}" for text, each in printed.items()
+        )
+        raise CommandError(f"no answer followed input {number} (off / on / off): {told}. Check number and wiring")
+    keep_form(context.config.state, found)
+    context.cycle.line.form = found
+    text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: kept."
+    return CommandResult(text, {"form": found.form, "off": found.off, "on": found.on})
+
+
+async def _printed(context: CommandContext, text: str) -> str | None:
+    """What the controller prints; None where it refuses the line."""
+    try:
+        return await context.hardware.robot.ask_input(text)
+    except ANSWERABLE:
+        return None
+
+
+async def _test(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    no_more(words, 1, USAGE)
+    line = context.cycle.line
+    name = one_of(words, 0, _names(context, inputs=False), "output", USAGE)
+    if frontend.asks and not await yes_or_no(frontend, f"Switch {name} for {TEST_S:g} s? The line acts on it. [y/n]"):
+        return CommandResult("Nothing was changed.", status=NOT_DONE)
+    level = line.levels.get(name)
+    other = level is None or not level.on
+
+    async def switched() -> None:
+        try:
+            await line.switch({name: other})
+            await asyncio.sleep(TEST_S)
+        finally:
+            await line.switch({name: not other})
+
+    await context.cycle.supervisor.run(f"test {name}", switched(), moves=False)
+    return CommandResult(f"{name} was {'on' if other else 'off'} for {TEST_S:g} s.")
+
+
+async def serve_the_line(context: CommandContext) -> None:
+    """Follow the cell: outputs as it is, hand-shakes, a reset by the line."""
+
+    def reset() -> None:
+        supervisor = context.cycle.supervisor
+        why = None
+        if supervisor.fault_cause is BY_OPERATOR:
+            why = "a person stopped the arm, or facetd was restarted"
+        elif context.cycle.belief.holds_part is None:
+            why = "nobody has said what is in the gripper"
+        try:
+            if why is None:
+                supervisor.resume(supervisor.stops)
+        except RefusedError as error:
+            why = str(error)
+        text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; `resume`"
+        context.notices.tell(text, NoticeLevel.FAULTS)
+
+    await keep_watch(
+        context.cycle.line,
+        lambda: context.cycle.packml,
+        lambda: context.hardware.robot.permit.stop_seen,
+        reset,
+        lambda text: context.troubles.report("signals", text),
+        ANSWERABLE,
+    )
+
+
+async def last_word(context: CommandContext) -> None:
+    """The outputs as facetd ends: as after a stop."""
+    await context.cycle.line.set_outputs(PackMLState.ABORTED)
+
+
+HANDLERS = {"show": _show, "read": _read, "find": _find, "test": _test}
+COMMANDS = (signal,)

@@ -1,0 +1,67 @@
+"""The section `signals` of facetd.yaml: name, number, role and level of each input and output."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal, get_args
+
+from msgspec import Meta
+
+from daemon.store.yamlfile import Document
+
+Input = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "reset"]
+Output = Literal["busy", "part_done", "fault"]
+Role = Literal[
+    "permit_pick", "permit_place", "cycle_start", "part_present", "reset", "busy", "part_done", "fault"
+]  # fmt: skip
+OnStop = Literal["on", "off", "hold"]
+INPUTS: tuple[str, ...] = get_args(Input)
+ON_STOP: Mapping[str, OnStop] = {"busy": "off", "part_done": "hold"}
+"""What an output becomes as the arm is stopped, where the file does not say it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalSettings:
+    """A digital input or output of the controller. Each role is taken at most once; there may be none."""
+
+    number: Annotated[int, Meta(ge=1, le=9999)]
+    """Number of the input or output on this controller. On many controllers outputs count from 1, inputs from 1001."""
+    role: Role
+    """Inputs: `permit_pick` and `permit_place` let the arm move to pick and to set down; `cycle_start` asks for one
+    part; `part_present` says that a part lies ready; `reset` clears a fault. Outputs: `busy` while a part is picked and
+    brought; `part_done` from when a part was brought until the line has taken note; `fault` while a fault is active."""
+    level: Literal["high", "low"] = "high"
+    """Level at which it counts as on. `low` for an input that is on without current, as a broken wire is."""
+    on_stop: OnStop | None = None
+    """`busy` and `part_done`: what it becomes as the arm is stopped, a fault is set or facetd ends. Unset: `off` for
+    `busy`, `hold` (as it is) for `part_done`."""
+
+    @property
+    def is_input(self) -> bool:
+        """Whether it is read."""
+        return self.role in INPUTS
+
+
+def check_signals(document: Document, signals: Mapping[str, SignalSettings]) -> None:
+    """Raise ConfigError for what cannot be meant."""
+    roles, numbers = Counter(s.role for s in signals.values()), Counter(s.number for s in signals.values())
+    for name, signal in signals.items():
+        if roles[signal.role] > 1:
+            raise document.error(
+                ("signals", name, "role"), f"expected one signal with the role {signal.role}, found more"
+            )
+        if numbers[signal.number] > 1:
+            raise document.error(
+                ("signals", name, "number"), f"expected a number of its own, found {signal.number} twice"
+            )
+        if signal.on_stop is not None and signal.role not in ON_STOP:
+            problem = "expected no on_stop: it is for busy and part_done (`fault` is on after a stop, an input is read)"
+            raise document.error(("signals", name, "on_stop"), problem)
+        if signal.role in ("permit_pick", "permit_place") and signal.level == "low":
+            problem = "expected high: a broken wire must not permit motion; invert the permit at the line"
+            raise document.error(("signals", name, "level"), problem)
+        if signal.role == "part_done" and not roles["cycle_start"]:
+            problem = "expected an input with the role cycle_start beside part_done: it takes note of the part"
+            raise document.error(("signals", name, "role"), problem)

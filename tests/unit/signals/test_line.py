@@ -1,0 +1,195 @@
+"""Permits, hand-shakes and outputs against a line in a table: no controller, no clock."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from daemon.signals import line as lines
+from daemon.signals.input_form import FORMS, InputForm, SignalError
+from daemon.signals.line import LineSignals, keep_watch
+from daemon.signals.packml import PackMLState, packml_state
+from daemon.signals.settings import SignalSettings
+
+SIGNALS = {
+    "permit": SignalSettings(number=1001, role="permit_pick"),
+    "start": SignalSettings(number=1003, role="cycle_start"),
+    "reset": SignalSettings(number=1004, role="reset"),
+    "busy": SignalSettings(number=1, role="busy"),
+    "done": SignalSettings(number=2, role="part_done"),
+    "fault": SignalSettings(number=3, role="fault", level="low"),
+}
+ABORTED, IDLE, EXECUTE, COMPLETE = PackMLState.ABORTED, PackMLState.IDLE, PackMLState.EXECUTE, PackMLState.COMPLETE
+
+
+class Line:
+    """Inputs and outputs by number; `then`: what the line does at each reading, in turn."""
+
+    def __init__(self, *on: int) -> None:
+        self.on, self.typed, self.fails = set(on), [], False  # type: ignore[var-annotated]
+        self.then: list[Callable[[], object]] = []
+
+    async def set_outputs(self, numbers: Sequence[int]) -> None:
+        self.typed.append(list(numbers))
+        if self.fails:
+            raise OSError("no answer")
+        for number in numbers:
+            (self.on.add if number > 0 else self.on.discard)(abs(number))
+
+    async def ask_input(self, text: str) -> str:
+        if self.then:
+            self.then.pop(0)()
+        if self.fails:
+            raise OSError("no answer")
+        return "-1" if int(text.removeprefix("LISTR SIG(").removesuffix(")")) in self.on else "0"
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lines, "POLL_S", 0.0)
+    monkeypatch.setattr(lines, "FAILED_S", 0.0)
+
+
+def served(line: Line, signals: Any = SIGNALS) -> LineSignals:
+    return LineSignals(signals, line, InputForm(FORMS[0], "0", "-1"), lambda: 0.0, lambda *_, **__: None)
+
+
+def test_a_permit_that_is_off_is_waited_for_and_said() -> None:
+    line = Line()
+    signals, said = served(line), []
+    line.then = [lambda: None, lambda: said.append(signals.waits_for), lambda: line.on.add(1001)]
+    assert asyncio.run(signals.permit("permit_pick"))
+    assert said == ["the permit to pick (permit)"]
+    assert signals.waits_for is None
+    assert not asyncio.run(signals.permit("permit_pick")), "it is there now"
+    assert not asyncio.run(signals.permit("permit_place")), "this line has none"
+    assert not asyncio.run(signals.permit(None)), "a move that needs none"
+
+
+def test_a_start_counts_once_and_only_where_it_was_seen_off_before() -> None:
+    line = Line(1001, 1003)
+    signals, left = served(line), iter([True] * 4 + [False])
+    assert not asyncio.run(signals.wanted(lambda: next(left))), "on since before the auto: somebody else's"
+    line.on.discard(1003)
+    line.then = [lambda: None] * 3 + [lambda: line.on.add(1003)]
+    assert asyncio.run(signals.wanted(lambda: True))
+    left = iter([True] * 4 + [False])
+    assert not asyncio.run(signals.wanted(lambda: next(left))), "the same start asks for no second part"
+
+
+def test_no_part_is_wanted_without_the_permit_to_pick() -> None:
+    line = Line()
+    signals = served(line)
+    line.then = [lambda: None] * 2 + [lambda: line.on.add(1003)]
+    left = iter([True] * 6 + [False])
+    assert not asyncio.run(signals.wanted(lambda: next(left)))
+    line.on.add(1001)
+    assert asyncio.run(signals.wanted(lambda: True))
+
+
+@pytest.mark.parametrize("is_button", [False, True])
+def test_part_done_is_held_until_the_start_changes(is_button: bool) -> None:
+    """A PLC takes its start away; a button was let go long ago and is pressed anew."""
+
+    async def story() -> None:
+        line = Line(1001, *(() if is_button else (1003,)))
+        signals = served(line)
+        await signals.brought()
+        for _ in range(3):
+            await signals.watch(COMPLETE)
+            assert 2 in line.on
+        (line.on.add if is_button else line.on.discard)(1003)
+        await signals.watch(COMPLETE)
+        assert not signals.done
+        await signals.watch(IDLE)
+        assert 2 not in line.on
+
+    asyncio.run(story())
+
+
+def test_outputs_are_set_where_they_differ_and_again_once_the_controller_was_switched_off() -> None:
+    async def story() -> list[list[int]]:
+        line = Line()
+        signals = served(line)
+        for state, seen in ((IDLE, 1), (IDLE, 1), (EXECUTE, 1), (EXECUTE, 0), (ABORTED, 0)):
+            await signals.watch(state, seen)
+        return line.typed
+
+    assert asyncio.run(story()) == [[-1, -2, 3], [1], [1, -2, 3], [-1, -3]]
+
+
+@pytest.mark.parametrize(
+    ("on_stop", "done", "wanted"),
+    [("hold", True, True), ("hold", False, False), ("on", False, True), ("off", True, False), (None, True, True)],
+)
+def test_a_stop_makes_of_part_done_what_the_file_says(on_stop: Any, done: bool, wanted: bool) -> None:
+    signals = {**SIGNALS, "done": SignalSettings(number=2, role="part_done", on_stop=on_stop)}
+    line = Line(1001, 1003)
+    served_line = served(line, signals)
+
+    async def story() -> None:
+        if done:
+            await served_line.brought()
+        await served_line.watch(COMPLETE if done else EXECUTE)
+        await served_line.watch(ABORTED)
+
+    asyncio.run(story())
+    assert (2 in line.on) is wanted
+
+
+def test_a_reset_counts_where_it_comes_on_during_the_fault() -> None:
+    async def story() -> list[bool]:
+        line = Line(1004)
+        signals, found = served(line), []
+        for on in (True, True, False, True, True):
+            (line.on.add if on else line.on.discard)(1004)
+            found.append(await signals.watch(ABORTED))
+        found.append(await signals.watch(IDLE))
+        return found
+
+    assert asyncio.run(story()) == [False, False, False, True, False, False]
+
+
+def test_what_cannot_be_read_permits_nothing() -> None:
+    line = Line(1001)
+    signals = served(line)
+    signals.form = None
+    assert signals.unreadable is not None
+    with pytest.raises(SignalError, match="`signal find permit` at a console"):
+        asyncio.run(signals.permit("permit_pick"))
+
+
+def test_a_line_that_fails_twice_is_a_trouble_and_one_that_answers_again_is_over_it() -> None:
+    line, said = Line(), []
+    signals, rounds = served(line), iter(range(6))
+
+    async def sleep(_: float) -> None:
+        number = next(rounds, None)
+        if number is None:
+            raise asyncio.CancelledError
+        line.fails = number < 3
+
+    line.fails = True
+    watch = keep_watch(signals, lambda: IDLE, lambda: 1, lambda: None, said.append, (OSError,), sleep)
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(watch)
+    assert [text for text in said if text] == ["signals: no answer"] * 3
+    assert said[-1] is None
+
+
+@pytest.mark.parametrize(
+    ("status", "at_work", "done", "state"),
+    [
+        ({"fault": "x", "stopping": False, "enabled": True}, True, True, ABORTED),
+        ({"fault": None, "stopping": True, "enabled": True}, True, True, ABORTED),
+        ({"fault": None, "stopping": False, "enabled": False}, True, True, PackMLState.STOPPED),
+        ({"fault": None, "stopping": False, "enabled": True}, True, True, EXECUTE),
+        ({"fault": None, "stopping": False, "enabled": True}, False, True, COMPLETE),
+        ({"fault": None, "stopping": False, "enabled": True}, False, False, IDLE),
+    ],
+)
+def test_the_five_states_of_packml(status: Any, at_work: bool, done: bool, state: PackMLState) -> None:
+    assert packml_state(status, at_work, done) is state
