@@ -52,6 +52,8 @@ class CellBelief:
     """All that is believed; None: unknown.
 
     position: where the arm is at rest; planned: where it would be by now had the moves of a dry run been sent;
+    turned: where the last joint-interpolated move ended, its shoulder, elbow and wrist turned as the controller turns
+    them for the next, also where a pendant has turned them over since;
     tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is; holding: whether a part is
     in it; load: what of that part is guarded, capsules in the tool's frame. The monitor speed is no belief: each move
     sends its own.
@@ -59,6 +61,7 @@ class CellBelief:
 
     position: Belief[Reading] | None = None
     planned: Belief[Reading] | None = None
+    turned: Belief[Reading] | None = None
     tool: Belief[Array] | None = None
     closed: Belief[bool] | None = None
     holding: Belief[bool] | None = None
@@ -116,6 +119,7 @@ class VoidingEvent(StrEnum):
     RECONNECTED = "the line was opened again"
     RESTARTED = "facetd was restarted"
     OPERATOR_TYPED = "an operator typed to the controller"
+    TURN_TYPED = "a line that may turn shoulder, elbow or wrist over was typed to the controller"
     GRIPPER_TYPED = "a line that may work the gripper was typed to the controller"
     MOVED_BY_OTHERS = "somebody else moved the arm"
     OTHERS_TYPED = "somebody else typed on the arm's line"
@@ -130,12 +134,13 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.GRIPPER_OPENS: frozenset({"closed"}),
     VoidingEvent.STOPPED: CONTROLLER,
     VoidingEvent.FAULT_CLEARED: CONTROLLER,
-    VoidingEvent.RECONNECTED: CONTROLLER,
-    VoidingEvent.RESTARTED: CONTROLLER | GRIPPER,
+    VoidingEvent.RECONNECTED: CONTROLLER | {"turned"},
+    VoidingEvent.RESTARTED: CONTROLLER | GRIPPER | {"turned"},
     VoidingEvent.OPERATOR_TYPED: CONTROLLER,
+    VoidingEvent.TURN_TYPED: frozenset({"turned"}),
     VoidingEvent.GRIPPER_TYPED: GRIPPER,
     VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "load"},
-    VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
+    VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER | {"turned"},
 }
 """Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go. A
 closing gripper, or one that a pendant may have worked, may hold another part than the one that is guarded."""

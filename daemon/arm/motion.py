@@ -204,8 +204,28 @@ class Mover:
     def check(self, command: MoveCommand) -> None:
         """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
         refusal = way_clear(command, self.standing(), self.here, self.cell.robot.kinematics, self._bounds(command))
+        refusal = refusal or self._turned_over(command)
         if refusal is not None:
             raise self._refused(refusal)
+
+    def _turned_over(self, command: MoveCommand) -> Refusal | None:
+        """What keeps back a joint-interpolated move of an arm that a pendant turned over: the controller turns
+        shoulder, elbow and wrist as in the move before, and would turn them back on a path that nobody looked along. A
+        straight move keeps them as they are."""
+        last, here = self.belief.turned, self.here
+        if command.straight or last is None or here is None:
+            return None
+        ends = [
+            self.cell.robot.kinematics.reachable(command.world_from_tool, reading.joints_rad)
+            for reading in (here, last.value)
+        ]
+        if ends[0] is not None and ends[1] is not None and _joints_apart_deg(ends[0], ends[1]).max() <= OTHERWISE_DEG:
+            return None
+        return Refusal(
+            "turned_over",
+            "somebody turned shoulder, elbow or wrist over since the last joint-interpolated move; the controller may "
+            "turn it back on an unchecked path. Turn it back with the pendant, or send the arm on with `robot monitor`",
+        )
 
     @property
     def reach(self) -> Reach:
@@ -252,6 +272,8 @@ class Mover:
             return None
         self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         self._arrived(command, reading, self.cell.clock() - started_s)
+        if not command.straight:  # elsewhere it may be where a pendant put it
+            self.beliefs.learn(BeliefSource.REPORTED, turned=reading)
         if joints is not None:
             _went_as_looked_along(command, reading, joints)
         return reading
@@ -451,13 +473,18 @@ def _went_as_looked_along(command: MoveCommand, reading: Reading, joints_rad: Ar
     move a joint may have gone once round."""
     off_deg = np.degrees(np.abs(reading.joints_rad - joints_rad))
     if command.straight:
-        off_deg = np.abs((off_deg + 180.0) % 360.0 - 180.0)
+        off_deg = _joints_apart_deg(reading.joints_rad, joints_rad)
     joint = int(off_deg.argmax())
     if off_deg[joint] > OTHERWISE_DEG:
         raise NotAtTargetError(
             f"{command.purpose}: the arm arrived with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees against "
             "the planned path. Did somebody set FLIP, LEFTY or BELOW at the controller? Set it back, then `resume`"
         )
+
+
+def _joints_apart_deg(a: Array, b: Array) -> Array:
+    """(6,) degrees between two positions of the joints (6,) rad, whole turns left out."""
+    return np.asarray(np.abs((np.degrees(a - b) + 180.0) % 360.0 - 180.0))
 
 
 def _apart(a: Array, b: Array) -> tuple[float, float]:

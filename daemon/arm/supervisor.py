@@ -20,7 +20,7 @@ from daemon.arm.operators import SAID, Interruption, RefusedError
 from daemon.arm.permit import Grant
 from daemon.arm.stopping import UNCONFIRMED, Stopping
 from daemon.arm.workcell import HeldBackError, Workcell
-from daemon.events.codes import BY_OPERATOR, FaultCause, cause_of
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 
 T = TypeVar("T")
 AT_REST_S = 2.0
@@ -217,7 +217,8 @@ class Supervisor:
     # Jobs, and their end.
 
     async def run(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> T:
-        """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm."""
+        """Run one job; it goes on when the one who asked goes away. moves: an error in it stops the arm, as it always
+        does where an arm may move and somebody else types on its line."""
         return await self.end_of(doing, self.begin(doing, work, moves))
 
     def begin(self, doing: str, work: Coroutine[Any, Any, T], moves: bool = True) -> asyncio.Task[T]:
@@ -379,9 +380,13 @@ class Supervisor:
         except NotSentError:
             raise
         except Exception as error:
-            if moves and self.fault is None and not self._ending:  # what being ended makes of it is no fault
+            cause = cause_of(error)
+            others = cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted
+            if (
+                (moves or others) and self.fault is None and not self._ending
+            ):  # what being ended makes of it is no fault
                 text = f"{type(error).__name__}: {error}"
-                await self.stop_arm(Interruption.ERROR, text, text, cause_of(error))
+                await self.stop_arm(Interruption.ERROR, text, text, cause)
             raise
 
     def _done(self, task: asyncio.Task[Any]) -> None:

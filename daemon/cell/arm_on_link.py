@@ -221,6 +221,7 @@ class ArmOnLink:
         moves = self.asks_whether_to_move
         with self._person_types():
             answer = await self.link.power_up(tuple(replies))
+            self.beliefs.void(VoidingEvent.TURN_TYPED)
             if moves:
                 await self._rest()
                 await self._end_program()
@@ -243,6 +244,7 @@ class ArmOnLink:
     async def monitor(self, text: str) -> list[str]:
         """Send any command, as typed at the controller's own terminal. Returns its output, once the arm is at rest.
         Ends a program that the command started and that is paused."""
+        self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
             answer = await self.link.command(text)
             if moves_the_arm(text):
@@ -258,6 +260,7 @@ class ArmOnLink:
         Leaves when the arm is at rest and no program runs, or the controller asks something; then sets TOOL again.
         abort() still works, and ends it.
         """
+        self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
             async with self.link.terminal(show) as send:
                 yield send

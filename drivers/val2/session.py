@@ -28,7 +28,7 @@ from drivers.val2.errors import (
 from drivers.val2.interleaved import SHORTEST_TYPED
 from drivers.val2.ledger import Ledger
 from drivers.val2.port import OpenPort
-from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader
+from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text
 
 QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
 """Of what was heard, at most, in a message."""
@@ -258,6 +258,8 @@ class LineSession:
             self.question = questions[-1]
         errors = [event.text for event in events if isinstance(event, Error)]
         if errors:
+            if _typed_at_the_prompt(events):
+                self._refuse_others([*others, *errors])
             raise ControllerError("; ".join(errors))
         if self.question is not None and not answers_question:
             raise self._unanswered()
@@ -318,6 +320,12 @@ class LineSession:
         self.lost = True
         self._cancel_silence()
         self.talk.end(error)
+
+
+def _typed_at_the_prompt(events: Sequence[LineEvent]) -> bool:
+    """Whether what came while nobody listened begins as an echo does, behind the prompt: what follows answers that
+    line. A controller begins a line of its own for what it says by itself."""
+    return isinstance(events[0], Text) and events[0].raw[:1] not in (b"\r", b"\n") and _is_no_noise(events[0].text)
 
 
 def _is_no_noise(text: str) -> bool:

@@ -68,6 +68,7 @@ from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
+from tests.fakes.others_heard import OthersHeard
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 PIXELS = 0.5
@@ -653,6 +654,7 @@ class Story:
         base = "/dev/shm" if os.path.isdir("/dev/shm") else None
         self.folder = Path(tempfile.mkdtemp(prefix="facetd-", dir=base))
         self.loop, self.set_by_s, self._parts = SimulatedLoop(), 0.0, parts
+        self.others = OthersHeard(self.loop.time, self._may_move)
         self._patches = [
             patch.object(time, "monotonic", self.loop.time),
             patch.object(time, "time", lambda: 1.8e9 + self.set_by_s + self.loop.time()),
@@ -662,6 +664,7 @@ class Story:
             patch.object(runlog, "_Worker", AtOnce),
             patch.object(service, "Worker", TakesTime),
             patch.object(runlog, "Syncer", NoSyncer),
+            *self.others.patches(),
             *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
         ]
         for each in self._patches:
@@ -721,6 +724,7 @@ class Story:
         """Start the daemon, as systemd would: again, where a device could not be had."""
         if self.alive:
             return
+        self.others.spoilt()
         for _ in range(STARTS):
             self._service = Service(self.folder / "facetd.yaml", simulated=True)
             self._live = self.loop.create_task(self._service.run())
@@ -753,6 +757,12 @@ class Story:
         while frontend.waits and frontend.question is None and self.now_s < until_s:
             self.wait(SLICE_S)
 
+    def _may_move(self) -> bool:
+        context = self._service.context
+        return (
+            context is not None and context.cycle.supervisor.permit.granted and context.cycle.supervisor.fault is None
+        )
+
     def hang(self, seconds: float) -> None:
         """The computer does nothing for a while."""
         self.harm()
@@ -776,12 +786,14 @@ class Story:
         if text.startswith(at_rest):
             self.cell.motion_monitor.said_to_rest(self.now_s, text)
         self.texts = [*self.texts[-20:], text]
+        self.others.told(text)
 
     def harm(self, act: Callable[[], object] = lambda: None) -> None:
         """Something happens to the line or the controller: for a while a stop may not get through."""
         if not self._deaf:
             self.cell.motion_monitor.line(self.now_s, hears=False)
         self._deaf, self._clear_s = True, self.now_s
+        self.others.spoilt()
         act()
 
     def mishap(self, what: Mishap) -> None:
@@ -792,7 +804,9 @@ class Story:
     def type_beside(self, text: str) -> None:
         """Another terminal on the arm's line types a line; what it makes of what stood there half typed is its own."""
         with self.cell.server.controller() as controller:
+            clean = not self._may_be_deaf and controller.question is None and self.alive
             self.harm(lambda: controller.receive(f"{text}\r".encode(), controller.now_s, theirs=True))
+            self.others.typed(text, clean)
 
     def by_pendant(self, joint: int, degrees: float, at_rest: bool = False) -> None:
         """A person at the teach pendant turns a joint from 0 to 5, now or, at_rest, as the motion under way ends."""
@@ -888,7 +902,7 @@ class Story:
 
     def violations(self) -> tuple[Violation, ...]:
         """What the arm did that it must never do, and parts that count as picked and are not in the bin."""
-        return (*self.cell.violations(), *self._picked_and_not_brought())
+        return (*self.cell.violations(), *self._picked_and_not_brought(), *self.others.violations())
 
     def _picked_and_not_brought(self) -> tuple[Violation, ...]:
         """Where more picks ended with `picked` than parts fell into the bin."""

@@ -29,6 +29,7 @@ def everything(holding: bool = True) -> CellBelief:
     values = {
         "position": READING,
         "planned": READING,
+        "turned": READING,
         "tool": np.eye(4),
         "closed": holding,
         "holding": holding,
@@ -52,9 +53,10 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
         (VoidingEvent.GRIPPER_OPENS, {"closed", "holding"}),
         (VoidingEvent.STOPPED, CONTROLLER),
         (VoidingEvent.FAULT_CLEARED, CONTROLLER),
-        (VoidingEvent.RECONNECTED, CONTROLLER),
+        (VoidingEvent.RECONNECTED, CONTROLLER | {"turned"}),
         (VoidingEvent.RESTARTED, set(FACTS)),
         (VoidingEvent.OPERATOR_TYPED, CONTROLLER),
+        (VoidingEvent.TURN_TYPED, {"turned"}),
         (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "load"}),
         (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
         (VoidingEvent.OTHERS_TYPED, set(FACTS)),
@@ -210,7 +212,7 @@ def supervised() -> Supervisor:
     supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
     supervisor.enable()
     supervisor.mover.beliefs.learn(
-        BeliefSource.COMMANDED, position=READING, tool=np.eye(4), closed=False, holding=True, load=LOAD
+        BeliefSource.COMMANDED, position=READING, turned=READING, tool=np.eye(4), closed=False, holding=True, load=LOAD
     )
     return supervisor
 
@@ -240,4 +242,4 @@ async def cleared(supervisor: Supervisor) -> None:
 def test_what_the_supervisor_hears_of_voids_all_that_the_controller_may_have_otherwise_now(event):
     supervisor = supervised()
     asyncio.run(event(supervisor))
-    assert unknown(supervisor.mover.belief) == CONTROLLER
+    assert unknown(supervisor.mover.belief) == CONTROLLER | ({"turned"} if event is reconnected else set())

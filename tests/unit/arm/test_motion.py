@@ -310,6 +310,30 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
 
+@pytest.mark.parametrize("void", [None, VoidingEvent.STOPPED, VoidingEvent.FAULT_CLEARED, VoidingEvent.TURN_TYPED])
+def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(void):
+    """The controller turned the wrist back, and the camera bar went through a post. What a person types at the
+    controller may have turned it as well: then nobody knows."""
+    world = World(np.random.default_rng(0))
+    mover = mover_in(world)
+    asyncio.run(mover.go(command(NEAR, False, 50.0)))
+    over = puma560.inverse(NEAR, puma560.Configuration(flip=True), ARM, mover.belief.at.joints_rad)
+    honest, joints = mover.cell.robot._joints, {"over": True}
+    mover.cell.robot._joints = lambda pose: over if joints["over"] else honest(pose)
+    if void is not None:
+        mover.beliefs.void(void)
+    asyncio.run(mover.rest())
+    mover.check(command(HEAD_DOWN, True, 50.0))
+    if void is VoidingEvent.TURN_TYPED:
+        mover.check(command(NEAR, False, 50.0))
+    else:
+        with pytest.raises(MoveRefusedError, match="turned_over"):
+            mover.check(command(NEAR, False, 50.0))
+    joints["over"] = False
+    asyncio.run(mover.rest())
+    mover.check(command(NEAR, False, 50.0))
+
+
 @pytest.mark.parametrize("straight", [False, True])
 def test_on_a_line_alone_a_joint_may_have_gone_once_round(straight):
     world = World(np.random.default_rng(0))

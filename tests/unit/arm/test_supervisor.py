@@ -15,6 +15,7 @@ from daemon.arm.permit import Grant
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import StopRefusedError
+from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build
 from tests.fakes.in_time import lived
@@ -318,6 +319,30 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
         assert await left[0] == "went on"
 
     asyncio.run(story())
+
+
+class OthersTypeError(FacetdError):
+    """As the driver has it."""
+
+    code = "other_terminal"
+
+
+@pytest.mark.parametrize(
+    ("enabled", "error", "faults"),
+    [(True, OthersTypeError, True), (True, FacetdError, False), (False, OthersTypeError, False)],
+)
+def test_others_on_the_line_of_an_arm_that_may_move_are_a_fault_whoever_hears_of_them(enabled, error, faults):
+    """`where` alone was told of them, and the arm was disabled without a word to anybody else."""
+    _, supervisor, _ = supervised()
+    if not enabled:
+        supervisor.permit.withdraw()
+
+    async def where() -> None:
+        raise error("typed")
+
+    with pytest.raises(FacetdError, match="typed"):
+        asyncio.run(supervisor.run("where", where(), moves=False))
+    assert (supervisor.fault is not None) is faults
 
 
 def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_goes_all_the_same():

@@ -192,6 +192,19 @@ def test_a_speed_that_another_terminal_sets_is_no_moves_speed():
     proven(act, "too fast", HEARS_OTHERS, (commands, "speed", remembered_speed()))
 
 
+@pytest.mark.parametrize("frontend", [0, 3])
+def test_a_line_that_another_terminal_typed_is_noticed_by_the_next_exchange_and_reported_to_all(frontend: int):
+    def act(story: Story) -> None:
+        story.type_beside("SPEED 300")
+        story.wait(1.0)
+        story.frontends[frontend].say("where")
+        story.wait(20.0)
+
+    proven(act, "not noticed", HEARS_OTHERS)
+    if frontend == 3:
+        proven(act, "not reported", (Supervisor, "stop_arm", none_of_it))
+
+
 def test_a_speed_of_programs_that_another_terminal_sets_multiplies_no_moves_speed():
     def act(story: Story) -> None:
         typed(story, "go home", 20.0)

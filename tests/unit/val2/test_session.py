@@ -278,6 +278,35 @@ def test_silence_counts_from_the_last_byte_and_not_from_the_dot_before() -> None
     assert lived(story()) == [Text, type(None), Prompt]
 
 
+@pytest.mark.parametrize(
+    ("heard", "told"),
+    [
+        (b"SPEED 300\r\n*Illegal value*\r\n.", Disturbed),
+        (b"\r\n*Emergency stop*\r\n.", ControllerError),
+        (b"\r\nPanic button\r\n*Emergency stop*\r\n.", ControllerError),
+        (b"*Emergency stop*\r\n.", ControllerError),
+        (b"x\r\n*Emergency stop*\r\n.", ControllerError),
+    ],
+)
+def test_a_line_that_somebody_typed_and_the_controller_refused_is_somebody_elses(
+    heard: bytes, told: type[Exception]
+) -> None:
+    """It was reported as the controller's message alone, and what was believed stayed so."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.session.line_may_hold_rest = False
+        wire.hear(heard)
+        await asyncio.sleep(0.1)
+        with pytest.raises(told) as raised:
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+        assert "*" in str(raised.value)
+        assert type(raised.value) is told
+
+    lived(story())
+
+
 def test_of_much_noise_a_message_quotes_a_little() -> None:
     """3 kB of it made a fault of many lines, repeated at each command."""
 

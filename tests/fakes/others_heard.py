@@ -1,0 +1,123 @@
+"""Whether facetd notices each line that somebody else typed on its clean line, and reports it.
+
+The rule: an exchange of ours that began behind such a line does not succeed before the line was noticed, and what is
+noticed is reported at the sockets. A line counts for nothing here where a stop is under way (all of it is typed to find
+a prompt, and what comes is no answer), where a person has the controller's terminal, or where anything spoils the line.
+One that falls into an exchange of ours is measured by tests/bench/others_typing.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager, asynccontextmanager
+from typing import Any
+from unittest.mock import patch
+
+from drivers.simcell.motion_monitor import Violation
+from drivers.val2.errors import Disturbed
+from drivers.val2.session import LineSession
+
+NOTICE = "somebody else types on this line"
+REPORTED_S = 15.0
+"""How long after it was noticed it is reported at the latest: the arm is brought to rest before."""
+
+
+class OthersHeard:
+    """The lines of others that are not noticed yet, and what became of all."""
+
+    def __init__(self, now_s: Callable[[], float], may_move: Callable[[], bool]) -> None:
+        """may_move: whether somebody let the arm move; where nobody did, who asked hears of it."""
+        self._now_s, self._may_move = now_s, may_move
+        self._open: list[tuple[float, str]] = []
+        self._stops = self._exchanges = 0
+        self._noticed_s: float | None = None
+        self._found: list[Violation] = []
+        self.noticed: list[str] = []
+        """The lines that were."""
+        self.unjudged: list[str] = []
+        """Those of which nothing can be asked."""
+
+    def typed(self, text: str, clean: bool) -> None:
+        """Another terminal typed a line; clean: nothing has spoilt the line for a while, and nobody asks anything."""
+        if clean and not self._stops and not self._exchanges:
+            self._open.append((self._now_s(), text))
+        else:
+            self.unjudged.append(text)
+
+    def spoilt(self) -> None:
+        """Nothing more can be asked of what is not noticed yet."""
+        self.unjudged += [text for _, text in self._open]
+        self._open, self._noticed_s = [], None
+
+    def told(self, text: str) -> None:
+        """Something was reported at a socket."""
+        if NOTICE in text:
+            self._noticed_s = None
+
+    def violations(self) -> tuple[Violation, ...]:
+        """What was not noticed, or not reported, so far."""
+        if self._noticed_s is not None and self._now_s() > self._noticed_s + REPORTED_S:
+            self._found.append(
+                Violation("not reported", self._noticed_s, self.noticed[-1], "noticed, and not reported")
+            )
+            self._noticed_s = None
+        return tuple(self._found)
+
+    def patches(self) -> list[AbstractContextManager[Any]]:
+        """Of the line's session, through which all that is typed goes."""
+        ask, preemption, terminal, disturb = (
+            LineSession.ask, LineSession.preemption, LineSession.terminal, LineSession._refuse_others)  # fmt: skip
+
+        async def asked(session: LineSession, *about: Any, **how: Any) -> Any:
+            began_s = self._now_s()
+            self._exchanges += 1
+            try:
+                answer = await ask(session, *about, **how)
+            finally:
+                self._exchanges -= 1
+            self._answered(began_s, str(about[1]))
+            return answer
+
+        def refused(session: LineSession, heard: Any) -> None:
+            try:
+                disturb(session, heard)
+            except Disturbed:
+                self.noticed += [text for _, text in self._open]
+                if self._open and self._noticed_s is None and self._may_move():
+                    self._noticed_s = self._now_s()
+                self._open = []
+                raise
+
+        def unjudged_in(taken: Callable[..., AbstractContextManager[Any]]) -> Any:
+            @asynccontextmanager
+            async def inside(session: LineSession, *about: Any) -> AsyncIterator[Any]:
+                noticed_s = self._noticed_s
+                self.spoilt()
+                self._noticed_s, self._stops = noticed_s, self._stops + 1
+                try:
+                    async with taken(session, *about) as line:  # type: ignore[attr-defined]
+                        yield line
+                finally:
+                    self._stops -= 1
+
+            return inside
+
+        return [
+            patch.object(LineSession, "ask", asked),
+            patch.object(LineSession, "_refuse_others", refused),
+            patch.object(LineSession, "preemption", unjudged_in(preemption)),
+            patch.object(LineSession, "terminal", unjudged_in(terminal)),
+        ]
+
+    def _answered(self, began_s: float, ours: str) -> None:
+        missed = [(at_s, text) for at_s, text in self._open if at_s < began_s]
+        self._found += [
+            Violation(
+                "not noticed",
+                at_s,
+                text,
+                f"another's line was not noticed up to {ours!r}, {began_s - at_s:.2f} s later",
+            )
+            for at_s, text in missed
+        ]
+        self._open = [one for one in self._open if one not in missed]
