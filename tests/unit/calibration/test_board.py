@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import MOST_CORNERS, Board, BoardError, parse_board
+from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, parse_board
 from daemon.calibration.board_detection import _agreeing, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
@@ -38,7 +38,9 @@ def test_a_malformed_board_size_says_what_was_expected(text: str) -> None:
 
 
 def test_the_least_and_the_largest_board_are_boards_and_a_square_without_a_length_is_none() -> None:
+    assert MOST_CORNERS == 100, "as facetctl's page says"
     assert parse_board(f"3X{MOST_CORNERS}", 1e-3) == Board(3, MOST_CORNERS, 1e-3)
+    assert all(name.startswith("DICT_") for name in DICTIONARIES)
     for square_mm in (0.0, -1.0, np.nan):
         with pytest.raises(BoardError, match="expected a length above 0"):
             parse_board("9x6", square_mm)

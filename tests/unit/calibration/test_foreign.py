@@ -140,17 +140,17 @@ def test_a_camchain_of_kalibr_is_read(tmp_path: Path) -> None:
     assert_same(rig_in([tmp_path / "camchain.yaml"]), unlike_rig())
 
 
+@pytest.mark.parametrize("rotation", [[0.1, -0.2, 1.5], [np.pi, 0.0, 0.0], [0.0, 2.9, 1.2]])
 def test_a_hand_eye_of_easy_handeye_goes_into_the_calibration_that_is_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    rotation: list[float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Also one turned by half a turn, whose qw is 0."""
     out = tmp_path / "calibration.yaml"
-    tool_from_left = frames.rigid(
-        frames.rotation_from_vector(np.array([0.1, -0.2, 1.5])), np.array([10.0, 60.0, -90.0])
-    )
-    axis = np.array([0.1, -0.2, 1.5])
+    tool_from_left = frames.rigid(frames.rotation_from_vector(np.array(rotation)), np.array([10.0, 60.0, -90.0]))
+    axis = np.array(rotation)
     half = np.linalg.norm(axis) / 2
     x, y, z = (float(v) for v in axis / np.linalg.norm(axis) * np.sin(half))
-    quaternion = {"qw": float(np.cos(half)), "qx": x, "qy": y, "qz": z}
+    quaternion = {"qw": 0.0 if half == np.pi / 2 else float(np.cos(half)), "qx": x, "qy": y, "qz": z}
     result = {
         "parameters": {"eye_on_hand": True, "robot_effector_frame": "tool0"},
         "transformation": {**quaternion, "x": 0.010, "y": 0.060, "z": -0.090},

@@ -221,6 +221,28 @@ def test_two_solvers_that_disagree_by_more_than_chance_are_told() -> None:
         assert (found.warning is not None) is told
 
 
+@pytest.mark.parametrize(("count", "blocks"), [(17, 0), (18, hand_eye.BLOCKS)])
+def test_each_pose_is_left_out_once_and_blocks_of_them_where_each_has_three(
+    count: int, blocks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved: list[list[int]] = []
+    samples = looks(1, count)
+    problem = hand_eye.hand_eye_problem
+
+    def noted(some: list[Sample], *about: Any) -> Any:
+        solved.append([next(k for k, one in enumerate(samples) if one is sample) for sample in some])
+        return problem(some, *about)
+
+    monkeypatch.setattr(hand_eye, "hand_eye_problem", noted)
+    calibrate_hand_eye(samples, unlike_rig())
+    left_out = [sorted(set(range(count)) - set(some)) for some in solved if len(some) < count]
+    assert left_out[:count] == [[k] for k in range(count)]
+    assert [k for block in left_out[count : count + blocks] for k in block] == list(range(count))[
+        : count * bool(blocks)
+    ]
+    assert len(left_out) == count + blocks
+
+
 def test_the_jackknife_gives_the_spread_of_a_mean() -> None:
     """Of a mean of n values its figure is the standard error, s / sqrt(n), by definition; here on each axis."""
     rng, count = np.random.default_rng(3), 12

@@ -46,6 +46,18 @@ def exchanged() -> StereoRig:
     return rig_of(right, left, left_from_right, one.image_size)
 
 
+def turned_across() -> StereoRig:
+    """One camera above the other."""
+    about_z = np.eye(4)
+    about_z[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    one = rig()
+    eyes = {
+        name: replace(eye, cyclopean_from_camera=eye.cyclopean_from_camera @ about_z)
+        for name, eye in (("left", one.left), ("right", one.right))
+    }
+    return replace(one, **eyes)
+
+
 def matrix(**cells: float) -> np.ndarray:
     found = rig().left.matrix.copy()
     for name, value in cells.items():
@@ -59,6 +71,10 @@ def matrix(**cells: float) -> np.ndarray:
         (rig(60_000.0), "baseline of 60000 mm.*mm taken for m"),
         (rig(2.4), "baseline of 2.4 mm.*squares of a board"),
         (exchanged(), "--swap"),
+        (
+            turned_across(),
+            "the baseline is turned by 90 degrees against a camera's rows: mount the cameras side by side",
+        ),
         (replace(rig(), image_size=(480, 640)), "--size 640x480"),
         (replace(rig(), image_size=(1280, 960)), "of images of some 640x480"),
         (with_left(matrix=matrix(fx=70_000.0, fy=70_000.0)), "field of view of 0.5 degrees"),
