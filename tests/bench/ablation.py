@@ -73,6 +73,7 @@ COMPONENTS: dict[str, Without] = {
     "missing in both": Without(missing, "missing_in_both_px", lambda _: 0.0),
     "off the faces": Without(missing, "off_faces_px", lambda *_: 0.0),
     "near-duplicates": Without(missing, "untaught_rival", lambda *_: rivals.UntaughtRival()),
+    "rounded corners": Without(missing, "told_by_rounding", lambda one, *_: one),
     "occlusion": Without(missing, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
 }
 

@@ -56,12 +56,15 @@ def turned_by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -
     return nats[most], poses[most]
 
 
-@lru_cache(maxsize=4096)
 def _motions(one: Polyhedron, other: Polyhedron) -> Array:
+    """(N, 4, 4) one_from_other, as motions_onto, of solids that holes may tell apart."""
+    return motions_onto(one, other) if one.holes or other.holes else np.zeros((0, 4, 4))
+
+
+@lru_cache(maxsize=4096)
+def motions_onto(one: Polyhedron, other: Polyhedron) -> Array:
     """(N, 4, 4) one_from_other, the motions that lay a solid on another of the same shape, their holes apart."""
     none = np.zeros((0, 4, 4))
-    if not one.holes and not other.holes:
-        return none
     if len(one.corners_mm) != len(other.corners_mm) or len(one.facets) != len(other.facets):
         return none
     if np.abs(_radii(one) - _radii(other)).max() > 2 * SAME_MM:

@@ -21,6 +21,7 @@ from daemon.vision.evidence.edge_places import STEP, EdgePlaces, edge_places
 from daemon.vision.evidence.occlusion import hidden_places
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.evidence.rivals import untaught_rival
+from daemon.vision.evidence.rounding_rivals import told_by_rounding
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
@@ -87,7 +88,10 @@ def checked_for_missing(found: Sequence[Recognised], model: Model, eyes: StereoI
     return tuple(_checked(one, model, eyes) if one.named else one for one in found)
 
 
-def _checked(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
+def _checked(found: Recognised, model: Model, eyes: StereoImages) -> Recognised:
+    one = told_by_rounding(found, model, eyes)
+    if not one.named:
+        return one
     verdict = one.part.recognition
     against = speaks_against(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
     twin = against.twin

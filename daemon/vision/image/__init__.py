@@ -18,7 +18,7 @@ from daemon.vision.image.edge_lines import (
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
 from daemon.vision.image.outlines import Outline
 from daemon.vision.image.polygon_fit import MODEL_PX, Fitted, fitted_from
-from daemon.vision.image.regions import Scale
+from daemon.vision.image.regions import SMOOTHING_PX, Scale
 from daemon.vision.image.rims import STEP_PX, rim_slopes
 from daemon.vision.image.segments import (
     SegmentCorners,
@@ -37,6 +37,7 @@ __all__ = [
     "LEAST_SIGMAS",
     "MODEL_PX",
     "SATURATED",
+    "SMOOTHING_PX",
     "STEP_PX",
     "CameraImage",
     "Fitted",

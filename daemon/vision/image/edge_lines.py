@@ -179,17 +179,17 @@ def stretch_slopes(smooth: Fine, start: Array, end: Array, reach_px: int) -> Ima
     return slopes * (np.sqrt(rows) / SLOPE_NOISE).astype(np.float32)[:, None, None]
 
 
-def levels_across(smooth: Fine, at: Array, normal: Array, offsets: Array) -> Image32:
+def levels_across(smooth: Fine, at: Array, normal: Array, offsets: Array, rows_px: Array = _ROWS_PX) -> Image32:
     """Levels (N, C) at offsets (C,) px along unit normals (N, 2) of edges through places (N, 2) px, each the mean of
-    _ROWS_PX along its edge. smooth: as for stretch_slopes."""
+    rows_px along its edge. smooth: as for stretch_slopes."""
     if not len(at):
         return np.zeros((0, len(offsets)), np.float32)
     x, y = (
-        np.asarray(at[:, k] + _ROWS_PX[:, None] * way + offsets[:, None, None] * normal[:, k], np.float32)
+        np.asarray(at[:, k] + rows_px[:, None] * way + offsets[:, None, None] * normal[:, k], np.float32)
         for k, way in enumerate((-normal[:, 1], normal[:, 0]))
     )
     values = bilinear(smooth, x.reshape(-1, len(at)), y.reshape(-1, len(at)))
-    return np.ascontiguousarray(values.reshape(len(offsets), len(_ROWS_PX), -1).mean(1).T)
+    return np.ascontiguousarray(values.reshape(len(offsets), len(rows_px), -1).mean(1).T)
 
 
 def slopes_across(levels: Image32) -> Image32:

@@ -1,5 +1,6 @@
 """Poses of taught shapes refined on the edges of both pictures, and what those edges show."""
 
+from daemon.vision.refine.edge_adjustment import WORN_MM
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
@@ -20,6 +21,7 @@ __all__ = [
     "ROOM_PX",
     "SCALE",
     "THIN_PX",
+    "WORN_MM",
     "EdgeEvidence",
     "EdgeSamples",
     "ExpectedEdges",
