@@ -1,13 +1,24 @@
 """On the approach only the expected part is looked for, by its edges; the rest is looked for when it counts."""
 
 import asyncio
+import pickle
 
 import numpy as np
 
 from daemon import frames
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
-from daemon.pick.looking import Expected, log_look, take_look, taken_here, tracked_json, whole_look
+from daemon.events.codes import BY_MEASURE
+from daemon.pick.looking import (
+    Expected,
+    MisleadingImagesError,
+    log_look,
+    take_look,
+    taken_here,
+    tracked_json,
+    whole_look,
+)
+from daemon.vision.health.examination import Finding
 from daemon.vision.refine.following import Fit
 from tests.fakes.fake_cell import TruthRecogniser, World, build, rig, shape_of
 
@@ -72,3 +83,11 @@ def test_a_part_found_again_is_told_as_the_facets_that_face_the_cameras():
         assert np.cross(*np.diff(corners[:3], axis=0)) @ corners.mean(axis=0) < 0
     np.testing.assert_array_equal(told["cyclopean_from_part"], POSE)
     np.testing.assert_array_equal(told["covariance"], FIT.covariance)
+
+
+def test_images_that_mislead_are_told_with_every_finding_and_the_first_ones_cause():
+    findings = [Finding("frozen", "left", 3.0, False), Finding("darkness", "right", 12.0, False)]
+    error = pickle.loads(pickle.dumps(MisleadingImagesError(findings)))  # as it comes out of a worker process
+    assert error.code is BY_MEASURE["frozen"] is not BY_MEASURE["darkness"]
+    assert error.findings == ("frozen left", "darkness right")
+    assert str(error) == "; ".join(map(str, findings))

@@ -4,6 +4,7 @@ restart makes of a pick that was cut off at any line."""
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import BeliefSource, RefusedError, carried_part
+from daemon.arm.guard import Refusal
+from daemon.arm.motion import MoveRefusedError
 from daemon.events.pick_order import PickOrder
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
@@ -286,6 +289,32 @@ def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
     np.testing.assert_allclose(pose[:3, 3], story.fake.lying["cube"][:3, 3], atol=3.0)
     with pytest.raises(RefusedError, match="0 parts show as pyramid"):
         asyncio.run(story.cycle.locate("pyramid"))
+
+
+@pytest.mark.parametrize(("open_to", "told"), [(2, None), (9, "kept_out: place 2")])
+def test_round_a_place_the_arm_goes_to_the_first_that_is_not_refused_and_says_why_the_last_was(
+    open_to: int, told: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With all refused it was told that no place is in reach."""
+    poses, tried = [np.eye(4) * k for k in range(3)], []
+
+    async def three(*_: Any) -> list[Any]:
+        return poses
+
+    async def refusing(_: Any, __: Any, pose: Any, purpose: str) -> None:
+        tried.append(next(k for k, one in enumerate(poses) if one is pose))
+        assert purpose == "look at tray"
+        if tried[-1] != open_to:
+            raise MoveRefusedError(Refusal("kept_out", f"place {tried[-1]}"))
+
+    monkeypatch.setattr(set_down, "travel", refusing)
+    monkeypatch.setattr(set_down, "places_round", lambda *_: poses)
+    monkeypatch.setattr(set_down, "raise_if_closed", lambda _: None)
+    cell = SimpleNamespace(mounting=None, compute=three)
+    context = SimpleNamespace(cell=cell, settings=Settings(), mover=SimpleNamespace(reach=None))
+    with contextlib.nullcontext() if told is None else pytest.raises(MoveRefusedError, match=told):
+        asyncio.run(set_down._go_round(cast(Any, context), cast(Any, None), np.zeros(3), "tray", []))
+    assert tried == [0, 1, 2]
 
 
 @pytest.mark.parametrize("moment", ["hand", "handed"])
