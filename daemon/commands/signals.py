@@ -139,30 +139,32 @@ async def _test(context: CommandContext, words: list[str], frontend: Frontend) -
 
 async def serve_the_line(context: CommandContext) -> None:
     """Follow the cell: outputs as it is, hand-shakes, a reset by the line."""
-
-    def reset() -> None:
-        supervisor = context.cycle.supervisor
-        why = None
-        if supervisor.fault_cause is BY_OPERATOR:
-            why = "a person stopped the arm, or facetd was restarted"
-        elif context.cycle.belief.holds_part is None:
-            why = "nobody has said what is in the gripper"
-        try:
-            if why is None:
-                supervisor.resume(supervisor.stops)
-        except RefusedError as error:
-            why = str(error)
-        text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; `resume`"
-        context.notices.tell(text, NoticeLevel.FAULTS)
-
     await keep_watch(
         context.cycle.line,
         lambda: context.cycle.packml,
         lambda: context.hardware.robot.permit.stop_seen,
-        reset,
+        lambda: reset_by_line(context),
         lambda text: context.troubles.report("signals", text),
         ANSWERABLE,
     )
+
+
+def reset_by_line(context: CommandContext) -> None:
+    """Clear a fault that facetd found, as the line asks; never a stop by a person, nor where nobody knows what the
+    gripper holds. Tells what came of it."""
+    supervisor = context.cycle.supervisor
+    why = None
+    if supervisor.fault_cause is BY_OPERATOR:
+        why = "a person stopped the arm, or facetd was restarted"
+    elif context.cycle.belief.holds_part is None:
+        why = "nobody has said what is in the gripper"
+    try:
+        if why is None:
+            supervisor.resume(supervisor.stops)
+    except RefusedError as error:
+        why = str(error)
+    text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; `resume`"
+    context.notices.tell(text, NoticeLevel.FAULTS)
 
 
 async def last_word(context: CommandContext) -> None:

@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 
 from daemon.commands import every_command
+from daemon.commands.signals import reset_by_line
 from daemon.console.interpreter import CommandResult, Interpreter
+from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause
 from daemon.signals.input_form import load_form
 from daemon.signals.line import LineSignals
 from daemon.signals.settings import SignalSettings
@@ -100,3 +102,24 @@ def test_what_cannot_be_meant_says_what_can(context: Any, text: str, want: str) 
 
 def test_a_cell_without_signals_says_where_they_are_written(tmp_path: Path) -> None:
     assert "section `signals` of facetd.yaml" in say(fake_context(tmp_path), "signal").text
+
+
+@pytest.mark.parametrize(
+    ("cause", "holds", "cleared"),
+    [
+        (FaultCause(CauseCode.CAMERA_LOST), False, True),
+        (FaultCause(CauseCode.CAMERA_LOST), None, False),
+        (BY_OPERATOR, False, False),
+    ],
+)
+def test_the_line_clears_no_stop_by_a_person_and_none_with_an_unknown_gripper(
+    cause: FaultCause, holds: bool | None, cleared: bool
+) -> None:
+    resumed: list[int] = []
+    told: list[str] = []
+    supervisor = SimpleNamespace(fault_cause=cause, stops=3, resume=resumed.append)
+    cycle = SimpleNamespace(supervisor=supervisor, belief=SimpleNamespace(holds_part=holds))
+    context: Any = SimpleNamespace(cycle=cycle, notices=SimpleNamespace(tell=lambda text, level: told.append(text)))
+    reset_by_line(context)
+    assert resumed == ([3] if cleared else [])
+    assert told[0].startswith("The line has cleared the fault" if cleared else "The line's reset was refused")
