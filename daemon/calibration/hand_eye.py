@@ -4,31 +4,39 @@ AX = XB by two closed forms, then least squares. Cameras on the hand see a board
 that the gripper holds: the same equations with the arm's poses inverted.
 
 Two solvers that share no algebra (relative motions, absolute poses) give a warning when they disagree. The joint
-refinement minimises the corners' residuals in px over the hand-eye and the board's pose. Standard deviations come from
-leaving out one pose after the other, because an arm errs once a pose and not once a corner.
+refinement minimises the corners' residuals in px over the hand-eye, the board's pose and one error of the arm a pose,
+because an arm errs once a pose and not once a corner. How far it errs is estimated from the poses themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import cv2
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.least_squares import Problem, UndeterminedError, chain, pose_of, solve, transform_of
+from daemon.calibration.hand_eye_doubt import (
+    SHARED,
+    ArmError,
+    PoseEquations,
+    estimated_arm_error,
+    motion_by_parameters,
+    pose_equations,
+    solution,
+)
+from daemon.calibration.least_squares import Problem, UndeterminedError, chain, minimise, pose_of, solve, transform_of
 from daemon.errors import FacetdError
 from daemon.vision.geometry import Camera, StereoRig
 
 FEWEST_POSES = 5
-BLOCKS = 6
 PIXEL_SIGMA = 0.1
 """Standard deviation of a board's corner, px; only its ratio to the arm's error matters."""
-ROUNDS = 8
-"""Iterations of the estimate of the arm's error; the last ones change it by less than a tenth."""
+LEAST_NOISE = 0.1
+"""Least noise of the corners, in PIXEL_SIGMA: none in made pictures would leave no doubt at all."""
 LEAST_TURN_DEG = 12.0
 """Least rms rotation about the second axis that determines the translation."""
 
@@ -55,25 +63,16 @@ class Sample:
         return frames.inverse(self.world_from_tool) if self.held else self.world_from_tool
 
 
-@dataclass(frozen=True)
-class ArmError:
-    """Standard deviation of the arm's pose from the reported one, per axis: mm and degrees."""
-
-    mm: float = 0.1
-    deg: float = 0.03
-
-
 @dataclass(frozen=True, eq=False)
 class HandEyeResult:
-    """mounting (4, 4): tool_from_cyclopean, or world_from_cyclopean of fixed cameras; sigma_mm, sigma_deg: one standard
-    deviation of it over all axes (jackknife, and what no residual shows: see `_with_common_error`), of fixed cameras
-    about about_mm (3,), world, the middle of where the board was; reprojection_px rms per point; solvers_mm,
-    solvers_deg: difference of the two closed forms; diversity_deg: see `diversity_deg`; left_out_mm: error of each pose
-    when predicted from all others; arm: see `estimated_arm_error`."""
+    """mounting (4, 4): tool_from_cyclopean, or world_from_cyclopean of fixed cameras; covariance (6, 6) of its motion
+    (see frames), mm and rad, with what no residual shows (see `_covariance`), of fixed cameras about about_mm (3,),
+    world, the middle of where the board was; reprojection_px rms per point; solvers_mm, solvers_deg: difference of the
+    two closed forms; diversity_deg: see `diversity_deg`; left_out_mm: error of each pose when predicted from all
+    others; arm: see `estimated_arm_error`."""
 
     mounting: Array
-    sigma_mm: float
-    sigma_deg: float
+    covariance: Array
     reprojection_px: float
     solvers_mm: float
     solvers_deg: float
@@ -81,6 +80,16 @@ class HandEyeResult:
     left_out_mm: tuple[float, ...]
     arm: ArmError
     about_mm: Array | None = None
+
+    @property
+    def sigma_mm(self) -> float:
+        """One standard deviation of the place, over all three axes."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3])))
+
+    @property
+    def sigma_deg(self) -> float:
+        """One standard deviation of the orientation, over all three axes."""
+        return float(np.degrees(np.sqrt(np.trace(self.covariance[3:, 3:]))))
 
     @property
     def warning(self) -> str | None:
@@ -133,41 +142,58 @@ def calibrate_hand_eye(samples: Sequence[Sample], rig: StereoRig) -> HandEyeResu
     first, second = park_martin(arm, camera), shah(arm, camera)
     boards = [a @ first @ e for a, e in zip(arm, camera, strict=True)]
     board, _ = frames.fuse(boards, [np.eye(6)] * len(boards))
-    arm_error = ArmError()
+    parameters, residuals, poses = _joint(samples, rig, _start(first, board, len(samples)))
     try:
-        joint = solve(hand_eye_problem(samples, rig, arm_error), _start(first, board, len(samples)))
-        mounting, place = transform_of(joint.parameters[:6]), transform_of(joint.parameters[6:12])
-        partial = [
-            solve(hand_eye_problem(rest, rig, arm_error), _start(mounting, place, len(rest)), passes=8)
-            for rest in ([*samples[:out], *samples[out + 1 :]] for out in range(len(samples)))
-        ]
+        arm_error = estimated_arm_error(poses, ArmError())
+        step, covariance = solution(poses, arm_error)
     except UndeterminedError as error:
         raise HandEyeError(
             f"the poses do not determine the hand-eye ({error}): turn the gripper about more axes"
         ) from None
-    about_mm = _middle(samples, place) if samples[0].held else None
-    sigma_mm, sigma_deg = _jackknife(joint.parameters, [s.parameters for s in partial], about_mm)
-    if len(samples) >= 3 * BLOCKS:
-        blocks_mm, blocks_deg = _jackknife(
-            joint.parameters, _without_blocks(samples, rig, arm_error, mounting, place), about_mm
-        )
-        sigma_mm, sigma_deg = max(sigma_mm, blocks_mm), max(sigma_deg, blocks_deg)
-    sigma_mm, sigma_deg = _with_common_error(sigma_mm, sigma_deg, arm_error)
+    shared = parameters[:SHARED] + step
+    mounting = transform_of(shared[:6])
+    about_mm = _middle(samples, transform_of(shared[6:])) if samples[0].held else None
     return HandEyeResult(
         mounting=mounting,
         about_mm=about_mm,
-        sigma_mm=sigma_mm,
-        sigma_deg=sigma_deg,
-        reprojection_px=PIXEL_SIGMA * float(np.sqrt(2 * (joint.residuals[6 * len(samples) :] ** 2).mean())),
+        covariance=_covariance(shared[:6], covariance[:6, :6], arm_error, about_mm),
+        reprojection_px=float(np.sqrt(2 * (residuals**2).mean())),
         solvers_mm=float(np.linalg.norm(first[:3, 3] - second[:3, 3])),
         solvers_deg=float(np.degrees(frames.angle_between(first, second))),
         diversity_deg=turned,
         left_out_mm=tuple(
-            _left_out_mm(sample, seen, part.parameters)
-            for sample, seen, part in zip(samples, camera, partial, strict=True)
+            _left_out_mm(sample, seen, parameters[:SHARED] + solution([*poses[:k], *poses[k + 1 :]], arm_error)[0])
+            for k, (sample, seen) in enumerate(zip(samples, camera, strict=True))
         ),
-        arm=estimated_arm_error(samples, rig, joint.parameters, arm_error),
+        arm=arm_error,
     )
+
+
+def _joint(samples: Sequence[Sample], rig: StereoRig, start: Array) -> tuple[Array, Array, list[PoseEquations]]:
+    """Parameters of the joint solution, the corners' residuals there (px), and the equations of each pose, weighed by
+    the corners' own noise."""
+    parameters, residuals, jacobian = minimise(hand_eye_problem(samples, rig, ArmError()), start)
+    ends = np.cumsum([6 * len(samples), *(2 * len(px) for s in samples for _, px in _views(rig, s))])
+    first, each = ends[0], len(_views(rig, samples[0]))
+    rows = [slice(int(low), int(high)) for low, high in pairwise(ends[::each])]
+    corners = residuals[first:]
+    sigma = float(np.sqrt((corners**2).sum() / max(len(corners) - len(parameters), 1)))
+    scaled = max(sigma, LEAST_NOISE)
+    return parameters, PIXEL_SIGMA * corners, pose_equations(jacobian / scaled, residuals / scaled, parameters, rows)
+
+
+def _covariance(pose: Array, covariance: Array, arm: ArmError, about_mm: Array | None) -> Array:
+    """Covariance (6, 6) of the mounting's motion from that of its parameters, with what no residual shows: an error of
+    the arm that all poses share. In the tool frame (the last joint's zero, the TOOL) it moves cameras on the hand as a
+    whole, about the tool's origin; of fixed cameras it counts where the board was, about_mm (3,)."""
+    slope, about = motion_by_parameters(pose), np.eye(6)
+    if about_mm is not None:
+        about[:3] = frames.point_motion((about_mm - pose[3:])[None])[0]
+    found = about @ slope @ covariance @ slope.T @ about.T
+    common = np.diag(np.roll(arm.variances(), 3))
+    if about_mm is None:
+        return np.asarray(found + frames.lever_covariance(transform_of(pose), common, np.eye(4)))
+    return np.asarray(found + common)
 
 
 def _start(tool_from_cyclopean: Array, world_from_board: Array, count: int) -> Array:
@@ -259,22 +285,6 @@ def hand_eye_problem(samples: Sequence[Sample], rig: StereoRig, arm: ArmError) -
     return problem
 
 
-def estimated_arm_error(samples: Sequence[Sample], rig: StereoRig, parameters: Array, arm_error: ArmError) -> ArmError:
-    """Estimate the arm's error from these samples, starting from a solution (12 + 6 n,) of the problem for `arm_error`.
-    An error that all poses share does not show.
-
-    Source: variance components by expectation and maximisation (Dempster, Laird and Rubin 1977), alternating between
-    each pose's error with its variance, and the standard deviation of all.
-    """
-    for _ in range(ROUNDS):
-        found = solve(hand_eye_problem(samples, rig, arm_error), parameters, passes=4)
-        parameters = found.parameters
-        variance = np.diag(found.covariance)[12:] / found.sigma**2
-        turn, shift = (parameters[12:] ** 2 + variance).reshape(-1, 2, 3).mean(axis=(0, 2))
-        arm_error = ArmError(float(np.sqrt(shift)), float(np.degrees(np.sqrt(turn))))
-    return arm_error
-
-
 def _inverted(pose: Array) -> tuple[Array, Array]:
     """Inverse of a pose (6,) and its Jacobian (6, 6): r' = -r, t' = -R(r)^T t."""
     back, slope = cv2.Rodrigues(-pose[:3])
@@ -304,36 +314,6 @@ def _pnp(camera: Camera, points: Array, px: Array) -> Array:
         raise HandEyeError("the board's pose cannot be determined in one view: its corners are nearly on a line")
     camera_from_board = frames.rigid(frames.rotation_from_vector(np.ravel(turn)), np.ravel(shift))
     return camera.cyclopean_from_camera @ camera_from_board
-
-
-def _jackknife(joint: Array, partial: Sequence[Array], about_mm: Array | None = None) -> tuple[float, float]:
-    """(mm, degrees) over all three axes: variance (n - 1) / n times the summed squares of the left-out differences.
-    about_mm (3,): of which point the motions count; None: of the cameras themselves."""
-    reference = transform_of(joint[:6])
-    motions = np.array([frames.difference(transform_of(p[:6]), reference) for p in partial])
-    if about_mm is not None:
-        motions[:, :3] += np.cross(motions[:, 3:], about_mm - reference[:3, 3])
-    motions -= motions.mean(axis=0)
-    variance = (len(motions) - 1) / len(motions) * (motions**2).sum(axis=0)
-    return float(np.sqrt(variance[:3].sum())), float(np.degrees(np.sqrt(variance[3:].sum())))
-
-
-def _without_blocks(
-    samples: Sequence[Sample], rig: StereoRig, arm_error: ArmError, mounting: Array, place: Array
-) -> list[Array]:
-    """Solutions without one block of neighbouring poses after the other. An arm's errors are alike in similar poses,
-    which leaving out single poses cannot show; leaving out blocks of neighbours does."""
-    rests = [[s for k, s in enumerate(samples) if k * BLOCKS // len(samples) != out] for out in range(BLOCKS)]
-    return [
-        solve(hand_eye_problem(rest, rig, arm_error), _start(mounting, place, len(rest)), passes=8).parameters
-        for rest in rests
-    ]
-
-
-def _with_common_error(sigma_mm: float, sigma_deg: float, arm: ArmError) -> tuple[float, float]:
-    """The sigmas with the arm's error added, over three axes: an error that all poses share in the tool frame (the last
-    joint's zero, the TOOL) moves the hand-eye as a whole and leaves no residual."""
-    return float(np.hypot(sigma_mm, np.sqrt(3) * arm.mm)), float(np.hypot(sigma_deg, np.sqrt(3) * arm.deg))
 
 
 def _left_out_mm(sample: Sample, cyclopean_from_board_: Array, others: Array) -> float:

@@ -73,18 +73,23 @@ def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, A
 
 
 def _covariance(jacobian: Array, residuals: Array) -> Array:
-    scale = np.linalg.norm(jacobian, axis=0)
+    freedom = max(len(residuals) - jacobian.shape[1], 1)
+    covariance: Array = inverse_of_normal(jacobian.T @ jacobian) * (float(residuals @ residuals) / freedom)
+    return covariance
+
+
+def inverse_of_normal(normal: Array) -> Array:
+    """Inverse of a normal matrix (P, P), each parameter in its own scale. Raises UndeterminedError."""
+    scale = np.sqrt(np.diag(normal))
     if not np.all(scale > 0):
         raise UndeterminedError(f"{int((scale == 0).sum())} of {len(scale)} parameters affect no observation")
-    values, vectors = np.linalg.eigh((jacobian / scale).T @ (jacobian / scale))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     if values[0] < 1e-12 * values[-1]:
         raise UndeterminedError(
             f"{int((values < 1e-12 * values[-1]).sum())} directions of {len(scale)} are undetermined"
         )
-    freedom = max(len(residuals) - jacobian.shape[1], 1)
-    variance = float(residuals @ residuals) / freedom
-    covariance: Array = (vectors / values) @ vectors.T / np.outer(scale, scale) * variance
-    return covariance
+    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    return inverse
 
 
 def camera_matrix(intrinsics: Array) -> tuple[Array, Array]:

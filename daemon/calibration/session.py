@@ -33,7 +33,8 @@ from daemon.calibration.board_detection import find_board
 from daemon.calibration.camera import CameraResult, calibrate_camera
 from daemon.calibration.file import Calibration, Quality, calibration_of, now, rig_of_one
 from daemon.calibration.guide import Shown, is_new, missing
-from daemon.calibration.hand_eye import ArmError, HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.hand_eye import HandEyeResult, Sample, calibrate_hand_eye, cyclopean_from_board
+from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.least_squares import MatchedCorners
 from daemon.calibration.stereo import (
     FEWEST_PAIRS,

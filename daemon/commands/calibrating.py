@@ -15,7 +15,8 @@ import numpy as np
 from daemon import frames
 from daemon.calibration.board import Board, BoardError, parse_board
 from daemon.calibration.file import Calibration, calibration_text, load_calibration, same_geometry
-from daemon.calibration.hand_eye import ArmError, HandEyeError, HandEyeResult
+from daemon.calibration.hand_eye import HandEyeError, HandEyeResult
+from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import (
     BoardView,
     CalibrationSession,

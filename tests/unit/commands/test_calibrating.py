@@ -14,7 +14,7 @@ import yaml
 
 from daemon import frames
 from daemon.calibration.file import load_calibration
-from daemon.calibration.hand_eye import ArmError
+from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import CalibrationSession
 from daemon.commands import calibrating, every_command
 from daemon.commands.calibrating import arm_line
