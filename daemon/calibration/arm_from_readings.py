@@ -33,6 +33,9 @@ from daemon.errors import FacetdError
 LEAST_READINGS = 7
 DIGITS = (0.01, 0.001)
 """The last decimal of WHERE, mm and degrees."""
+ROUNDING = 0.5 / np.sqrt(12.0)
+"""Least misfit that counts for a standard deviation, in units of the rounding error: that of rounding the place alone
+(a decimal over the square root of 12; the unit is two decimals)."""
 GRID_RAD = np.radians(np.arange(0.0, 360.0, 45.0))
 STARTS, PASSES = (6, 60), 20
 """Grid members refined for each convention until one fits, then more where none did; passes of each refinement."""
@@ -383,12 +386,23 @@ def _wrapped(angle: Array) -> Array:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def _covariance(model: _Model, count: int) -> Array:
+    """(18, 18): places and orientations each with the noise that their own residuals show, from `count` readings."""
+    inverse = np.linalg.inv(model.jacobian.T @ model.jacobian)
+    turns, places, priors = np.split(np.arange(len(model.residuals)), [9 * count, 12 * count])
+    noise = model.jacobian[priors].T @ model.jacobian[priors]
+    for rows in (turns, places):
+        slope, squares = model.jacobian[rows], float(model.residuals[rows] @ model.residuals[rows])
+        noise = noise + max(ROUNDING**2, squares / (3 * count - 9)) * (slope.T @ slope)
+    covariance: Array = inverse @ noise @ inverse
+    return covariance
+
+
 def _arm_found(model: _Model, readings: _Readings) -> ArmFound:
     """Values and standard deviations; joint 6's zero takes the tool's rotation about its axis, which is equivalent."""
     count = len(readings)
     x, rows = model.parameters, 12 * count
-    variance = max(1.0, float((model.residuals[:rows] ** 2).sum()) / (6 * count - 18))
-    sigma = np.sqrt(np.diag(np.linalg.inv(model.jacobian.T @ model.jacobian)) * variance)
+    sigma = np.sqrt(np.diag(_covariance(model, count)))
     open_ones = sigma > np.where(ANGLE_LIKE, np.radians(1.0), PRIOR_MM / 100.0)
     tool = frames.rotation_from_vector(x[9:12])
     turn = float(np.arctan2(tool[1, 0] - tool[0, 1], tool[0, 0] + tool[1, 1]))

@@ -101,7 +101,7 @@ def sighting(
     world_from_cyclopean = world_from_tool @ tool_from_cyclopean
     world_from_part = world_from_cyclopean @ cyclopean_from_part
     anew = frames.transport_covariance(world_from_cyclopean, covariance)
-    anew = anew + frames.lever_covariance(cyclopean_from_part, doubt.arm(), world_from_cyclopean)
+    anew = anew + frames.lever_covariance(tool_from_cyclopean @ cyclopean_from_part, doubt.arm(), world_from_tool)
     shared = np.zeros((6, 9))
     turn = world_from_tool[:3, :3]
     lever = frames.cross_matrices(turn @ (tool_from_cyclopean @ cyclopean_from_part)[:3, 3])

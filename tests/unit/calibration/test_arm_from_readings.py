@@ -128,10 +128,27 @@ def test_the_misfit_is_that_of_its_poses_and_what_exceeds_the_rounding_widens_th
     assert other.place_mm**2 == pytest.approx(mm2 / len(joints), rel=1e-3)
     assert np.radians(other.turn_deg) ** 2 == pytest.approx(rad2 / len(joints), rel=1e-3)
     assert other.misfit == pytest.approx(mm2 / 0.02**2 + rad2 / 2e-5**2, rel=1e-3)
-    wider = np.array(list(other.sigma.values())) / np.array(list(one.sigma.values()))
-    freedom = 6 * len(joints) - len(NAMES)
-    assert one.misfit < freedom
-    np.testing.assert_allclose(wider, np.sqrt(other.misfit / freedom), rtol=0.02)
+    assert one.misfit < 6 * len(joints) - len(NAMES)
+    half = find_arm(np.array([frames.perturb(*each) for each in zip(exact, 0.5 * errors, strict=True)]), printed)
+    sigmas = [np.array(list(found.sigma.values())) for found in (one, other, half)]
+    np.testing.assert_allclose(sigmas[2] / sigmas[1], 0.5, rtol=0.02)
+    assert (sigmas[1] > 8.0 * sigmas[0]).all()
+
+
+def test_the_truth_lies_within_the_standard_deviations_of_rounded_readings() -> None:
+    """Neither too narrow nor too wide: rounding of places and of joints, each with the noise that it leaves."""
+    squares = []
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 7])
+        shape = geometry((431.8, 20.3, 150.05, 431.8), rng, tilted=False)
+        truth = Truth(shape, rng.choice([-1.0, 1.0], 6), rng.uniform(-180, 180, 6))
+        found, *_ = read(truth, rng.uniform(LOW, HIGH, (12, 6)))
+        errors = np.append(
+            np.abs(found.lengths_mm) - np.abs(shape.lengths_mm), found.base_mm - shape.world_from_base[:3, 3]
+        )
+        names = ("a2", "a3", "d3", "d4", "base_x", "base_y", "base_z")
+        squares += list((errors / [found.sigma[name] for name in names]) ** 2)
+    assert 0.5 < np.sqrt(np.mean(squares)) < 1.5
 
 
 def test_an_arm_of_another_kind_is_none() -> None:

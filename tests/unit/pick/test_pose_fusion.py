@@ -127,3 +127,12 @@ def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
     estimate = pose_fusion.fuse(looks, DOUBT)
     assert [pose_fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
+
+
+def test_an_arm_that_is_turned_moves_a_part_by_its_distance_from_the_tool() -> None:
+    """Cameras are mounted behind the tool: a part 300 mm before them and 190 mm before the tool moves as the latter."""
+    doubt = replace(Doubt(), arm_mm=0.0, arm_deg=1.0)
+    behind = frames.rigid(np.eye(3), np.array([0.0, 0.0, -110.0]))
+    part = frames.rigid(np.eye(3), np.array([0.0, 0.0, 300.0]))
+    found = pose_fusion.sighting(np.eye(4), behind, part, np.zeros((6, 6)), doubt, 700.0, 60.0).covariance
+    np.testing.assert_allclose(np.sqrt(np.diag(found))[:3], [190.0 * np.radians(1.0)] * 2 + [0.0], atol=1e-9)
