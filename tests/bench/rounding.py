@@ -37,6 +37,7 @@ class Fit(NamedTuple):
     """The constants of the code, as it has them."""
 
     SPREAD_PX: float
+    COMMON_PX: float
     MOST_NATS: float
 
 
@@ -96,12 +97,13 @@ def read() -> list[Look]:
 
 
 def fitted(found: list[Look]) -> Fit:
-    """SPREAD_PX: the spread of borders about the usual one of their look; MOST_NATS: the log of how seldom a border is
-    nearer to where the other part has it (Laplace's rule of succession)."""
+    """SPREAD_PX: the spread of borders about the usual one of their look; COMMON_PX: of the usual ones; MOST_NATS: the
+    log of how seldom a border is nearer to where the other part has it (Laplace's rule of succession)."""
     off = [np.array([b.seen_px - b.one_px for b in look.borders]) for look in found if len(look.borders) > 2]
     spread_px = 1.4826 * float(np.median(np.abs(np.concatenate([one - np.median(one) for one in off]))))
+    common_px = 1.4826 * float(np.median([abs(np.median(one)) for one in off]))
     shares = np.array([b.share for look in found for b in look.borders])
-    return Fit(spread_px, float(np.log((len(shares) + 2) / ((shares > 0.5).sum() + 1))))
+    return Fit(spread_px, common_px, float(np.log((len(shares) + 2) / ((shares > 0.5).sum() + 1))))
 
 
 def in_code() -> Fit:

@@ -95,3 +95,14 @@ def test_a_border_between_both_says_nothing_and_one_at_either_speaks_for_that():
 
 def test_the_constants_are_those_of_the_kept_table():
     assert in_code() == pytest.approx(fitted(read()), abs=0.05)
+
+
+def test_a_look_that_shows_no_corner_that_tells_says_which_two(pair, shown, monkeypatch):
+    monkeypatch.setattr(rounding_rivals, "borders_seen", lambda *_: [])
+    found, scene = named(pair, shown[0])
+    assert not found
+    assert any("no corner shows that tells them apart" in part.recognition.reason for part in scene.parts)
+    alone = learn_solids(empty_model(load_facets()), [(pair[0].label, pair[0].drawing.solid, pair[0].label)])
+    assert [p.recognition.label for p in look(shown[0].left, shown[0].right, true_rig(cell()), alone).parts] == [
+        "sharp"
+    ]
