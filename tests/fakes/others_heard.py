@@ -2,8 +2,9 @@
 
 The rule: an exchange of ours that began behind such a line does not succeed before the line was noticed, and what is
 noticed is reported at the sockets. A line counts for nothing here where a stop is under way (all of it is typed to find
-a prompt, and what comes is no answer), where a person has the controller's terminal, or where anything spoils the line.
-One that falls into an exchange of ours is measured by tests/bench/others_typing.py.
+a prompt, and what comes is no answer), where a person has the controller's terminal, where anything spoils the line, or
+where facetd searches it for a prompt, as behind another such line. One that falls into an exchange of ours, and an
+Enter alone, which answers as a stray prompt, are measured by tests/bench/others_typing.py.
 """
 
 from __future__ import annotations
@@ -39,15 +40,19 @@ class OthersHeard:
 
     def typed(self, text: str, clean: bool) -> None:
         """Another terminal typed a line; clean: nothing has spoilt the line for a while, and nobody asks anything."""
-        if clean and not self._stops and not self._exchanges:
+        if text and clean and not self._stops and not self._exchanges:
             self._open.append((self._now_s(), text))
         else:
             self.unjudged.append(text)
 
     def spoilt(self) -> None:
         """Nothing more can be asked of what is not noticed yet."""
+        self._drop()
+        self._noticed_s = None
+
+    def _drop(self) -> None:
         self.unjudged += [text for _, text in self._open]
-        self._open, self._noticed_s = [], None
+        self._open = []
 
     def told(self, text: str) -> None:
         """Something was reported at a socket."""
@@ -65,8 +70,9 @@ class OthersHeard:
 
     def patches(self) -> list[AbstractContextManager[Any]]:
         """Of the line's session, through which all that is typed goes."""
-        ask, preemption, terminal, disturb = (
-            LineSession.ask, LineSession.preemption, LineSession.terminal, LineSession._refuse_others)  # fmt: skip
+        ask, preemption, terminal, disturb, find_prompt = (
+            LineSession.ask, LineSession.preemption, LineSession.terminal, LineSession._refuse_others,
+            LineSession.find_prompt)  # fmt: skip
 
         async def asked(session: LineSession, *about: Any, **how: Any) -> Any:
             began_s = self._now_s()
@@ -77,6 +83,10 @@ class OthersHeard:
                 self._exchanges -= 1
             self._answered(began_s, str(about[1]))
             return answer
+
+        async def found(session: LineSession, *about: Any, **how: Any) -> Any:
+            self._drop()
+            return await find_prompt(session, *about, **how)
 
         def refused(session: LineSession, heard: Any) -> None:
             try:
@@ -104,6 +114,7 @@ class OthersHeard:
 
         return [
             patch.object(LineSession, "ask", asked),
+            patch.object(LineSession, "find_prompt", found),
             patch.object(LineSession, "_refuse_others", refused),
             patch.object(LineSession, "preemption", unjudged_in(preemption)),
             patch.object(LineSession, "terminal", unjudged_in(terminal)),
