@@ -299,7 +299,7 @@ def _completions(words: list[str], socket_path: Path | None) -> list[str]:
 
 def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
     if words[0] in ("doctor", "bundle") and socket_path is None and not _daemon_runs():
-        return _without_daemon(words[0], as_json)
+        return _without_daemon(words, as_json)
     if words[0] == "model" and socket_path is None and not _daemon_runs():
         return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
@@ -442,8 +442,12 @@ def _model_without_daemon(words: list[str], as_json: bool) -> int:
     return show({"text": text, "data": {"version": version}, "status": DONE}, as_json)
 
 
-def _without_daemon(command: str, as_json: bool) -> int:
+def _without_daemon(words: list[str], as_json: bool) -> int:
     """`doctor` and `bundle` without a daemon."""
+    command, *more = words
+    if more:
+        print(f"facetctl: {more[0]}: one word too many; usage: {command}", file=sys.stderr)
+        return NOT_UNDERSTOOD
     from daemon.commands.maintaining import doctor_answer
     from daemon.config import load_config
     from daemon.maintenance import bundle, doctor

@@ -28,6 +28,14 @@ def test_an_option_that_there_is_not_is_told_and_not_said_to_the_daemon(capsys: 
     assert capsys.readouterr().err.startswith("facetctl: --config: no such option before a command;")
 
 
+def test_an_option_that_doctor_has_not_is_told_without_a_daemon_as_well(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ctl, "_daemon_runs", lambda: False)
+    assert ctl.main(["doctor", "--config", "facetd.yaml"]) == ctl.NOT_UNDERSTOOD
+    assert capsys.readouterr().err == "facetctl: --config: one word too many; usage: doctor\n"
+
+
 def test_an_option_that_a_job_has_not_is_told_with_how_that_job_is_used(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         ctl.main(["demo", "--tabel", "patterned"])
