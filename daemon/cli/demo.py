@@ -26,6 +26,7 @@ from daemon.quantities import decimal, whole
 from daemon.store import folders
 from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runs import follow, list_runs
+from daemon.vision.model import facet_name
 
 TRIANGLE = "isosceles_triangle"
 VIEWS = (
@@ -232,7 +233,7 @@ def _teach_view(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]
     lines: list[str] = []
 
     def answer(_: str) -> str:
-        return "y" if _facets_in(lines[-1]) == sorted(facets) else "n"
+        return "y" if _facets_in(lines[-1]) == sorted(map(facet_name, facets)) else "n"
 
     done = link.do(f"teach {label}", "demo", lines.append, answer)
     seen = _facets_in(lines[-1]) if lines else []
@@ -243,8 +244,8 @@ def _teach_view(link: DaemonLink, label: str, view: int, facets: tuple[str, ...]
 
 
 def _facets_in(text: str) -> list[str]:
-    """The facet types in a line of `teach`, equal ones together: `side 1 2: square 50 50 50 50 mm`."""
-    lines = re.findall(r"side ([\d? ]+): ([a-z_]+) \d[\d ]* mm", text)
+    """The names of the facets in a line of `teach`, equal ones together: `side 1 2: square 50 50 50 50 mm`."""
+    lines = re.findall(r"side ([\d? ]+): ([a-z][a-z -]*) \d[\d ]* mm", text)
     return sorted(kind for sides, kind in lines for _ in sides.split())
 
 

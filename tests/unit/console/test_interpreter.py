@@ -47,7 +47,7 @@ def context(tmp_path: Path) -> object:
         ("auto on many", "N: expected a whole number from 1 to 1000000, found many", 2),
         ("auto on 0", "N: expected a whole number from 1 to 1000000, found 0", 2),
         ("auto on 3 evry 5", "evry: no such word; did you mean every?", 2),
-        ("auto on every", "S is missing: auto on [N] [every S] | auto resume | auto off | auto wait", 2),
+        ("auto on every", "S is missing: auto on [N] [every S|signal] | auto resume | auto off | auto wait", 2),
         ("step maybe", "maybe: expected on or off; usage: step on|off", 2),
         ("teach", "which part? teach LABEL; known labels: cube, pyramid", 2),
         ("teach Cube!", "Cube!: a label is small letters, digits and _, as in hex_bolt", 2),

@@ -107,7 +107,14 @@ def test_who_stops_is_answered_and_not_told_the_same_once_more() -> None:
 
 def end(outcome: str) -> Any:
     return SimpleNamespace(
-        outcome=outcome, label="cube", stops=3, seconds=12.0, predicted_mm=None, predicted_deg=None, why="because"
+        outcome=outcome,
+        label="cube",
+        stops=3,
+        seconds=12.0,
+        predicted_mm=None,
+        predicted_deg=None,
+        why="because",
+        place=None,
     )
 
 

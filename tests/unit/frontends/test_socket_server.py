@@ -360,6 +360,7 @@ def test_lines_without_end_at_a_terminal_that_is_busy_are_not_kept_without_end()
     async def play(terminal: Terminals, console: SerialFrontend) -> None:
         await terminal.sees("facetd> ")
         await terminal.type(b"go home\r")
+        await terminal.sees("go home\r\n")  # it was heard
         for _ in range(2 * MOST_AHEAD):
             console._hear("go bin")
         assert len(console._queue._ahead) == MOST_AHEAD
