@@ -92,7 +92,8 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
     number = context.cycle.line.signals[name].number
     printed: dict[str, list[str | None]] = {form: [] for form in FORMS}
     for level in ("off", "on", "off again"):
-        if not await yes_or_no(frontend, f"Switch {name} (input {number}) {level} at the line. Done? [y/n]"):
+        where = "at the line" if context.hardware.operator is None else "by `switch` at a second console"
+        if not await yes_or_no(frontend, f"Switch {name} (input {number}) {level} {where}. Done? [y/n]"):
             return CommandResult("Nothing was changed.", status=NOT_DONE)
         for form in FORMS:
             asked = _printed(context, form.format(number=number))
@@ -100,7 +101,8 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
     found = form_found(printed)
     if found is None:
         told = "; ".join(
-            f"`{text.format(number=number)}`: {' / '.join(map(str, each))}" for text, each in printed.items()
+            f"`{text.format(number=number)}`: {' / '.join(answer or 'refused' for answer in each)}"
+            for text, each in printed.items()
         )
         raise CommandError(f"no answer followed input {number} (off / on / off): {told}. Check number and wiring")
     keep_form(context.config.state, found)

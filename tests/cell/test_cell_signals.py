@@ -62,7 +62,7 @@ def test_a_line_asks_for_parts_takes_note_of_them_holds_the_arm_and_is_told_of_a
     assert "`signal find press_ready` at a console" in refused["text"], "nothing is assumed of how an input is read"
 
     def person(question: str) -> str:
-        daemon.do(f"switch press_ready {'on' if ' on at' in question else 'off'}")
+        daemon.do(f"switch press_ready {'on' if ' on by' in question else 'off'}")
         return "y"
 
     with DaemonLink(daemon.folder / "facetd.sock") as link:
