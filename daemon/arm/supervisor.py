@@ -381,10 +381,8 @@ class Supervisor:
             raise
         except Exception as error:
             cause = cause_of(error)
-            others = cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted
-            if (
-                (moves or others) and self.fault is None and not self._ending
-            ):  # what being ended makes of it is no fault
+            stops = moves or (cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted)
+            if stops and self.fault is None and not self._ending:  # what being ended makes of it is no fault
                 text = f"{type(error).__name__}: {error}"
                 await self.stop_arm(Interruption.ERROR, text, text, cause)
             raise

@@ -90,22 +90,15 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
             "at": None if goal is None else goal.centre.tolist(),
         }
     lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
-    lines += (
-        []
-        if words
-        else [
+    if not words:
+        lines += [
             f"pattern {one.pattern}: the fourth corner is {one.off_mm:.2f} mm from where the other three have it"
             for one in placing.places.residuals
         ]
-    )
-    lines += (
-        []
-        if words
-        else [
+        lines += [
             f"fixture {one.name}: its solid has {plural(len(one.entry.solid), 'piece')}"
             for one in placing.places.fixtures
         ]
-    )
     return CommandResult("\n".join(lines), {"places": data})
 
 

@@ -23,12 +23,8 @@ TEST_S = 2.0
 """How long an output is switched for a test."""
 
 
-def _names(context: CommandContext, inputs: bool) -> list[str]:
-    return [name for name, signal in context.cycle.line.signals.items() if signal.is_input is inputs]
-
-
 def _further(context: CommandContext, word: str) -> Sequence[str]:
-    return _names(context, word == "find") if word in ("find", "test") else ()
+    return context.cycle.line.names(word == "find") if word in ("find", "test") else ()
 
 
 @command(
@@ -77,7 +73,7 @@ async def _read(context: CommandContext, words: list[str], frontend: Frontend) -
     no_more(words, 0, USAGE)
 
     async def every() -> None:
-        for name in _names(context, inputs=True):
+        for name in context.cycle.line.names(inputs=True):
             await context.cycle.line.read(name)
 
     await context.cycle.supervisor.run("read the inputs", every(), moves=False)
@@ -86,7 +82,7 @@ async def _read(context: CommandContext, words: list[str], frontend: Frontend) -
 
 async def _find(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
-    name = one_of(words, 0, _names(context, inputs=True), "input", USAGE)
+    name = one_of(words, 0, context.cycle.line.names(inputs=True), "input", USAGE)
     if not frontend.asks:
         raise CommandError("a person must switch the input: give this command at a console")
     number = context.cycle.line.signals[name].number
@@ -122,7 +118,7 @@ async def _printed(context: CommandContext, text: str) -> str | None:
 async def _test(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     line = context.cycle.line
-    name = one_of(words, 0, _names(context, inputs=False), "output", USAGE)
+    name = one_of(words, 0, context.cycle.line.names(inputs=False), "output", USAGE)
     if frontend.asks and not await yes_or_no(frontend, f"Switch {name} for {TEST_S:g} s? The line acts on it. [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
     level = line.levels.get(name)

@@ -83,8 +83,8 @@ def _arrivals(run: Digest, cycle: Cycle) -> list[Record]:
     for record in run.records:
         if record is cycle.records[0]:
             break
-        before = record if record["kind"] == "moved" and is_arrival(record) else before
-    return [*([before] if before else []), *filter(is_arrival, cycle.of("moved"))]
+        before = record if is_arrival(record) else before
+    return [*([before] if before else []), *filter(is_arrival, cycle.records)]
 
 
 def _motion(arrivals: Sequence[Record], cycle: Cycle, zero: float) -> Json:

@@ -116,9 +116,9 @@ def _grasped(parts: list[Json], world_from_tool: Array) -> _Held | None:
     return _Held(by_distance, world_from_tool) if by_distance else None
 
 
-def is_arrival(arrival: Record) -> bool:
-    """Whether the arrival says where the arm was."""
-    return bool(arrival.get("joints") and arrival.get("where"))
+def is_arrival(record: Record) -> bool:
+    """Whether a move ended here, and it is known where the arm was then."""
+    return bool(record["kind"] == "moved" and record.get("joints") and record.get("where"))
 
 
 def joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:

@@ -73,10 +73,14 @@ class LineSignals:
     @property
     def unreadable(self) -> str | None:
         """Why no input can be read, where there is one; what to do."""
-        inputs = [name for name, signal in self.signals.items() if signal.is_input]
+        inputs = self.names(inputs=True)
         if not inputs or self.form is not None:
             return None
         return f"nobody has found yet how an input is read on this controller: `signal find {inputs[0]}` at a console"
+
+    def names(self, inputs: bool) -> list[str]:
+        """Of the inputs, or of the outputs."""
+        return [name for name, signal in self.signals.items() if signal.is_input is inputs]
 
     def has(self, role: str) -> bool:
         """Whether there is a signal of that role."""
@@ -154,7 +158,7 @@ class LineSignals:
     async def set_outputs(self, state: PackMLState) -> None:
         """Set the outputs that differ from what they are to be. Raises what the line raises."""
         async with self._line:
-            wanted = {name: self._wanted(name, state) for name, signal in self.signals.items() if not signal.is_input}
+            wanted = {name: self._wanted(name, state) for name in self.names(inputs=False)}
             changed = {n: on for n, on in wanted.items() if n not in self.levels or self.levels[n].on is not on}
             if changed:
                 await self.switch(changed)
