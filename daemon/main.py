@@ -82,6 +82,7 @@ def serve(config_path: Path, simulated: bool) -> int:
 def tame_malloc() -> None:
     """Make glibc use one arena and return large arrays: otherwise it keeps some 50 MB of freed images.
 
+    Up to 16 MiB stay for the next look: where 4 did, the kernel cleared its arrays anew, a tenth of its time.
     Call it before any thread starts. Without glibc it does nothing. Source: mallopt(3).
     """
     import ctypes
@@ -91,7 +92,7 @@ def tame_malloc() -> None:
         libc = ctypes.CDLL("libc.so.6")
         libc.mallopt(arena_max, 1)
         libc.mallopt(mmap_threshold, 1 << 20)
-        libc.mallopt(trim_threshold, 4 << 20)
+        libc.mallopt(trim_threshold, 16 << 20)
 
 
 if __name__ == "__main__":

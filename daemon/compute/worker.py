@@ -20,8 +20,8 @@ STARTED_S = 120.0
 """How long a worker may take to start: it reads its program from a disk that may be slow."""
 OF_THE_DAEMON = ("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC")
 """What systemd gives to the daemon alone."""
-MEMORY_GIVEN_BACK = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "4194304"}
-"""One arena for all threads, and large arrays given back: glibc otherwise keeps pictures long gone. See mallopt(3)."""
+MEMORY_GIVEN_BACK = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "16777216"}
+"""One arena for all threads, and large arrays given back: glibc otherwise keeps pictures long gone. As tame_malloc."""
 
 
 class Worker:
