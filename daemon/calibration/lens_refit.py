@@ -19,7 +19,11 @@ FISHEYE = 4
 WORST_PX = 0.1
 """Largest error of a refitted lens anywhere in the image."""
 WIDEST = 3.0
-RAYS = 61
+"""Tangent of the widest angle off the axis at which a lens is judged."""
+MARGIN = 1.2
+"""Rays are tried so much wider than a lens without decentring needs for the image's corners."""
+RAYS = 161
+"""And so many along each axis."""
 
 
 class LensError(FacetdError):
@@ -80,16 +84,17 @@ def _projected(rays: Array, matrix: Array, values: Array, fisheye: bool) -> Arra
 def _rays(matrix: Array, values: Array, size: tuple[int, int], fisheye: bool) -> Array:
     """Ray directions (N, 2) on the plane z = 1 whose image is inside the picture; none beyond where the model folds."""
     out = np.linspace(0.0, WIDEST, 600)
-    line = np.column_stack([out, np.zeros_like(out)])
     centred = np.array([[matrix[0, 0], 0, 0], [0, matrix[1, 1], 0], [0, 0, 1.0]])
-    grows = np.diff(_projected(line, centred, values, fisheye)[:, 0]) > 0
-    farthest = out[-1] if grows.all() else out[int(np.argmin(grows))]
-    steps = np.linspace(-farthest, farthest, 12 * RAYS)
+    away_px = _projected(np.column_stack([out, np.zeros_like(out)]), centred, values, fisheye)[:, 0]
+    grows = np.append(np.diff(away_px) > 0, False)
+    fold = int(np.argmin(grows))
+    corners_px = np.array([[-0.5, -0.5], np.array(size) - 0.5]) - matrix[:2, 2]
+    if away_px[fold] < np.abs(corners_px).min():
+        raise LensError("its lens model folds back inside the image: wrong coefficients, or another image size")
+    corner_px = np.linalg.norm(np.abs(corners_px).max(axis=0))
+    farthest = min(out[fold], MARGIN * float(np.interp(corner_px, away_px[: fold + 1], out[: fold + 1])))
+    steps = np.linspace(-farthest, farthest, RAYS)
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     grid = grid[np.linalg.norm(grid, axis=1) <= farthest]
     px = _projected(grid, matrix, values, fisheye)
-    inside = ((px >= -0.5) & (px <= np.array(size) - 0.5)).all(axis=1)
-    kept = grid[inside]
-    if len(kept) < RAYS:
-        raise LensError("its lens model folds back inside the image: wrong coefficients, or another image size")
-    return np.asarray(kept[:: max(1, len(kept) // RAYS**2)], float)
+    return np.asarray(grid[((px >= -0.5) & (px <= np.array(size) - 0.5)).all(axis=1)], float)

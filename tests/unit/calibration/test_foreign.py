@@ -284,7 +284,7 @@ def off_px(lens_matrix: np.ndarray, ours: np.ndarray, theirs: np.ndarray) -> flo
 def test_a_rational_lens_is_refitted_and_its_error_told() -> None:
     theirs = np.array([0.12, -0.05, 4e-4, -3e-4, 0.01, 0.2, -0.03, 0.004])
     lens = refitted(MATRIX, theirs, SIZE)
-    assert 0 < lens.off_px < 0.1
+    assert 3e-5 < lens.off_px < 1e-3
     assert off_px(lens.matrix, lens.distortion, theirs) <= lens.off_px * 1.05 + 1e-3
 
 
@@ -296,6 +296,18 @@ def test_a_mild_fisheye_lens_is_refitted_and_a_strong_one_refused(tmp_path: Path
     chain = camchain(unlike_rig(), "equidistant", [0.25, 0.05, 0.0, 0.0])
     (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
     assert max(read_foreign([tmp_path / "chain.yaml"]).refit_px) < 0.1
+
+
+def test_a_wide_lens_is_judged_as_far_as_the_corners_of_its_image() -> None:
+    """They lie 69 degrees off its axis; over the middle half of the image the lens would fit to a thousandth."""
+    wide = np.array([[150.0, 0, 322.0], [0, 150.0, 238.0], [0, 0, 1]])
+    with pytest.raises(LensError, match=r"off by 0\.\d+ px near the image's corners"):
+        refitted(wide, np.array([0.1, 0, 0, 0, 0, 0.12, 0, 0]), SIZE)
+
+
+def test_a_lens_that_folds_back_within_its_image_is_refused() -> None:
+    with pytest.raises(LensError, match="folds back inside the image"):
+        refitted(MATRIX, np.array([-3.0, 0, 0, 0, 0, 0.1, 0, 0]), SIZE)
 
 
 @pytest.mark.parametrize("values", [[], [-0.08], [0.1, 0.0, 0.0, 0.0], [0.1, 0, 0, 0, 0, 0, 0, 0], [0.0] * 14])

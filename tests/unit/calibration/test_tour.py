@@ -36,6 +36,14 @@ def test_a_tour_turns_the_hand_about_two_axes_and_keeps_the_board_in_view() -> N
         assert look[2, 3] > -296.0 + 150.0
 
 
+def test_a_hand_that_reaches_no_steep_tilt_still_turns_enough_for_the_hand_eye() -> None:
+    """Near the end of the arm's reach it can tilt by 25 degrees at most: a tour of small tilts only would fail."""
+    world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([480.0, 40.0, -296.0]))
+    looks = looks_at(world_from_board, np.array([64.0, 40.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    chosen = spread_out(looks, 15, lambda look: look[2, 2] < -np.cos(np.radians(25.0)), looks[0])
+    assert diversity_deg(chosen) > 1.5 * LEAST_TURN_DEG
+
+
 def test_poses_that_are_not_allowed_are_left_out_and_the_others_are_chosen_once() -> None:
     world_from_board = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     looks = looks_at(world_from_board, np.zeros(3), np.array([0.0, 1.0, 0.0]))

@@ -128,6 +128,17 @@ def test_what_hides_the_side_on_which_twins_differ_makes_a_look_worth_less() -> 
     assert hidden < free
 
 
+def test_only_something_not_taught_is_expected_to_show_what_nothing_taught_would() -> None:
+    """Otherwise a look that finds a facet that nobody expected would speak for the wrong one of the two."""
+    look = outlook((hypothesis("block", block(), turned(0), 0.5), stranger(block(), turned(0), 0.5)), rig())
+    strange = [h.label for h in look.hypotheses].index(UNKNOWN)
+    (aside,) = shown(look, AT, np.array([eye(135)]))[..., -1]
+    assert aside[strange] > 0.5
+    assert aside[1 - strange] == 0.0
+    (as_before,) = shown(look, AT, np.array([eye(-90, 2.0)]))[..., -1]
+    assert (as_before == 0.0).all(), "from there nothing taught would show anything new"
+
+
 def test_the_same_gain_in_less_time_comes_first() -> None:
     eyes = np.array([eye(135), eye(134)])
     order = next_best(TWINS, rig(), AT, eyes, [5.0, 1.0], np.array([eye(-90)]))
