@@ -12,9 +12,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, hidden
+from daemon.vision.geometry import Polyhedron, hidden, thickness
 from daemon.vision.image import LEAST_SIGMAS, CameraImage, StereoImages, levels_across, peaks, slopes_across
-from daemon.vision.refine import ROOM_PX, THIN_PX, ShapeBatch, across
+from daemon.vision.refine import ROOM_PX, THIN_PX, across
 
 PLACES, REACH_PX = 24, 7
 """On each edge, at which is looked, and how far to either hand."""
@@ -67,7 +67,7 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
 def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> EdgePlaces:
     ends = solid.lines[0]
     corners = view.eye.camera.project(frames.apply(pose, solid.corners_mm))
-    thick = ShapeBatch.of([solid]).thickness(corners)
+    thick = thickness(corners[solid.ring_table])
     hands = np.where((thick >= THIN_PX[1])[solid.hands], solid.hands, -1)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
     places = solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.geometry import PlanarShape, Polyhedron, SolidBatch
 from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
-from daemon.vision.refine import EdgeEvidence, EdgeSamples, ShapeBatch, aligned_to_edges, edge_samples_of
+from daemon.vision.refine import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 
 BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -3.0
 """What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
@@ -55,7 +55,7 @@ def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterato
     """Parts laid where their edges lie, near likely places."""
     if not likely:
         return
-    laid = ShapeBatch.of([search.model.metric[one.label].solid for one in likely])
+    laid = SolidBatch.of([search.model.metric[one.label].solid for one in likely])
     tolerance = search.model.parameters.tolerance_mm
     poses = aligned_to_edges(laid, search.eyes, np.stack([one.pose for one in likely]), tolerance)
     yield from registered_at(search, [one._replace(pose=pose) for one, pose in zip(likely, poses, strict=True)])
@@ -65,7 +65,7 @@ def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[
     """Parts laid where they are said to be."""
     eyes, model, ground = search.eyes, search.model, search.ground
     solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
-    laid, tolerance = ShapeBatch.of(solids), model.parameters.tolerance_mm
+    laid, tolerance = SolidBatch.of(solids), model.parameters.tolerance_mm
     seen = edge_samples_of(laid, eyes, poses, tolerance)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)

@@ -18,10 +18,10 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.edge_places import EdgePlaces
 from daemon.vision.evidence.near_duplicates import near_duplicates
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, SolidBatch
 from daemon.vision.hypotheses import in_sizes, pixels
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import EdgeSamples, ShapeBatch, edge_samples_of
+from daemon.vision.refine import EdgeSamples, edge_samples_of
 from daemon.vision.settings import TOLERANCE_MM
 
 ALONG = np.cos(np.radians(12.0))  # an edge that lies on another one points so nearly the same way
@@ -68,7 +68,7 @@ def ahead_of_sizes(
     """By how many nats what both eyes show at a pose (4, 4) speaks more for a part than for the same part longer or
     shorter there, whichever is nearest to it."""
     sizes = in_sizes(solid)
-    laid = ShapeBatch.of(sizes)
+    laid = SolidBatch.of(sizes)
     both = edge_samples_of(laid, eyes, pose[None].repeat(len(sizes), 0), tolerance_mm)
     return min(by_own_edges(seen, [one.only(k, laid) for one in both]) for k in range(len(sizes)))
 
@@ -86,7 +86,7 @@ def untaught_rival(solid: Polyhedron, pose: Array, eyes: StereoImages, both: Seq
     others = near_duplicates(solid, pose, eyes, both)
     if not others:
         return UntaughtRival()
-    laid = ShapeBatch.of([solid, *(one.solid for one in others)])
+    laid = SolidBatch.of([solid, *(one.solid for one in others)])
     poses = pose[None].repeat(len(others) + 1, 0)
     shown = edge_samples_of(laid, eyes, poses, TOLERANCE_MM, BY_OUTLINE_PX)
     own, *theirs = ([seen.only(k, laid) for seen in shown] for k in range(len(others) + 1))

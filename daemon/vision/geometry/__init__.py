@@ -20,6 +20,7 @@ from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
 from daemon.vision.geometry.robust_least_squares import LeastSquaresFit, robust_weight, solve, whitener
+from daemon.vision.geometry.solid_batch import SolidBatch, thickness
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "Polyhedron",
     "RectifiedCamera",
     "Rings",
+    "SolidBatch",
     "StereoRig",
     "area_vector",
     "areas",
@@ -67,6 +69,7 @@ __all__ = [
     "rough_fit",
     "sides_of",
     "solve",
+    "thickness",
     "tidy",
     "united",
     "visible_from",

@@ -47,6 +47,12 @@ class Polyhedron:
         return tuple(np.array(f, np.intp) for f in self.facets)
 
     @cached_property
+    def ring_table(self) -> Index:
+        """(F, S) the same in one array, the last corner of each as often as needed."""
+        most = max(map(len, self.facets), default=1)
+        return np.array([ring + ring[-1:] * (most - len(ring)) for ring in self.facets], np.intp).reshape(-1, most)
+
+    @cached_property
     def edges(self) -> dict[tuple[int, int], tuple[int, int]]:
         """{(corner, next corner): (facet, place of the corner in it)}."""
         return {

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array, Image32, Index, Real
-from daemon.vision.geometry import Baseline, Polyhedron, exact
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch, ideal
+from daemon.vision.geometry import Baseline, Polyhedron, SolidBatch, exact
+from daemon.vision.hypotheses.pose_batch import PoseBatch, ideal
 from daemon.vision.image import CameraImage
 
 SHRINK = 2
@@ -202,7 +202,7 @@ def _of_one_eye(
 def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: EdgeDistanceMap) -> float:
     """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
     they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
-    one = PoseBatch(SolidBatch.of([""], [solid]), np.zeros(1, np.intp), pose[None])
+    one = PoseBatch(SolidBatch.of([solid]), np.zeros(1, np.intp), pose[None])
     _, ends = one.edges(geometry.eyes_mm[0])
     corners = ideal(one.corners_mm(geometry), geometry)[0]
     steps = np.arange(-FAR_ASIDE, FAR_ASIDE + 1, ASIDE)

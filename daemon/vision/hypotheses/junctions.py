@@ -16,9 +16,9 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera
+from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch
 from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, Rays
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
 from daemon.vision.model import turns_onto_themselves
 
@@ -288,7 +288,7 @@ def poses_from_junctions(
         [np.bincount(kinds.part, could[side].sum(1)[kinds.about]) for side in (0, 1)], MOST_COUNTED
     ).sum()
     nats = _nats(corners, geometry, maps, kinds, could, other)
-    where, side, which = _likeliest(nats, kinds, *_most(len(solids.labels), len(corners.at)))
+    where, side, which = _likeliest(nats, kinds, *_most(len(solids.shapes), len(corners.at)))
     cyclopean_from_corner = np.zeros((len(which), 4, 4))
     turn = geometry.cyclopean_from_baseline
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]

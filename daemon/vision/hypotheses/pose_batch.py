@@ -1,12 +1,7 @@
-"""Taught solids side by side, and many poses of any of them at once: where their corners are, which edges show.
-
-Solids differ in how many corners, facets and edges they have; what one has less of than another is filled up with its
-first corner, with facets that are turned to nobody, and with edges beside none.
-"""
+"""Many poses of any of taught solids at once: where their corners are, which edges show."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
+from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron, SolidBatch
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 
@@ -24,55 +19,14 @@ LEAST_FACING = 0.08
 """Cosine below which a facet is too thin in the image to be looked for."""
 
 
-@dataclass(frozen=True, eq=False)
-class SolidBatch:
-    """P solids and their labels: corners_mm (P, K, 3), and own (P, K), which of these are a solid's; middles_mm (P, 3);
-    planes (P, 2 F, 3): outward unit normals of the facets, then their middles; rings (P, F, K), which corners each has;
-    ends (P, E, 2), the corners of each edge, and beside (P, E, 2), the facets on either hand, F where there is none.
-    """
-
-    labels: tuple[str, ...]
-    shapes: tuple[Polyhedron, ...]
-    corners_mm: Image32
-    own: Flags
-    middles_mm: Array
-    planes: Image32
-    rings: Flags
-    ends: Index
-    beside: Index
-
-    @classmethod
-    def of(cls, labels: Sequence[str], shapes: Sequence[Polyhedron]) -> SolidBatch:
-        """Solids side by side."""
-        count = len(shapes)
-        corners, facets, edges = (
-            max((len(each) for each in of_all), default=0)
-            for of_all in ([s.corners_mm for s in shapes], [s.facets for s in shapes], [s.lines[0] for s in shapes])
-        )
-        found = cls(
-            tuple(labels), tuple(shapes), np.zeros((count, corners, 3), np.float32), np.zeros((count, corners), bool),
-            np.array([s.corners_mm.mean(0) for s in shapes]).reshape(-1, 3),
-            np.zeros((count, 2 * facets, 3), np.float32), np.zeros((count, facets, corners), bool),
-            np.zeros((count, edges, 2), np.intp), np.full((count, edges, 2), facets),
-        )  # fmt: skip
-        for k, shape in enumerate(shapes):
-            c, f, e = len(shape.corners_mm), len(shape.facets), len(shape.lines[0])
-            found.corners_mm[k], found.corners_mm[k, :c], found.own[k, :c] = shape.corners_mm[0], shape.corners_mm, True
-            found.planes[k, :f], found.planes[k, facets : facets + f] = shape.normals, shape.centres_mm
-            found.ends[k, :e], found.beside[k, :e] = shape.lines[0], np.where(shape.beside < 0, facets, shape.beside)
-            for facet, ring in enumerate(shape.rings):
-                found.rings[k, facet, ring] = True
-        return found
-
-
 @lru_cache(maxsize=8)
-def _side_by_side(labels: tuple[str, ...], shapes: tuple[Polyhedron, ...]) -> SolidBatch:
-    return SolidBatch.of(labels, shapes)
+def _side_by_side(shapes: tuple[Polyhedron, ...]) -> SolidBatch:
+    return SolidBatch.of(shapes)
 
 
 def taught_solids(model: Model) -> SolidBatch:
     """Every part that a model has the shape of."""
-    return _side_by_side(tuple(model.metric), tuple(metric.solid for metric in model.metric.values()))
+    return _side_by_side(tuple(metric.solid for metric in model.metric.values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +46,8 @@ class PoseBatch:
         turn = geometry.cyclopean_from_baseline.T
         rotation = (turn @ self.poses[:, :3, :3]).astype(np.float32)
         shift = ((self.poses[:, :3, 3] - geometry.middle_mm) @ turn.T).astype(np.float32)
-        return np.asarray(self.solids.corners_mm[self.part] @ rotation.transpose(0, 2, 1) + shift[:, None])
+        corners = self.solids.corners_mm[self.part].astype(np.float32)
+        return np.asarray(corners @ rotation.transpose(0, 2, 1) + shift[:, None])
 
     def middles_mm(self) -> Array:
         """(G, 3) cyclopean."""
@@ -119,7 +74,7 @@ class PoseBatch:
     def edges(self, camera_mm: Array) -> tuple[Index, Index]:
         """The edges that a camera at (3,) mm sees, pose after pose: of which (N,), and their ends (N, 2) among all
         corners of all poses."""
-        facets, corners = self.solids.rings.shape[1:]
+        facets, corners = self.solids.rings.shape[1], self.solids.corners_mm.shape[1]
         view = np.zeros((len(self.part), facets + 1), bool)
         view[:, :facets] = self.in_view(camera_mm)
         first = (np.arange(len(self.part)) * (facets + 1))[:, None]

@@ -15,7 +15,7 @@ import numpy as np
 
 from daemon.arrays import Array, Index
 from daemon.vision.facets import TablePlane
-from daemon.vision.geometry import Baseline, Polyhedron
+from daemon.vision.geometry import Baseline, Polyhedron, SolidBatch
 from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap
 from daemon.vision.hypotheses.junctions import (
     ANGLE,
@@ -25,7 +25,7 @@ from daemon.vision.hypotheses.junctions import (
     sorted_by_kind,
     taught_junctions,
 )
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.support_plane import resting_planes_of
 from daemon.vision.image import SegmentCorners, runs
 

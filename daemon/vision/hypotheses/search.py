@@ -156,7 +156,7 @@ def _likeliest(
     search: Search, posed: PoseBatch, hinges: Array, tests: int, spent: Callable[[], float]
 ) -> RankedHypotheses:
     """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
-    eyes, geometry, maps = search.eyes, search.eyes.geometry, search.maps
+    geometry, maps = search.eyes.geometry, search.maps
     good, by_glance = promising(posed, geometry, maps)
     good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
@@ -166,7 +166,7 @@ def _likeliest(
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
     guesses = ScoredPoses(posed.chosen(good), -nats[good])
-    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), eyes)
+    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
         return RankedHypotheses(kept[:FEWEST_LAID], tests, (told,))
@@ -181,11 +181,12 @@ def _varied(guesses: ScoredPoses) -> Index:
     return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
-def _worth(guesses: ScoredPoses, tries: Array, eyes: StereoImages) -> list[EdgeHypothesis]:
+def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> list[EdgeHypothesis]:
     """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes, posed = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]](), guesses.posed
-    for k, corners_px in islice(distinct(guesses, eyes), LOOKED_AT):
-        shape, against, label = hull(corners_px), float(guesses.against[k]), posed.solids.labels[posed.part[k]]
+    kept, shapes = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
+    posed, labels = guesses.posed, list(search.model.metric)
+    for k, corners_px in islice(distinct(guesses, search.eyes), LOOKED_AT):
+        shape, against, label = hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
@@ -231,7 +232,9 @@ def distinct(guesses: ScoredPoses, eyes: StereoImages) -> Iterator[tuple[int, Ar
     posed = guesses.posed
     if not len(posed.part):
         return
-    shows = np.asarray((posed.in_either_view(eyes.geometry)[:, :, None] & posed.solids.rings[posed.part]).any(1))
+    pose, facet = np.nonzero(posed.in_either_view(eyes.geometry))
+    shows = np.zeros((len(posed.part), posed.solids.corners_mm.shape[1]), bool)
+    shows[pose[:, None], posed.solids.rings[posed.part[pose], facet]] = True
     corners_mm, own = posed.corners_mm(eyes.geometry), posed.solids.own[posed.part]
     count = shows.sum(1)
     middle_mm = (corners_mm * shows[..., None]).sum(1) / np.maximum(count, 1)[:, None]

@@ -13,7 +13,7 @@ from daemon.vision.refine.edge_pose import (
     shown,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
-from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, ExpectedEdges, ShapeBatch, across, turned
+from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, ExpectedEdges, across, turned
 from daemon.vision.refine.following import Fit, refit
 from daemon.vision.refine.refined import refined_parts
 
@@ -27,7 +27,6 @@ __all__ = [
     "ExpectedEdges",
     "Fit",
     "LaidFacet",
-    "ShapeBatch",
     "across",
     "aligned_to_edges",
     "edge_samples_of",

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron, chi_square_limit, solve, whitener
+from daemon.vision.geometry import Polyhedron, SolidBatch, chi_square_limit, solve, thickness, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
@@ -23,7 +23,6 @@ from daemon.vision.refine.expected_edges import (
     THIN_PX,
     EdgeObservation,
     ExpectedEdges,
-    ShapeBatch,
     across,
     expected,
     moved,
@@ -103,7 +102,7 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
     Source: edges searched for across their expected places, the pose by least squares on their ends (as Harris's
     RAPiD does point by point), then on sub-pixel lines until it moves no more.
     """
-    laid, poses = ShapeBatch.of([shape]), near[None]
+    laid, poses = SolidBatch.of([shape]), near[None]
     for share in ROUGHLY:
         rough = [_searched(edges, view, reach_mm * share) for edges, view in _expected(laid, eyes, poses)]
         shown_share = _share(rough, [seen.there for seen in rough])
@@ -123,7 +122,7 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
 
 
 def _expected(
-    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
+    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> list[tuple[ExpectedEdges, CameraImage]]:
     """What either eye should see of one placement, with the eye."""
     wanted = np.ones(1, bool)
@@ -173,7 +172,7 @@ def fit_at(
     it; and those edges. Print beside edges leads lines astray, from one measurement to the next all the way to another
     minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it. A part
     that its lines lead farther than PRIOR allows, or out of both pictures, stays at the pose."""
-    laid = ShapeBatch.of([shape])
+    laid = SolidBatch.of([shape])
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
                        np.zeros((6, 6)))  # fmt: skip
     stays = Fit(pose, np.linalg.inv(PRIOR) * SIGMA_SCALE**2, 0.0, 0)
@@ -198,7 +197,7 @@ def fit_at(
 def shown(shape: Polyhedron, eyes: StereoImages, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    both = _expected(ShapeBatch.of([shape]), eyes, pose[None])
+    both = _expected(SolidBatch.of([shape]), eyes, pose[None])
     return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
 
 
@@ -228,10 +227,10 @@ def facets_in_view(shape: Polyhedron, eyes: StereoImages, pose: Array) -> Flags:
     """(2, F) which facets of a part at cyclopean_from_part (4, 4) the left and the right camera see, not edge-on, nor
     mostly outside the picture."""
     points = frames.apply(pose, shape.corners_mm)
-    laid, found = ShapeBatch.of([shape]), np.zeros((2, len(shape.facets)), bool)
+    found = np.zeros((2, len(shape.facets)), bool)
     for own, view in zip(found, eyes.views, strict=True):
         px = view.eye.camera.project(points)
-        for k in np.flatnonzero(laid.thickness(px) >= THIN_PX[1]).tolist():
+        for k in np.flatnonzero(thickness(px[shape.ring_table]) >= THIN_PX[1]).tolist():
             own[k] = _mostly_in(px[shape.rings[k]], eyes)
     return found
 
@@ -276,8 +275,7 @@ def clear_share(found: Located, eyes: StereoImages) -> float:
 def facets_laid(shape: Polyhedron, observed: Sequence[EdgeObservation]) -> list[LaidFacet]:
     """Every facet that both eyes see, none of them edge-on: its corners from the sides that show where they should, and
     from the pose where they do not."""
-    laid = ShapeBatch.of([shape])
-    thick = [laid.thickness(seen.edges.corners_px) >= THIN_PX[1] for seen in observed]
+    thick = [thickness(seen.edges.corners_px[shape.ring_table]) >= THIN_PX[1] for seen in observed]
     found_facets = []
     for index in np.flatnonzero(np.all(thick, axis=0)).tolist():
         ring = shape.facets[index]

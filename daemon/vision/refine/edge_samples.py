@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import hidden, robust_weight, solve
+from daemon.vision.geometry import SolidBatch, hidden, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, peaks, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, ShapeBatch, expected, moved
+from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""
@@ -89,10 +89,10 @@ class EdgeSamples:
         rows = self.edges.jacobian.reshape(-1, 6)
         return np.asarray((rows * np.repeat(trust, 2)[:, None]).T @ rows / sigma_px**2)
 
-    def only(self, placement: int, laid: ShapeBatch) -> EdgeSamples:
+    def only(self, placement: int, laid: SolidBatch) -> EdgeSamples:
         """Those of one placement."""
         own = np.flatnonzero(self.edges.owner == placement)
-        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        edges = self.edges.only(own, laid.corners_of(placement))
         return EdgeSamples(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])
 
 
@@ -112,7 +112,7 @@ class EdgeEvidence(NamedTuple):
 
 
 def edge_samples_of(
-    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> list[EdgeSamples]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for expected."""
     found = []
@@ -131,15 +131,15 @@ def edge_samples_of(
     return found
 
 
-def _visible(laid: ShapeBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
+def _visible(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
     """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
     seen = np.ones((len(edges.start), count), bool)
-    shares = (np.arange(count) + 0.5) / count
+    shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
     for k, solid in enumerate(laid.shapes):
         own = np.flatnonzero(edges.owner == k)
         if solid.convex or not len(own):
             continue
-        a, b = (laid.corners_mm[edges.ends[own, end]] for end in (0, 1))
+        a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
         points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
         eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
         seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
@@ -147,7 +147,7 @@ def _visible(laid: ShapeBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array
 
 
 def _slopes(
-    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
+    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
     """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
     wanted = np.ones(len(poses), bool)
@@ -156,7 +156,7 @@ def _slopes(
         yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
 
 
-def aligned_to_edges(laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:
+def aligned_to_edges(laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:
     """The poses (P, 4, 4) moved to where the stretches of both eyes have the edges."""
     for rounds in ROUNDS_PX:
         poses = _moved(laid, eyes, poses, tolerance_mm, rounds)
@@ -164,7 +164,7 @@ def aligned_to_edges(laid: ShapeBatch, eyes: StereoImages, poses: Array, toleran
 
 
 def _moved(
-    laid: ShapeBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
+    laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
 ) -> Array:
     count = len(poses)
     rows, sigmas, owner, weight = [], [], [], []

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Camera, Polyhedron, outward, sides_of
+from daemon.vision.geometry import Camera, SolidBatch, outward, sides_of, thickness
 from daemon.vision.image import CameraImage, Sides
 
 THIN_PX = (-3.0, 6.0)
@@ -26,11 +25,11 @@ SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 
 
 def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
-    """Where an eye sees corners (K, 3) of a part, at one pose (4, 4) or each at its own (K, 4, 4): (K, 2) px, and their
-    derivative (K, 2, 6) by a motion of the pose."""
-    levers = (cyclopean_from_part[..., :3, :3] @ corners_mm[..., None])[..., 0]
-    px, slope = camera.project_with_slope(levers + cyclopean_from_part[..., :3, 3])
-    return px, slope @ frames.point_motion(levers)
+    """Where an eye sees corners (..., K, 3) of parts at poses (..., 4, 4): (N, 2) px, those of one part after the
+    other's, and their derivative (N, 2, 6) by a motion of the pose."""
+    levers = corners_mm @ np.swapaxes(cyclopean_from_part[..., :3, :3], -1, -2)
+    px, slope = camera.project_with_slope(levers + cyclopean_from_part[..., None, :3, 3])
+    return px, slope @ frames.point_motion(levers.reshape(-1, 3))
 
 
 def moved(poses: Array, motions: Array) -> Array:
@@ -59,63 +58,6 @@ def off_places(start: Array, end: Array, found_start: Array, found_end: Array) -
     """(E, 2) px how far the ends of edges found are from the ends expected, across the expected edge; each (E, 2)."""
     normal = across(start, end)
     return np.stack([((found_start - start) * normal).sum(1), ((found_end - end) * normal).sum(1)], 1)
-
-
-@dataclass(frozen=True, eq=False)
-class ShapeBatch:
-    """P shapes, each to be laid at a pose of its own, side by side in one list of corners, facets and edges.
-
-    shapes, P of them; corners_mm (K, 3) with the placement of each (K,), and where each placement's begin (P + 1,);
-    here, after (N,) and first (F,): the facets' borders, as Polyhedron.steps has them; ends (E, 2): the corners of each
-    edge; beside (E, 2): the facets on either hand, F where there is none; bisectors (E, 3) as Polyhedron has them;
-    owner (E,): its placement.
-    """
-
-    shapes: tuple[Polyhedron, ...]
-    corners_mm: Array
-    of_corner: Index
-    begins: Index
-    here: Index
-    after: Index
-    first: Index
-    ends: Index
-    beside: Index
-    bisectors: Array
-    owner: Index
-
-    @classmethod
-    def of(cls, shapes: Sequence[Polyhedron]) -> ShapeBatch:
-        """Shapes side by side."""
-        corners = [len(s.corners_mm) for s in shapes]
-        begins = np.cumsum([0, *corners])
-        borders, facets = (np.cumsum([0, *(len(s.steps[k]) for s in shapes)]) for k in (0, 2))
-        every = list(zip(shapes, begins, borders, facets, strict=False))
-        beside = [np.where(s.beside < 0, facets[-1], s.beside + facet) for s, _, _, facet in every]
-        return cls(
-            tuple(shapes),
-            np.concatenate([s.corners_mm for s in shapes]),
-            np.repeat(np.arange(len(shapes)), corners),
-            begins,
-            np.concatenate([s.steps[0] + corner for s, corner, _, _ in every]),
-            np.concatenate([s.steps[1] + corner for s, corner, _, _ in every]),
-            np.concatenate([s.steps[2] + border for s, _, border, _ in every]),
-            np.concatenate([s.lines[0] + corner for s, corner, _, _ in every]),
-            np.concatenate(beside),
-            np.concatenate([s.bisectors for s in shapes]),
-            np.repeat(np.arange(len(shapes)), [len(s.beside) for s in shapes]),
-        )
-
-    @cached_property
-    def middles_mm(self) -> Array:
-        """(P, 3) means of the placements' corners."""
-        return np.asarray(np.add.reduceat(self.corners_mm, self.begins[:-1]) / np.diff(self.begins)[:, None])
-
-    def thickness(self, px: Array) -> Array:
-        """(F,) area of each facet by length of its border, both halved round, with the corners seen at px (K, 2): the
-        width of a long one; negative where it is seen from behind (it then runs clockwise)."""
-        (x, y), (u, v) = px[self.here].T, px[self.after].T
-        twice_area = np.add.reduceat(x * v - y * u, self.first)
-        return np.asarray(-twice_area / np.add.reduceat(np.hypot(u - x, v - y), self.first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,16 +121,16 @@ class EdgeObservation:
         near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
         return np.asarray(self.there & near)
 
-    def only(self, placement: int, laid: ShapeBatch) -> EdgeObservation:
+    def only(self, placement: int, laid: SolidBatch) -> EdgeObservation:
         """What was found of one placement's edges."""
         own = np.flatnonzero(self.edges.owner == placement)
-        edges = self.edges.only(own, slice(*laid.begins[placement : placement + 2].tolist()))
+        edges = self.edges.only(own, laid.corners_of(placement))
         sides = None if self.sides is None else self.sides.chosen(own)
         return EdgeObservation(edges, self.off[own], self.doubt[own], self.there[own], sides)
 
 
 def expected(
-    laid: ShapeBatch,
+    laid: SolidBatch,
     view: CameraImage,
     poses: Array,
     wanted: Flags,
@@ -197,27 +139,31 @@ def expected(
 ) -> ExpectedEdges:
     """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
     placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one another."""
-    px, slope = corners_in(view.eye.camera, poses[laid.of_corner], laid.corners_mm)
-    thick_px = np.append(laid.thickness(px), -np.inf)[laid.beside]
-    facing = (thick_px >= thin_px[1]).sum(1)
-    clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(1))
-    which = np.flatnonzero((facing > 0) & wanted[laid.owner])
-    a, b = laid.ends[which].T
+    px, slope = corners_in(view.eye.camera, poses, laid.corners_mm)
+    begins = laid.first_corners[:, None, None]
+    thick = np.pad(thickness(px[laid.rings + begins]), [(0, 0), (0, 1)], constant_values=-np.inf)
+    thick_px = thick[np.arange(len(poses))[:, None, None], laid.beside]
+    facing = (thick_px >= thin_px[1]).sum(2)
+    clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(2))
+    which = np.nonzero((facing > 0) & wanted[:, None])
+    ends = (laid.ends + begins)[which]
+    a, b = ends.T
     first, last = _inside(px[a], px[b], view.grey.shape)
     keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
-    which, a, b, first, last = which[keep], a[keep], b[keep], first[keep, None], last[keep, None]
+    which, ends, first, last = (which[0][keep], which[1][keep]), ends[keep], first[keep, None], last[keep, None]
+    a, b = ends.T
     start, way = px[a], px[b] - px[a]
     normal = across(px[a], px[b])[:, None]
-    moves = (normal[:, None] @ slope[laid.ends[which]])[:, :, 0]  # across the edge, of either corner
+    moves = (normal[:, None] @ slope[ends])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
-    owner, sharp = laid.owner[which], clear[which]
+    owner, sharp = which[0], clear[which]
     depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
     px_per_mm = view.eye.focal_px / depth_mm[owner]
     return ExpectedEdges(
-        owner, laid.ends[which], start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
+        owner, ends, start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
         (facing[which] == 1) & sharp, sharp,
-        px_per_mm, tolerance_mm * px_per_mm, px, (poses[owner, :3, :3] @ laid.bisectors[which, :, None])[..., 0],
+        px_per_mm, tolerance_mm * px_per_mm, px, (poses[owner, :3, :3] @ laid.bisectors[which][..., None])[..., 0],
     )  # fmt: skip
 
 

@@ -17,12 +17,12 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import Polyhedron, SolidBatch
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.refine.edge_adjustment import AdjustedPose, adjusted
 from daemon.vision.refine.edge_pose import measured
-from daemon.vision.refine.expected_edges import ShapeBatch, expected
+from daemon.vision.refine.expected_edges import expected
 from daemon.vision.values import Part
 
 ROUNDS, SMALL_MM = 3, 0.15
@@ -75,7 +75,7 @@ def _adjusted(
     found: list[AdjustedPose | None] = [None] * len(shapes)
     if not shapes:
         return found
-    laid, poses, open_ = ShapeBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
+    laid, poses, open_ = SolidBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
         seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
         both = measured(seen_by, eyes, on_place=turn == 0)

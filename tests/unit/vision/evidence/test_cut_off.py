@@ -15,6 +15,7 @@ from daemon.vision.evidence import by_edges
 from daemon.vision.evidence.photo_consistency import face_consistency
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, cut_off
 from daemon.vision.geometry import StereoRig, exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
@@ -22,7 +23,6 @@ from daemon.vision.model.model import Model, empty_model
 from daemon.vision.recognition import group_recognition
 from daemon.vision.refine.edge_pose import facets_in_view
 from daemon.vision.refine.edge_samples import edge_samples_of
-from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes.drawn import box, obj
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import Body, pose
@@ -82,7 +82,7 @@ def test_a_part_that_could_be_longer_outside_the_picture_is_not_named() -> None:
 def test_what_leaves_a_picture_is_open_in_size_only_where_no_edge_along_it_ends_in_view() -> None:
     for where, share, open_size in ((CORNER_FIRST, 0.06, False), (END_ON, 0.25, True), (END_ON, 0.0, False)):
         eyes = both(where, share)
-        laid = ShapeBatch.of([BOX])
+        laid = SolidBatch.of([BOX])
         seen = [one.only(0, laid) for one in edge_samples_of(laid, eyes, where[None], 0.4)]
         assert cut_off(BOX, where, eyes) is (share > 0)
         assert (ahead_of_sizes(BOX, where, seen, eyes, 0.4) < LEAST_APART) is open_size

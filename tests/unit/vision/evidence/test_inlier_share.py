@@ -10,8 +10,9 @@ import pytest
 from daemon.vision.evidence.by_edges import USUAL_EXPLAINED
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
-from daemon.vision.refine.expected_edges import ShapeBatch, expected
+from daemon.vision.refine.expected_edges import expected
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import KNOWN, pose
@@ -28,7 +29,7 @@ def eyes_on(name: str | None) -> StereoImages:
 
 def share(name: str, eyes: StereoImages) -> float | None:
     solid = exact(KNOWN[name].corners_mm, KNOWN[name].facets)
-    laid = ShapeBatch.of([solid])
+    laid = SolidBatch.of([solid])
     edges = [expected(laid, view, WHERE[None], np.ones(1, bool), TOLERANCE_MM) for view in eyes.views]
     return edge_inlier_share(solid, WHERE, (edges[0], edges[1]), eyes)
 

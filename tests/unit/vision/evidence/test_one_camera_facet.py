@@ -13,11 +13,12 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig, exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solids
 from daemon.vision.model.model import Model, empty_model
-from daemon.vision.refine import ShapeBatch, edge_samples_of, facets_shown
+from daemon.vision.refine import edge_samples_of, facets_shown
 from daemon.vision.refine.edge_pose import facets_in_view
 from tests.fakes.drawn import obj
 from tests.fakes.painted import paint_pair
@@ -55,7 +56,7 @@ def seen_by_one(camera: int) -> tuple[Array, Image, Image]:
 
 def shown(body: Body, where: Array, pictures: tuple[Image, Image], by: StereoRig | None = None) -> int:
     solid, eyes = exact(body.corners_mm, body.facets), open_stereo(*pictures, by or rig())
-    return facets_shown(solid, eyes, where, edge_samples_of(ShapeBatch.of([solid]), eyes, where[None], 0.25))
+    return facets_shown(solid, eyes, where, edge_samples_of(SolidBatch.of([solid]), eyes, where[None], 0.25))
 
 
 @pytest.mark.parametrize("camera", [0, 1])

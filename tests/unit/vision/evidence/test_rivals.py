@@ -13,10 +13,11 @@ from daemon.vision.evidence.missing import RIVAL_NATS
 from daemon.vision.evidence.near_duplicates import without_corner
 from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival
 from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of
-from daemon.vision.refine.expected_edges import THIN_PX, ShapeBatch
+from daemon.vision.refine.expected_edges import THIN_PX
 from tests.bench import look_alikes
 from tests.bench.simulated_looks import true_rig
 from tests.fakes.many_parts import taught
@@ -35,7 +36,7 @@ def eyes() -> StereoImages:
 
 
 def shown(corners_mm: np.ndarray, facets) -> list[EdgeSamples]:
-    return edge_samples_of(ShapeBatch.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
+    return edge_samples_of(SolidBatch.of([exact(corners_mm, facets)]), eyes(), WHERE[None], 0.25)
 
 
 def rival_of(solid: Polyhedron, where: np.ndarray, eyes_on: StereoImages) -> UntaughtRival:

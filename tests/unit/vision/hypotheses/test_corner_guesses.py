@@ -9,10 +9,11 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import junctions
 from daemon.vision.hypotheses.edge_distance_map import edge_distances
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import StereoImages, joined, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
@@ -28,8 +29,7 @@ def eyes_on(name: str) -> StereoImages:
 
 def solids(*scales: float) -> SolidBatch:
     """All known parts in sizes."""
-    bodies = [(f"{name} x {by}", KNOWN[name], by) for by in scales for name in NAMES]
-    return SolidBatch.of([label for label, *_ in bodies], [exact(b.corners_mm * by, b.facets) for _, b, by in bodies])
+    return SolidBatch.of([exact(KNOWN[name].corners_mm * by, KNOWN[name].facets) for by in scales for name in NAMES])
 
 
 def guessed(name: str, taught: SolidBatch) -> tuple[PoseBatch, int]:
@@ -43,7 +43,7 @@ def guessed(name: str, taught: SolidBatch) -> tuple[PoseBatch, int]:
 def off_mm(name: str, found: PoseBatch) -> np.ndarray:
     """How far each guess has the corners of a part of this name from where they are; infinite for other parts."""
     there = frames.apply(WHERE, KNOWN[name].corners_mm)
-    own = found.part == found.solids.labels.index(f"{name} x 1.0")
+    own = found.part == NAMES.index(name)
     off = np.full(len(own), np.inf)
     off[own] = [
         np.linalg.norm(frames.apply(one, KNOWN[name].corners_mm)[:, None] - there, axis=2).min(1).max()
@@ -64,7 +64,7 @@ def test_of_many_sizes_the_right_one_is_among_as_few_guesses(name: str) -> None:
     sizes = solids(1.0, *np.linspace(0.5, 1.6, 16))
     found, could = guessed(name, sizes)
     assert could > 10 * guessed(name, solids(1.0))[1]
-    assert len(found.part) <= junctions._most(len(sizes.labels), 1)[0]
+    assert len(found.part) <= junctions._most(len(sizes.shapes), 1)[0]
     assert off_mm(name, found).min() < 6.0
 
 
@@ -107,7 +107,7 @@ def test_parts_share_the_kinds_of_their_corners() -> None:
 
 
 def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
-    found, could = guessed("cube", SolidBatch.of((), ()))
+    found, could = guessed("cube", SolidBatch.of(()))
     assert len(found.poses) == could == 0
     eyes = eyes_on("cube")
     none = meet(*(segment_corners(view.segments) for view in eyes.views), eyes.geometry).chosen(np.zeros(0, np.intp))

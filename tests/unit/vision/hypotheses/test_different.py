@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry import exact
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import CELL_MM, ScoredPoses, distinct, thinned
 from tests.fakes.solids import KNOWN
 from tests.unit.vision.hypotheses.test_corner_guesses import WHERE, eyes_on
 
 NAMES = tuple(sorted(KNOWN))
-SOLIDS = SolidBatch.of(NAMES, [exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])
+SOLIDS = SolidBatch.of([exact(KNOWN[name].corners_mm, KNOWN[name].facets) for name in NAMES])
 
 
 def guesses(part: list[int], aside_mm: list[float], against: list[float]) -> ScoredPoses:

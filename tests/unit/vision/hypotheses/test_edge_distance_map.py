@@ -11,6 +11,7 @@ import pytest
 from daemon import frames
 from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, face_consistency, print_apart_px
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses.edge_distance_map import (
     EdgeDistanceMap,
     Rays,
@@ -19,7 +20,7 @@ from daemon.vision.hypotheses.edge_distance_map import (
     promising,
     self_similarity,
 )
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import ScoredPoses, distinct
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from tests.fakes.printed import print_pair, straight_rig
@@ -44,7 +45,7 @@ def maps(eyes: StereoImages):
 
 
 def posed(solid, poses) -> PoseBatch:
-    return PoseBatch(SolidBatch.of(("part",), (solid,)), np.zeros(len(poses), np.intp), np.asarray(poses))
+    return PoseBatch(SolidBatch.of((solid,)), np.zeros(len(poses), np.intp), np.asarray(poses))
 
 
 def seen_edge() -> tuple[int, int]:
@@ -102,7 +103,7 @@ def test_of_many_poses_a_glance_leaves_those_that_much_speaks_for() -> None:
 
 def test_solids_of_other_shapes_beside_it_leave_a_part_what_speaks_for_it() -> None:
     eyes, names = eyes_on("cube"), ("cube", "pentagonal_prism", "pyramid")
-    side_by_side = SolidBatch.of(names, [shape(name) for name in names])
+    side_by_side = SolidBatch.of([shape(name) for name in names])
     together = PoseBatch(side_by_side, np.array([2, 0, 1, 0]), np.stack([WHERE, WHERE, moved(8.0), moved(8.0)]))
     nats, most = evidence(together, eyes.geometry, maps(eyes))
     for k, part in enumerate(together.part):

@@ -7,8 +7,9 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import search
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import ScoredPoses
 from tests.fakes.solids import CUBE, pose
 
@@ -19,7 +20,7 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
     monkeypatch.setattr(search, "MOST_PROMISING", 20)
     beside = frames.rigid(np.eye(3), np.array([60.0, 0.0, 0.0])) @ WHERE
     poses = np.stack([WHERE] * 30 + [beside] * 3)
-    solids = SolidBatch.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
+    solids = SolidBatch.of((exact(CUBE.corners_mm, CUBE.facets),))
     many = ScoredPoses(
         PoseBatch(solids, np.zeros(33, np.intp), poses), np.concatenate([np.arange(30.0), [90.0, 92.0, 91.0]])
     )
@@ -30,6 +31,6 @@ def test_a_part_in_plain_sight_leaves_one_beside_it_its_guesses(monkeypatch: pyt
 
 
 def test_where_guesses_are_few_all_are_asked_of_both_eyes() -> None:
-    solids = SolidBatch.of(("cube",), (exact(CUBE.corners_mm, CUBE.facets),))
+    solids = SolidBatch.of((exact(CUBE.corners_mm, CUBE.facets),))
     few = ScoredPoses(PoseBatch(solids, np.zeros(9, np.intp), np.stack([WHERE] * 9)), -np.arange(9.0))
     assert search._varied(few).tolist() == list(range(9))

@@ -11,8 +11,9 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import support_plane
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.support_plane import (
     SupportPlane,
     lies_on_support,
@@ -138,7 +139,7 @@ def test_of_a_part_with_two_known_sides_nobody_knows_what_it_rests_on() -> None:
 
 
 def guesses(name: str, *poses: Array) -> PoseBatch:
-    solids = SolidBatch.of((name,), (SOLIDS[name],))
+    solids = SolidBatch.of((SOLIDS[name],))
     return PoseBatch(solids, np.zeros(len(poses), np.intp), np.stack(poses))
 
 

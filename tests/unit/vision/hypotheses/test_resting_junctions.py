@@ -13,10 +13,11 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.table import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import resting_junctions
 from daemon.vision.hypotheses.edge_distance_map import edge_distances
 from daemon.vision.hypotheses.junctions import CameraJunctions
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
 from daemon.vision.hypotheses.support_plane import resting_planes
 from daemon.vision.image import SegmentCorners, StereoImages, joined, open_stereo, segment_corners
@@ -51,7 +52,7 @@ def below(solid: Polyhedron, where: Array) -> TablePlane:
 
 def guessed(name: str, *seen: SegmentCorners, by: float = 1.0) -> tuple[PoseBatch, int]:
     eyes = eyes_on(name)
-    taught = SolidBatch.of(NAMES, [exact(SOLIDS[n].corners_mm * by, SOLIDS[n].facets) for n in NAMES])
+    taught = SolidBatch.of([exact(SOLIDS[n].corners_mm * by, SOLIDS[n].facets) for n in NAMES])
     maps = edge_distances(eyes.left), edge_distances(eyes.right)
     return poses_on_support((seen[0], seen[1]), eyes.geometry, maps, below(SOLIDS[name], WHERE), taught)
 
@@ -149,7 +150,7 @@ def test_what_the_other_eye_does_not_bear_out_is_not_guessed() -> None:
     eyes = eyes_on("cube")
     there = edge_distances(eyes.left), edge_distances(eyes.right)
     nothing = type(there[1])(np.zeros_like(there[1].hit), there[1].chance, there[1].scale, there[1].origin)
-    table, taught = below(SOLIDS["cube"], WHERE), SolidBatch.of(NAMES, [SOLIDS[name] for name in NAMES])
+    table, taught = below(SOLIDS["cube"], WHERE), SolidBatch.of([SOLIDS[name] for name in NAMES])
     left = corners_of("cube")[0]
     for maps, some in ((there, True), ((there[0], nothing), False)):
         found, could = poses_on_support((left, NO_CORNERS), eyes.geometry, maps, table, taught)
@@ -172,7 +173,7 @@ def test_nothing_seen_or_nothing_taught_is_nothing_guessed() -> None:
     eyes = eyes_on("cube")
     maps = edge_distances(eyes.left), edge_distances(eyes.right)
     found, could = poses_on_support(
-        corners_of("cube"), eyes.geometry, maps, below(SOLIDS["cube"], WHERE), SolidBatch.of((), ())
+        corners_of("cube"), eyes.geometry, maps, below(SOLIDS["cube"], WHERE), SolidBatch.of(())
     )
     assert len(found.poses) == could == 0
 
@@ -207,7 +208,7 @@ def cube_on_a_table(up: Array, middle_mm: Array) -> tuple[Array, float]:
 def guessed_over(table: TablePlane) -> tuple[PoseBatch, int]:
     eyes = eyes_on("cube")
     maps = edge_distances(eyes.left), edge_distances(eyes.right)
-    taught = SolidBatch.of(NAMES, [SOLIDS[name] for name in NAMES])
+    taught = SolidBatch.of([SOLIDS[name] for name in NAMES])
     return poses_on_support(corners_of("cube"), eyes.geometry, maps, table, taught)
 
 

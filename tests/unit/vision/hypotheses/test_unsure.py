@@ -10,9 +10,10 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses.edge_distance_map import edge_distances, evidence
 from daemon.vision.hypotheses.junctions import angle, meet, poses_from_junctions
-from daemon.vision.hypotheses.pose_batch import PoseBatch, SolidBatch
+from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import TILT, TURNS, ScoredPoses, best_turned, perturbed_poses
 from daemon.vision.image import joined, segment_corners
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
@@ -35,7 +36,7 @@ def about(point: Array, way: Array, by: float) -> Array:
 
 def turned_best(guess: Array, hinge: Array) -> Array:
     maps = edge_distances(eyes().left), edge_distances(eyes().right)
-    posed = PoseBatch(SolidBatch.of(("pyramid",), (PYRAMID,)), np.zeros(1, np.intp), guess[None])
+    posed = PoseBatch(SolidBatch.of((PYRAMID,)), np.zeros(1, np.intp), guess[None])
     nats, _ = evidence(posed, eyes().geometry, maps)
     found, tries = best_turned(ScoredPoses(posed, -nats), hinge[None], eyes().geometry, maps)
     assert tries[0] == (1.0 if np.array_equal(found.posed.poses[0], guess) else len(TURNS) + 1)
@@ -60,7 +61,7 @@ def test_a_corner_turned_about_its_hinge_looks_the_same_to_the_left_eye() -> Non
     """Both of its edges point where they did; to the right eye elsewhere."""
     left, right = (segment_corners(joined(view.segments)) for view in eyes().views)
     maps, geometry = (edge_distances(eyes().left), edge_distances(eyes().right)), eyes().geometry
-    taught = SolidBatch.of(("pyramid",), (PYRAMID,))
+    taught = SolidBatch.of((PYRAMID,))
     guessed, hinges, _ = poses_from_junctions(meet(left, right, geometry), geometry, maps, taught)
     by_eye = []
     for guess, hinge in zip(guessed.poses[:40], hinges, strict=False):

@@ -6,11 +6,11 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose
 from daemon.vision.refine.edge_pose import fit_at, fit_edges, locate
-from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes import painted
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -146,13 +146,14 @@ def test_a_part_out_of_view_is_not_located() -> None:
 
 
 def test_edges_side_by_side_keep_their_own_corners_and_facets() -> None:
-    laid = ShapeBatch.of(LAID[:2])
+    laid = SolidBatch.of(LAID[:2])
     for k, shape in enumerate(LAID[:2]):
-        own = laid.owner == k
-        assert np.array_equal(laid.ends[own] - laid.begins[k], shape.lines[0])
-        first = len(LAID[0].facets) * k
-        for facets, bounds in zip(laid.beside[own], shape.lines[1].T, strict=True):
-            assert sorted(facets - first) == np.flatnonzero(bounds).tolist()
+        edges = len(shape.lines[0])
+        assert np.array_equal(laid.ends[k, :edges], shape.lines[0])
+        assert np.array_equal(laid.corners_mm.reshape(-1, 3)[laid.corners_of(k)], shape.corners_mm)
+        for facets, bounds in zip(laid.beside[k, :edges], shape.lines[1].T, strict=True):
+            assert sorted(facets) == np.flatnonzero(bounds).tolist()
+        assert (laid.beside[k, edges:] == laid.rings.shape[1]).all()
 
 
 @pytest.mark.parametrize("led", [[900.0, 0, 0, 0, 0, 0], [0, 26.0, 0, 0, 0, 0], [0, 0, 0, 0, np.radians(16.0), 0]])

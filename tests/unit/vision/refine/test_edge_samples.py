@@ -10,9 +10,9 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import exact
+from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.refine.edge_samples import EdgeEvidence, aligned_to_edges, edge_samples_of
-from daemon.vision.refine.expected_edges import ShapeBatch
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose
 
@@ -34,7 +34,7 @@ def moved(motion: list[float]) -> Array:
 
 
 def said(name: str, where: Array, eyes: StereoImages) -> EdgeEvidence:
-    return EdgeEvidence.of(edge_samples_of(ShapeBatch.of([shape(name)]), eyes, where[None], TOLERANCE_MM))
+    return EdgeEvidence.of(edge_samples_of(SolidBatch.of([shape(name)]), eyes, where[None], TOLERANCE_MM))
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))
@@ -42,7 +42,7 @@ def test_near_poses_settle_where_the_part_is(name: str) -> None:
     solid, rng = shape(name), np.random.default_rng(4)
     scale = [0.8, 0.8, 2.0, *[np.radians(1.0)] * 3]
     near = np.stack([moved((rng.normal(size=6) * scale).tolist()) for _ in range(8)])
-    found = aligned_to_edges(ShapeBatch.of([solid] * 8), eyes_on(name), near, TOLERANCE_MM)
+    found = aligned_to_edges(SolidBatch.of([solid] * 8), eyes_on(name), near, TOLERANCE_MM)
     corners = frames.apply(WHERE, solid.corners_mm)
     before, after = (
         np.array([np.linalg.norm(frames.apply(p, solid.corners_mm) - corners, axis=1).max() for p in poses])
@@ -70,7 +70,7 @@ def test_a_patterned_table_says_no_more_than_chance() -> None:
 
 def test_what_one_says_does_not_hang_on_what_is_laid_beside_it() -> None:
     solids = [shape("cube"), shape("pyramid")]
-    laid = ShapeBatch.of(solids)
+    laid = SolidBatch.of(solids)
     both = edge_samples_of(laid, eyes_on("cube"), np.stack([WHERE, WHERE]), TOLERANCE_MM)
     for k, name in enumerate(("cube", "pyramid")):
         assert EdgeEvidence.of([seen.only(k, laid) for seen in both]) == pytest.approx(
@@ -79,7 +79,7 @@ def test_what_one_says_does_not_hang_on_what_is_laid_beside_it() -> None:
 
 
 def test_edges_that_show_are_told_from_those_that_do_not() -> None:
-    laid = ShapeBatch.of([shape("cube")])
+    laid = SolidBatch.of([shape("cube")])
     on, off = (
         np.concatenate([seen.shows for seen in edge_samples_of(laid, eyes_on("cube"), where[None], TOLERANCE_MM)])
         for where in (WHERE, moved([0, 0, 0, 0.1, 0.1, 0.15]))
@@ -91,6 +91,6 @@ def test_edges_that_show_are_told_from_those_that_do_not() -> None:
 def test_a_part_outside_the_images_stays_where_it_was_thought_and_has_no_evidence() -> None:
     away = moved([900.0, 0, 0, 0, 0, 0])
     assert np.array_equal(
-        aligned_to_edges(ShapeBatch.of([shape("cube")]), eyes_on("cube"), away[None], TOLERANCE_MM)[0], away
+        aligned_to_edges(SolidBatch.of([shape("cube")]), eyes_on("cube"), away[None], TOLERANCE_MM)[0], away
     )
     assert said("cube", away, eyes_on("cube")) == (0.0, 0.0)
