@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from drivers.simcell.optics import Array32
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.shadows import TEXEL_MM, Patch, lit_share, patch_under
 from drivers.simcell.textures import table_factors
-from drivers.simcell.truth import Lamp, Lighting, TableTruth
+from drivers.simcell.truth import Lighting, TableTruth
 
 HIGHLIGHT_POWER = 12.0
 FLOOR_LEVEL = 8.0
@@ -63,7 +64,8 @@ def _unit(vectors: Array32) -> tuple[Array32, Array32]:
 
 
 class CellLight:
-    """Illumination of the table, as a map of grey levels, and of the bodies on it. The bare map is computed once."""
+    """Illumination of the table, as a map of grey levels, and of the bodies on it. The map is computed when it is first
+    needed: many a cell is never looked at."""
 
     def __init__(self, table: TableTruth, lighting: Lighting, pattern: np.random.Generator | None = None) -> None:
         """pattern: random generator of the table's pattern; None: uniform albedo."""
@@ -72,7 +74,6 @@ class CellLight:
         size = round(2 * table.half_size_mm / TEXEL_MM) + 1
         self._top = Patch(rigid(np.eye(3), [0.0, 0.0, -table.height_mm]), low, size, size)
         self._factors = None if pattern is None else table_factors(pattern, size, TEXEL_MM)
-        self._bare = [self._lamp_on_table(lamp) for lamp in lighting.lamps]
         self._facets: dict[tuple[int, tuple[int, ...]], tuple[Patch, list[Array32 | None]]] = {}
         self.cast(())
 
@@ -81,18 +82,24 @@ class CellLight:
 
         covered: a plain cloth hides the table's pattern.
         """
-        self._bodies = bodies
+        self._bodies, self._cloth = bodies, covered
         self._facets.clear()
-        level = self.lighting.ambient * (1.0 - self._crowding(bodies))
-        for lamp, bare in zip(self.lighting.lamps, self._bare, strict=True):
-            share = lit_share(self._top, lamp, bodies)
+        self._map: Array32 | None = None
+
+    def _table_map(self) -> Array32:
+        """Grey levels (rows, columns) of the table under the bodies of the last `cast`."""
+        level, top_mm = self.lighting.ambient * (1.0 - self._crowding(self._bodies)), self._table.height_mm
+        for lamp in self.lighting.lamps:
+            share = lit_share(self._top, lamp, self._bodies)
+            bare = _lamp_on_table(tuple(lamp.position_mm), lamp.level, self._top.rows, tuple(self._top.low_mm), top_mm)
             level += bare if share is None else bare * share
-        if self._factors is not None and not covered:
+        if self._factors is not None and not self._cloth:
             level *= self._factors
-        self._map = self._extended_under(self.lighting.table_albedo * level, bodies)
+        return self._extended_under(self.lighting.table_albedo * level, self._bodies)
 
     def table_levels(self, rays: Array32, world_from_camera: Array) -> Array32:
         """Camera rays (H, W, 2) x / z, y / z -> (H, W) grey levels where they meet the table."""
+        self._map = self._table_map() if self._map is None else self._map
         turn, viewer = world_from_camera[:3, :3], world_from_camera[:3, 3]
         fall = self._table.height_mm - viewer[2]
         # The table point over each ray is a homography of it: eye + fall * direction / direction_z.
@@ -159,14 +166,6 @@ class CellLight:
         places = patch.texels(apply(patch.plane_from_world, points.astype(float))[:, :2]).astype(np.float32)
         return [None if share is None else _read(share, places) for share in shares]
 
-    def _lamp_on_table(self, lamp: Lamp) -> Array32:
-        steps = np.arange(self._top.rows) * TEXEL_MM
-        dx = lamp.position_mm[0] - (self._top.low_mm[0] + steps)[None, :]
-        dy = lamp.position_mm[1] - (self._top.low_mm[1] + steps)[:, None]
-        dz = lamp.position_mm[2] - self._table.height_mm
-        squared = dx**2 + dy**2 + dz**2
-        return np.asarray(lamp.level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
-
     def _crowding(self, bodies: Sequence[Array]) -> Array32:
         """Share (rows, columns) of the ambient light that bodies close to the table block."""
         covered = np.zeros((self._top.rows, self._top.columns), np.uint8)
@@ -189,6 +188,21 @@ class CellLight:
         share = cv2.GaussianBlur(open_to_light, (0, 0), 1.5)
         outside = cv2.GaussianBlur(levels * open_to_light, (0, 0), 1.5) / np.maximum(share, np.float32(1e-6))
         return np.asarray(np.where((hidden > 0) & (share > 1e-4), outside, levels), np.float32)
+
+
+@lru_cache(maxsize=8)
+def _lamp_on_table(
+    lamp_mm: tuple[float, ...], lamp_level: float, rows: int, low_mm: tuple[float, ...], top_mm: float
+) -> Array32:
+    """Grey levels (rows, rows) that a lamp alone gives a white table with nothing on it, from its corner low_mm on."""
+    steps = np.arange(rows) * TEXEL_MM
+    dx = lamp_mm[0] - (low_mm[0] + steps)[None, :]
+    dy = lamp_mm[1] - (low_mm[1] + steps)[:, None]
+    dz = lamp_mm[2] - top_mm
+    squared = dx**2 + dy**2 + dz**2
+    levels = np.asarray(lamp_level * dz * LAMP_REFERENCE_MM**2 / squared**1.5, np.float32)
+    levels.setflags(write=False)
+    return levels
 
 
 def _read(texels: Array32, places: Array32) -> Array32:

@@ -63,10 +63,10 @@ def characteristic_pose(
     shape = part_shape(label)
     viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
     poses = _poses(_direction(shape, views[view]), world_from_cyclopean, distance_mm)
-    scores = [_clearness(shape, pose, viewers, views[view], lighting) for pose in poses]
-    if max(scores) == 0.0:
+    score, pose = _clearest(shape, poses, viewers, views[view], lighting)
+    if score == 0.0:
         raise NoViewError(f"{label}: view {view} cannot be shown at {distance_mm:.0f} mm")
-    return poses[int(np.argmax(scores))]
+    return pose
 
 
 def drawn_pose(
@@ -82,7 +82,7 @@ def drawn_pose(
     viewers = [apply(world_from_cyclopean, centre) for centre in centres_cyclopean_mm]
     towards = np.array(DRAWN_VIEWS[view % len(DRAWN_VIEWS)]) / np.sqrt(3.0)
     poses = _poses(towards, world_from_cyclopean, distance_mm)
-    return max(poses, key=lambda pose: _clearness(shape, pose, viewers, None, lighting))
+    return _clearest(shape, poses, viewers, None, lighting)[1]
 
 
 def _poses(towards: Array, world_from_cyclopean: Array, distance_mm: float) -> list[Array]:
@@ -121,15 +121,33 @@ def _evenly_between(normals: Array) -> Array:
     return towards
 
 
+def _clearest(
+    shape: PartShape,
+    poses: Sequence[Array],
+    viewers: Sequence[Array],
+    wanted: tuple[int, ...] | None,
+    lighting: Lighting,
+) -> tuple[float, Array]:
+    """The best score and its pose, the first of several."""
+    best, chosen = 0.0, poses[0]
+    for pose in poses:
+        score = _clearness(shape, pose, viewers, wanted, lighting, best)
+        if score > best:
+            best, chosen = score, pose
+    return best, chosen
+
+
 def _clearness(
     shape: PartShape,
     world_from_part: Array,
     viewers: Sequence[Array],
     wanted: tuple[int, ...] | None,
     lighting: Lighting,
+    to_beat: float,
 ) -> float:
     """Quality of a view, 0 to 1: facets turned to both cameras, clear steps at every edge, no edge along the baseline;
-    0 for another view than the wanted one (None: any)."""
+    0 for another view than the wanted one (None: any). A view that is not better than to_beat by what is quickly
+    computed gets no more than that, and its light is not computed."""
     solid = shape.hull
     middles = apply(world_from_part, np.array([solid.vertices[list(f)].mean(axis=0) for f in solid.faces]))
     normals = solid.normals @ world_from_part[:3, :3].T
@@ -141,11 +159,17 @@ def _clearness(
     turned = min(float(facing[seen].min()) for facing in facings)
     if turned < LEAST_FACING or max(float(facing[~seen].max()) for facing in facings) > HIDDEN_FACING:
         return 0.0
-    step = _least_step(solid, middles, normals, np.flatnonzero(seen), viewers[0], lighting)
+    facing_well = min(turned / WELL_TURNED, 1.0)
+    if facing_well <= to_beat:
+        return facing_well
     ends = apply(world_from_part, solid.vertices)
     edges = [ends[b] - ends[a] for f in np.flatnonzero(seen) for a, b in _sides(solid.faces[f])]
     across = _least_across(np.array(edges), viewers[-1] - viewers[0], middles.mean(axis=0) - viewers[0])
-    return min(step / CLEAR_LEVELS, 1.0) * min(turned / WELL_TURNED, 1.0) * min(across / WELL_ACROSS, 1.0)
+    along_well = min(across / WELL_ACROSS, 1.0)
+    if facing_well * along_well <= to_beat:
+        return facing_well * along_well
+    step = _least_step(solid, middles, normals, np.flatnonzero(seen), viewers[0], lighting)
+    return min(step / CLEAR_LEVELS, 1.0) * facing_well * along_well
 
 
 def _sides(face: Sequence[int]) -> list[tuple[int, int]]:
