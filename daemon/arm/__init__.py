@@ -5,18 +5,16 @@ Nothing here knows what a pick is; whoever wants the arm moved comes through thi
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
 from daemon.arm.body import (
-    ARM,
-    CAMERAS_ON_HAND,
     Capsule,
     FixtureBox,
     KeepOut,
-    body_like,
+    Point,
     body_of,
     capsule_around,
     carried_part,
     held_anyhow,
 )
-from daemon.arm.guard import CAMERA_POINTS_MM, Limits, MoveCommand, Point, SupportContact
+from daemon.arm.guard import Limits, MoveCommand, SupportContact
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
 from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
@@ -25,6 +23,18 @@ from daemon.arm.paths import speed_pct
 from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
+from daemon.arm.shapes import (
+    ARM,
+    BODY_MM,
+    CAMERA_POINTS_MM,
+    CAMERAS_ON_HAND,
+    PALM_MM,
+    HandBody,
+    body_like,
+    suction_cup,
+    two_fingers,
+    with_hand,
+)
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import (
@@ -42,9 +52,11 @@ from daemon.arm.workcell import (
 __all__ = [
     "ABORT_S",
     "ARM",
+    "BODY_MM",
     "CAMERAS_ON_HAND",
     "CAMERA_POINTS_MM",
     "EYES",
+    "PALM_MM",
     "PATH_MM",
     "Arrival",
     "Belief",
@@ -56,6 +68,7 @@ __all__ = [
     "EyeName",
     "FixtureBox",
     "Grant",
+    "HandBody",
     "HeldBackError",
     "InWorld",
     "Interruption",
@@ -96,4 +109,7 @@ __all__ = [
     "said",
     "settled_pair",
     "speed_pct",
+    "suction_cup",
+    "two_fingers",
+    "with_hand",
 ]

@@ -77,49 +77,6 @@ class FixtureBox(KeepOut):
     heading_deg: float = 0.0
 
 
-CAMERAS_ON_HAND: tuple[Capsule, ...] = (
-    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
-    Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
-)
-"""What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
-
-ARM: tuple[Capsule, ...] = (
-    Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
-    Capsule("upper arm", "upper_arm", (-340.0, 0.0, 218.5), (0.0, 0.0, 218.5), 135.0),
-    Capsule("elbow", "forearm", (0.0, 0.0, -149.0), (0.0, 0.0, 150.0), 88.0),
-    Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
-    Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
-    Capsule("palm", "tool", (0.0, -25.0, -85.0), (0.0, 25.0, -85.0), 36.0),
-    Capsule("left finger", "tool", (0.0, 49.0, -50.0), (0.0, 49.0, 2.5), 7.5),
-    Capsule("right finger", "tool", (0.0, -49.0, -50.0), (0.0, -49.0, 2.5), 7.5),
-    *CAMERAS_ON_HAND,
-)
-"""A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
-(UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;
-link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
-flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: round its own, and the points of
-body_mm."""
-
-ARM_LENGTHS_MM = 431.8, 150.05, 431.8
-"""a2, d3 and d4 (drivers/puma560.py) of the arm that ARM is of."""
-
-
-def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
-    """ARM of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the shoulder's
-    offset, to its side; as thick as the longest of them asks. The hand stays as it is."""
-    a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
-    thick = max(a2, abs(side), d4)
-    along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}
-
-    def scaled(capsule: Capsule) -> Capsule:
-        if capsule.link not in along:
-            return capsule
-        start, end = (_point(np.array(end) * along[capsule.link]) for end in (capsule.from_mm, capsule.to_mm))
-        return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
-
-    return tuple(map(scaled, ARM))
-
-
 TWO_SIDES = np.triu_indices(6, 1)
 """Of the six of a box, each two."""
 
@@ -184,7 +141,7 @@ def carried_part(points_mm: Array, name: str) -> tuple[CarriedCapsule, ...]:
     """A part in the gripper whose corners are known, (N, 3) in the tool's frame: each corner, and what encloses
     them."""
     around = capsule_around(points_mm, name)
-    corners = (CarriedCapsule(name, "tool", p, p, 0.0) for p in map(_point, points_mm))
+    corners = (CarriedCapsule(name, "tool", p, p, 0.0) for p in map(point_of, points_mm))
     return (*corners, CarriedCapsule(name, "tool", around.from_mm, around.to_mm, around.radius_mm, encloses=True))
 
 
@@ -203,15 +160,14 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
         volume = radius**2 * (high - low + 4 / 3 * radius)
         found.append((volume, middle + low * axis, middle + high * axis, radius))
     _, start, end, radius = min(found, key=lambda each: each[0])
-    return Capsule(name, "tool", _point(start), _point(end), radius)
+    return Capsule(name, "tool", point_of(start), point_of(end), radius)
 
 
 def held_anyhow(parts_mm: Iterable[Array], name: str, back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:
     """What holds any of the parts, corners (N, 3) each, wherever and however it is gripped; None where there are none.
 
-    The pads reach from back_mm behind the tool centre point to tip_mm before it, width_mm across. A part between them
-    has a point within half of width_mm of the line midway between them, and no other point of it is farther from that
-    one than the part is long.
+    The gripper touches a part within half of width_mm of a line from back_mm behind the tool centre point to tip_mm
+    before it, and no other point of the part is farther from there than the part is long.
     """
     longest = [float(np.linalg.norm(part[:, None] - part, axis=-1).max()) for part in parts_mm]
     if not longest:
@@ -219,7 +175,8 @@ def held_anyhow(parts_mm: Iterable[Array], name: str, back_mm: float, tip_mm: fl
     return Capsule(name, "tool", (0.0, 0.0, -back_mm), (0.0, 0.0, tip_mm), max(longest) + width_mm / 2)
 
 
-def _point(place: Array) -> Point:
+def point_of(place: Array) -> Point:
+    """(3,) as a point of a capsule."""
     x, y, z = (float(value) for value in place)
     return x, y, z
 

@@ -12,25 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import ARM, Capsule, KeepOut, above_mm, body_of
-from daemon.arm.body import Point as Point
+from daemon.arm.body import Capsule, KeepOut, Point, above_mm, body_of
+from daemon.arm.shapes import ARM, BODY_MM
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
-
-# The gripper and the cameras on it, as points in the tool frame (mm): finger tips, and the corners of the camera bar.
-CAMERA_POINTS_MM: tuple[Point, ...] = (
-    (-85.0, 50.0, -80.0),
-    (-85.0, -50.0, -80.0),
-    (-100.0, 50.0, -110.0),
-    (-100.0, -50.0, -110.0),
-)
-BODY_MM: tuple[Point, ...] = (
-    (7.5, 45.0, 10.0),
-    (-7.5, 45.0, 10.0),
-    (7.5, -45.0, 10.0),
-    (-7.5, -45.0, 10.0),
-    *CAMERA_POINTS_MM,
-)
 
 
 @dataclass(frozen=True)

@@ -328,8 +328,8 @@ class Mover:
         raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
 
     async def hand(self, closed: bool, hand_s: float = 0.0) -> None:
-        """Open or close the gripper: held, and refused by enable and fault, as a move is. hand_s: what its fingers
-        need; until then it is neither open nor closed.
+        """Open or close the gripper: held, and refused by enable and fault, as a move is. hand_s: what it
+        needs; until then it is neither open nor closed.
 
         Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
         it is, and open once it was opened.

@@ -156,9 +156,9 @@ def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
         yield _found(keys, "millimetres", f"{capsule.name!r} within {size:g} of its link", AS_METRES)
 
 
-def fingers(guard: Limits, tip_mm: float, outside_mm: float) -> Iterator[Implausible]:
-    """pick.gripper, by which grasps and touches are reckoned, against the hand that is guarded: fingers that reach
-    tip_mm beyond the tool centre point (z) and outside_mm to either side of it (y)."""
+def hand(guard: Limits, tip_mm: float, outside: tuple[str, float]) -> Iterator[Implausible]:
+    """pick.gripper, by which grasps and touches are reckoned, against the hand that is guarded: a gripper that reaches
+    tip_mm beyond the tool centre point (z), and to either side of it (y) as far as outside says; the key, and mm."""
     ends = [
         (np.array(end), capsule.radius_mm)
         for capsule in guard.capsules
@@ -166,11 +166,12 @@ def fingers(guard: Limits, tip_mm: float, outside_mm: float) -> Iterator[Implaus
         for end in (capsule.from_mm, capsule.to_mm)
     ] + [(np.array(point), 0.0) for point in guard.body_mm]
     tips = [(end, radius) for end, radius in ends if end[2] + radius > tip_mm - DIGITS_MM]
-    for key, axis, says_mm, which in (("tip_mm", 2, tip_mm, ends), ("opening_mm", 1, outside_mm, tips or ends)):
+    wide, outside_mm = outside
+    for key, axis, says_mm, which in (("tip_mm", 2, tip_mm, ends), (wide, 1, outside_mm, tips or ends)):
         guarded_mm = max((float(end[axis]) + radius for end, radius in which), default=0.0)
         if says_mm > guarded_mm + DIGITS_MM:
-            expected = f"fingers within the hand that is guarded, {guarded_mm:g} mm in {'xyz'[axis]}"
-            remedy = "give pick.limits.capsules and body_mm fingers as long and as far apart"
+            expected = f"a gripper within the hand that is guarded, {guarded_mm:g} mm in {'xyz'[axis]}"
+            remedy = "give pick.limits.capsules and body_mm a gripper as long and as wide"
             yield _found(("pick", "gripper", key), expected, f"{says_mm:g}", remedy)
 
 

@@ -32,7 +32,8 @@ class RecordedArm:
 
     def capsules(self, joints_rad: Array) -> tuple[list[float], Array]:
         """Radii of its C capsules, mm, and their ends (N, C, 2, 3), mm in the world, at joints (N, 6) rad."""
-        limits = guarded(self.config.values.pick.limits, self.kinematics.arm)
+        pick = self.config.values.pick
+        limits = guarded(pick.limits, self.kinematics.arm, pick.gripper.body)
         body = body_of(limits.capsules, ())
         solid = body.radius_mm > 0
         return body.radius_mm[solid].tolist(), body.placed(self.kinematics.frames(joints_rad))[:, solid]

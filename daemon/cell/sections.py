@@ -13,7 +13,20 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from msgspec import Meta
 
-from daemon.arm import ARM, CAMERAS_ON_HAND, EYES, EyeName, body_like, body_of, in_view, plausible
+from daemon.arm import (
+    ARM,
+    BODY_MM,
+    CAMERA_POINTS_MM,
+    CAMERAS_ON_HAND,
+    EYES,
+    EyeName,
+    HandBody,
+    body_like,
+    body_of,
+    in_view,
+    plausible,
+    with_hand,
+)
 from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, rigid
@@ -38,11 +51,10 @@ def check(config: Config) -> None:
     arm = arm_geometry(config)
     shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
     gripper = config.values.pick.gripper
-    outside_mm = gripper.opening_mm / 2 + gripper.finger_thick_mm
     for wrong in (
         *plausible.tool(arm.flange_from_tool),
         *plausible.limits(limits, arm.reach_mm, shoulder_mm),
-        *plausible.fingers(limits, gripper.tip_mm, outside_mm),
+        *plausible.hand(guarded(limits, arm, gripper.body), gripper.tip_mm, gripper.outside),
     ):
         raise config.document.error(wrong.keys, wrong.problem)
     if config.kind == "real":
@@ -230,15 +242,20 @@ def _check_fixed(config: Config) -> None:
         raise config.document.error(("cameras", "mounting"), problem)
 
 
-def guarded(limits: GuardLimits, arm: ArmGeometry) -> GuardLimits:
-    """The limits with the capsules scaled to this arm, where the configuration has the default ones."""
-    return replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)) if limits.capsules == ARM else limits
+def guarded(limits: GuardLimits, arm: ArmGeometry, hand: HandBody) -> GuardLimits:
+    """The limits with the capsules scaled to this arm and with this hand, where the configuration has the default ones;
+    and with its points, where it has those."""
+    if limits.capsules == ARM:
+        limits = replace(limits, capsules=with_hand(body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm), hand))
+    if limits.body_mm == BODY_MM:
+        limits = replace(limits, body_mm=(*hand.points_mm, *CAMERA_POINTS_MM))
+    return limits
 
 
 def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmGeometry) -> str | None:
     """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
     out of reach."""
-    capsules = guarded(config.values.pick.limits, arm).capsules
+    capsules = guarded(config.values.pick.limits, arm, config.values.pick.gripper.body).capsules
     body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())
     ways = [joints for _, joints in solutions(config.values.pick.home.pose(), arm)]
     seen = [in_view(link_frames(joints[None], arm)[0], body, rig, world_from_cyclopean) for joints in ways]

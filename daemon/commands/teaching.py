@@ -149,7 +149,7 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     try:  # what is wrong with the file is said before anything is asked
         name, content, in_unit = await context.study(in_own_format, name, content, in_unit)
         drawing, in_unit = await _understood(context, name, content, in_unit, frontend)
-        opening_mm = context.config.values.pick.gripper.opening_mm
+        opening_mm = context.config.values.pick.gripper.widest_mm
         told = await context.study(understood, drawing, opening_mm)
         await frontend.say("\n".join(told))
         label = await _label(context, words[:at], frontend, shown=False)

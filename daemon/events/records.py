@@ -273,6 +273,9 @@ class DecisionMade(CycleRecord, kw_only=True):
     why: Annotated[Text, meaning("in words")] = None
     label: Annotated[Text, meaning("the part it is about")] = None
     slip_deg: Annotated[Number, meaning("of the chosen grasp: how far off square its contacts are", "degrees")] = None
+    facet: Annotated[Count, meaning("of the chosen grasp by suction: the part's facet, from 1")] = None
+    room_mm: Annotated[Number, meaning("from the cup's axis to the nearest edge or hole of that facet", "mm")] = None
+    load: Annotated[Number, meaning("the share that the part asks of what the cup can hold")] = None
     chi2: Annotated[Number, meaning("of two looks that disagree")] = None
 
 

@@ -35,7 +35,7 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.T
     pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
     try:
         if not context.mover.belief.is_open:
-            await context.mover.hand(closed=False, hand_s=settings.hand_s)
+            await context.mover.hand(closed=False, hand_s=settings.hand_time_s(closed=False))
         purpose = f"stand-off {distance:g} mm"
         await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
     except MOVE_ERRORS as error:

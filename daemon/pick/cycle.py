@@ -432,7 +432,7 @@ class PickCycle:
         return await walk_round(context, count, told)
 
     async def _hand(self, closed: bool) -> None:
-        await self.supervisor.mover.hand(closed, self.settings.hand_s)
+        await self.supervisor.mover.hand(closed, self.settings.hand_time_s(closed))
 
     async def _travel(self, target: Array, purpose: str) -> None:
         await self.set_out()
@@ -485,9 +485,7 @@ class PickCycle:
         held = held_anyhow(
             [shape.corners_mm for shape in shapes if shape is not None],
             "what may be in the hand",
-            gripper.pad_back_mm,
-            gripper.tip_mm,
-            gripper.finger_width_mm,
+            *gripper.held_about,
         )
         loads = self.belief.capsules + (() if held is None else (held,))
         if loads:

@@ -182,11 +182,10 @@ async def choose(
         )
         context.decide(
             f"pick {part.label}",
-            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.width_mm:.0f} mm wide, "
-            f"tilted {plan.grasp.tilt_deg:g} degrees, contacts {plan.grasp.slip_deg:.0f} degrees off square",
+            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.told}",
             DecisionCode.CHOSEN,
             label=part.label,
-            slip_deg=plan.grasp.slip_deg,
+            **plan.grasp.figures,
         )
         return PickEvent.CHOSEN
     return PickEvent.NONE_LEFT

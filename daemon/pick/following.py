@@ -15,7 +15,7 @@ from daemon import frames
 from daemon.arm import CameraMounting, EyeName, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
-from daemon.pick.grasp import GripperGeometry, closed_fingers
+from daemon.pick.gripper import Gripper
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.placing import SetDown
 from daemon.pick.plan import Plan
@@ -31,9 +31,9 @@ NEAR_MM = 60.0
 """Facets farther than this from where the part's middle should be are not its own."""
 NEAR_POSE_MM = 15.0
 """A pose is the one that is followed where no corner is farther off: symmetric parts have others that look the same."""
-FINGERS_SHOW, FINGERS_REACH_MM = 0.9, 1.0
-"""The share of the met fingers' outline that proves them so, and how far from its place it is looked for. Met fingers
-mostly show whole; the print of a held part has looked like 0.82 of them."""
+EMPTY_SHOWS, EMPTY_REACH_MM = 0.9, 1.0
+"""The share of an empty gripper's outline that proves it so, and how far from its place it is looked for. An empty one
+mostly shows whole; the print of a held part has looked like 0.82 of it."""
 HELD = 0.9
 """Of the length of its edges, what proves a part to be in the hand that closed around it. 237 held parts of printed
 ones over patterned tables showed 1.0 mostly, 0.95 nearly always and nothing where they were out of view; with the hand
@@ -222,11 +222,14 @@ def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) ->
     return HeldPose(seen, pose, chi2)
 
 
-def came_back_empty(taken: Taken, mount: CameraMount, gripper: GripperGeometry) -> bool:
-    """Whether a pair shows the fingers met with nothing between them. Where the cameras do not have them in view, or a
-    part hides them, it does not."""
+def came_back_empty(taken: Taken, mount: CameraMount, gripper: Gripper) -> bool:
+    """Whether a pair shows that the gripper took hold of nothing. Where the cameras do not have it in view, a part
+    hides it, or it looks the same with a part as without, it does not."""
+    empty = gripper.empty
+    if empty is None:
+        return False
     eyes, near = _eyes_on_the_hand(taken, mount), _cyclopean_from_tool(taken, mount)
-    return shown(closed_fingers(gripper), eyes, near, FINGERS_REACH_MM) > FINGERS_SHOW
+    return shown(empty, eyes, near, EMPTY_REACH_MM) > EMPTY_SHOWS
 
 
 def _cyclopean_from_tool(taken: Taken, mount: CameraMount) -> Array:

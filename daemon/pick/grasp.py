@@ -1,4 +1,4 @@
-"""How to take hold of a part: antipodal grasps from its corners, its pose and the table. Pure.
+"""How two fingers take hold of a part: antipodal grasps from its corners, its pose and the table. Pure.
 
 A grasp is where the tool must be, world frame; whether the arm gets there and what the cameras see is plan.py's.
 The solid is the part where all its sides are known, and else the convex hull of the corners that are.
@@ -6,18 +6,21 @@ The solid is the part where all its sides are known, and else the convex hull of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, pairwise, product
 from typing import Annotated, NamedTuple
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon import frames
+from daemon.arm import HandBody, two_fingers
 from daemon.arrays import Array
+from daemon.pick.gripper import Grasps, HeldAbout, PlannedGrasp
 from daemon.quantities import Lean, Length, Room
 from daemon.vision.geometry import Polyhedron, exact, inside
 
@@ -35,13 +38,14 @@ LEAST_SLOPE, LEG_FACES = 1e-6, 0.9
 """The least that a face faces the fingers by to be met at all, and the least by which two are the sides of a leg."""
 SWEPT_MM = 80.0
 """How long the last stretch is, on which neighbours must leave room."""
+SLIPS_DEG = 45.0
+"""Contacts this far off square hold nothing."""
 ALONG_DEG = 9.0
 """A face this near to parallel lies along a finger; the closing finger turns the part the rest."""
 
 
-@dataclass(frozen=True)
-class GripperGeometry:
-    """The gripper's dimensions and what grasps it may make."""
+class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="fingers"):
+    """Two parallel fingers: their dimensions, and what grasps they may make."""
 
     opening_mm: Length = 90.0
     """Opening between the fingers, mm."""
@@ -64,20 +68,79 @@ class GripperGeometry:
     tilts_deg: tuple[Lean, ...] = (10.0, 20.0, 30.0, 40.0)
     """Angles from straight down at which the approach may lean, degrees."""
 
+    @property
+    def body(self) -> HandBody:
+        """See Gripper."""
+        return two_fingers(self.opening_mm, self.finger_width_mm, self.finger_thick_mm, self.pad_back_mm, self.tip_mm)
 
-@dataclass(frozen=True, eq=False)
-class PlannedGrasp:
-    """world_from_tool (4, 4) with the hand around the part; width_mm between the contacts; slip_deg: the larger angle
-    of a contact's normal from the closing direction; tilt_deg from straight down; blocked: a neighbour is near."""
+    @property
+    def outside(self) -> tuple[str, float]:
+        """See Gripper."""
+        return "opening_mm", self.opening_mm / 2 + self.finger_thick_mm
 
-    world_from_tool: Array
+    @property
+    def held_about(self) -> HeldAbout:
+        """See Gripper."""
+        return HeldAbout(self.pad_back_mm, self.tip_mm, self.finger_width_mm)
+
+    @property
+    def widest_mm(self) -> float:
+        """See Gripper."""
+        return self.opening_mm
+
+    @property
+    def empty(self) -> Polyhedron:
+        """See Gripper."""
+        return closed_fingers(self)
+
+    def works_s(self, closed: bool) -> float:
+        """See Gripper. That of fingers is pick.hand_s."""
+        return 0.0
+
+    def grasps(
+        self,
+        shape: Polyhedron,
+        world_from_part: Array,
+        table_z_mm: float,
+        error_mm: float,
+        neighbours: Sequence[Array] = (),
+        near: Array | None = None,
+    ) -> Grasps:
+        """See Gripper. Fingers centre the part, so that their clearance beside it has room for the error."""
+        found = grasps(shape, world_from_part, table_z_mm, self, neighbours, near)
+        return Grasps(found, "" if found else "no grasp holds it as it lies")
+
+    def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
+        """See Gripper."""
+        return in_the_way(world_from_tool, neighbour, self)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FingerGrasp(PlannedGrasp):
+    """The fingers around the part. width_mm between the contacts; slip_deg: the larger angle of a contact's normal from
+    the closing direction."""
+
     width_mm: float
     slip_deg: float
-    tilt_deg: float
-    blocked: bool = False
+
+    @property
+    def risk(self) -> float:
+        """See PlannedGrasp."""
+        return self.slip_deg / SLIPS_DEG
+
+    @property
+    def told(self) -> str:
+        """See PlannedGrasp."""
+        told = f"{self.width_mm:.0f} mm wide, tilted {self.tilt_deg:g} degrees"
+        return f"{told}, contacts {self.slip_deg:.0f} degrees off square"
+
+    @property
+    def figures(self) -> Mapping[str, float]:
+        """See PlannedGrasp."""
+        return {"slip_deg": self.slip_deg}
 
 
-def closed_fingers(gripper: GripperGeometry) -> Polyhedron:
+def closed_fingers(gripper: TwoFingers) -> Polyhedron:
     """Both fingers met, nothing between them, as one box in the tool frame."""
     x, y = gripper.finger_width_mm / 2, gripper.finger_thick_mm
     corners = np.array(list(product((-x, x), (-y, y), (-gripper.pad_back_mm, gripper.tip_mm))))
@@ -212,14 +275,14 @@ class _FingerLines(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def _base(gripper: GripperGeometry) -> Array:
+def _base(gripper: TwoFingers) -> Array:
     """(L, 2) x and z of the lines."""
     half = gripper.finger_width_mm / 2
     x, z = np.meshgrid(np.linspace(-half, half, 9), np.linspace(-gripper.pad_back_mm, gripper.tip_mm, 31))
     return np.column_stack([x.ravel(), z.ravel()])
 
 
-def _lines(sides: _Sides, gripper: GripperGeometry) -> _FingerLines:
+def _lines(sides: _Sides, gripper: TwoFingers) -> _FingerLines:
     """sides: in the tool frame."""
     base = _base(gripper)
     met = inside(base, sides.outlines[..., [0, 2]])
@@ -233,7 +296,7 @@ def _lines(sides: _Sides, gripper: GripperGeometry) -> _FingerLines:
     )
 
 
-def contacts(sides: _Sides, up: Array, gripper: GripperGeometry) -> Contact | None:
+def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
     """Close the open fingers on a solid, its sides in the tool frame; None where a finger would stand in it, where they
     meet nothing, or nothing that lies along them (a part gripped by two opposite edges turns away), or by their tips
     only. up (3,): world up, tool frame.
@@ -299,10 +362,10 @@ def grasps(
     shape: Polyhedron,
     world_from_part: Array,
     table_z_mm: float,
-    gripper: GripperGeometry,
+    gripper: TwoFingers,
     neighbours: Sequence[Array] = (),
     near: Array | None = None,
-) -> list[PlannedGrasp]:
+) -> list[FingerGrasp]:
     """All grasps that hold, firmest first (unblocked before blocked).
 
     shape: in the part frame; neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only
@@ -313,7 +376,7 @@ def grasps(
     solid = felt(shape)
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
     mass, sides = centre_of_mass(solid), _sides(solid)
-    found: list[PlannedGrasp] = []
+    found: list[FingerGrasp] = []
     for along in closing_directions(solid):
         middles = [mass, *_legs(solid, along, gripper)]
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
@@ -328,7 +391,7 @@ def grasps(
     return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), g.tilt_deg))
 
 
-def _legs(solid: Polyhedron, along: Array, gripper: GripperGeometry) -> list[Array]:
+def _legs(solid: Polyhedron, along: Array, gripper: TwoFingers) -> list[Array]:
     """(3,) middles between sides that look away from each other along the closing direction: where a part that is not
     convex has a leg to be held by."""
     heights = solid.normals @ solid.corners_mm.T - np.einsum("fi,fi->f", solid.normals, solid.centres_mm)[:, None]
@@ -349,8 +412,8 @@ def _placed(
     mass: Array,
     sides: _Sides,
     table_z_mm: float,
-    gripper: GripperGeometry,
-) -> PlannedGrasp | None:
+    gripper: TwoFingers,
+) -> FingerGrasp | None:
     """The grasp with this orientation: at this middle (3,) or as low as the tips allow, centred."""
     tips = np.array([[sx * gripper.finger_width_mm / 2, 0.0, gripper.tip_mm] for sx in (-1, 1)])
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())
@@ -367,16 +430,16 @@ def _placed(
     if width > gripper.opening_mm - 2 * gripper.side_clearance_mm:
         return None
     here = frames.rigid(rotation, centre + rotation[:, 1] * (contact.high_mm + contact.low_mm) / 2)
-    return PlannedGrasp(here, width, contact.slip_deg, tilt_deg)
+    return FingerGrasp(here, tilt_deg, width_mm=width, slip_deg=contact.slip_deg)
 
 
-def _in_the_palm(corners: Array, gripper: GripperGeometry) -> bool:
+def _in_the_palm(corners: Array, gripper: TwoFingers) -> bool:
     """Whether corners (..., 3), tool frame, lie where the fingers come from; a palm as wide as they open is there."""
     wide = gripper.opening_mm / 2 + gripper.finger_thick_mm
     return bool(((corners[..., 2] < -gripper.pad_back_mm) & (np.abs(corners[..., :2]) < wide).all(axis=-1)).any())
 
 
-def in_the_way(world_from_tool: Array, neighbour: Array, gripper: GripperGeometry) -> bool:
+def in_the_way(world_from_tool: Array, neighbour: Array, gripper: TwoFingers) -> bool:
     """Whether the neighbour reaches into the room the open fingers sweep on their last stretch (box against box along
     the tool's axes: errs towards `in the way`)."""
     local = frames.apply(frames.inverse(world_from_tool), neighbour)

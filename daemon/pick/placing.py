@@ -18,7 +18,6 @@ import numpy as np
 from daemon import frames
 from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, paths
 from daemon.arrays import Array
-from daemon.pick.grasp import in_the_way
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
 from daemon.store.place_file import CellPlaces, Fixture, Place, about_vertical, pattern_of
@@ -153,7 +152,7 @@ def ways_to(
     lie at places beside it."""
     for pose in goal.poses:
         way = set_down_of(goal, pose, tool_from_part, settings, mounting)
-        if any(in_the_way(way.at, each, settings.gripper) for each in neighbours):
+        if any(settings.gripper.in_the_way(way.at, each) for each in neighbours):
             continue
         straight = [p for a, b in pairwise(way.ways[:3]) for p in paths.steps(a, b, PATH_MM, 90.0)[:-1]]
         if all(allowed(each) for each in (*way.ways, *straight)):

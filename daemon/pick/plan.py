@@ -15,7 +15,7 @@ from daemon.arm import PATH_MM, CameraMounting, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
-from daemon.pick.grasp import PlannedGrasp, grasps
+from daemon.pick.gripper import PlannedGrasp
 from daemon.pick.placing import Goal, SetDown, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
@@ -99,11 +99,13 @@ def plan_part(
     camera stood that did not find it.
     """
     try:
-        found = grasps(shape, world_from_part, settings.limits.table_z_mm, settings.gripper, neighbours)
+        found, why = settings.gripper.grasps(
+            shape, world_from_part, settings.limits.table_z_mm, settings.stops.enough_mm, neighbours
+        )
     except ValueError as error:
         return NoPlan(CauseCode.NO_GRASP, f"taught corners give no solid to grasp: {error}")
     if not found:
-        return NoPlan(CauseCode.NO_GRASP, "no grasp holds it as it lies")
+        return NoPlan(CauseCode.NO_GRASP, why)
     centre = frames.apply(world_from_part, shape.corners_mm).mean(axis=0)
     middle = settings.stops.stand_offs_mm[len(settings.stops.stand_offs_mm) // 2]
     plans = []
@@ -116,7 +118,7 @@ def plan_part(
         plans.append(Plan(grasp, worth, neighbours))
     if not plans:
         return NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
-    plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.slip_deg / 45.0 - p.worth))
+    plans.sort(key=lambda p: (p.grasp.blocked, p.grasp.risk - p.worth))
     approached = 0
     for plan in plans:
         if not plan.grasp.blocked:
@@ -154,8 +156,10 @@ def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: S
     """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place that its
     neighbours leave room. None where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
-    table_z_mm, gripper = settings.limits.table_z_mm, settings.gripper
-    found = grasps(shape, world_from_part, table_z_mm, gripper, before.neighbours, near=old[:3, :3])
+    table_z_mm, error_mm = settings.limits.table_z_mm, settings.stops.enough_mm
+    found, _ = settings.gripper.grasps(
+        shape, world_from_part, table_z_mm, error_mm, before.neighbours, near=old[:3, :3]
+    )
 
     def away(grasp: PlannedGrasp) -> float:
         gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])

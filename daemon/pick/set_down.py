@@ -90,7 +90,7 @@ async def set_down(
     await mover.still_there(f"the gripper is to open at place {name}")
     _note(context, goal, PlaceStatus.SET)
     world.set_down_at = name
-    await mover.hand(closed=False, hand_s=context.settings.hand_s)
+    await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
     target.plan = replace(target.plan, way=way)
     await mover.travel(way.clear, f"back from place {name}", _slowly, straight=True)
     return PickEvent.SET_DOWN

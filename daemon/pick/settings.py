@@ -11,8 +11,9 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
-from daemon.pick.grasp import GripperGeometry, tool_rotation
+from daemon.pick.grasp import TwoFingers, tool_rotation
 from daemon.pick.pose_fusion import Doubt, Stops
+from daemon.pick.suction import SuctionCup
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 
@@ -92,7 +93,7 @@ class Settings:
     epipolar_limit_px: Pixels = 1.0
     """Vertical disparity beyond which a camera counts as knocked, px."""
     hand_s: Annotated[float, Meta(ge=0, le=60)] = 0.0
-    """Time that the fingers need to open or close, s."""
+    """Time that the gripper needs to open or close, s."""
     auto_degrade: bool = False
     """Whether, after a camera fault, an auto continues with the other camera by itself, once an operator has allowed
     that since the start."""
@@ -104,10 +105,14 @@ class Settings:
     """Where to stop on the approach, and when to stop looking."""
     doubt: Doubt = field(default_factory=Doubt)
     """One-sigma uncertainties of the cell."""
-    gripper: GripperGeometry = field(default_factory=GripperGeometry)
-    """Dimensions of the gripper."""
+    gripper: TwoFingers | SuctionCup = field(default_factory=TwoFingers)
+    """The mounted gripper: its kind and dimensions."""
     settling: Settling = field(default_factory=Settling)
     """When the images count as still."""
+
+    def hand_time_s(self, closed: bool) -> float:
+        """How long the gripper needs to take hold, or to let go."""
+        return max(self.hand_s, self.gripper.works_s(closed))
 
 
 def heading(degrees: float) -> Array:

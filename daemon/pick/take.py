@@ -11,7 +11,7 @@ from daemon.arm import BeliefSource, NotSettledError, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
-from daemon.pick.grasp import GripperGeometry
+from daemon.pick.gripper import Gripper
 from daemon.pick.looking import Look, Taken, taken_here
 from daemon.pick.outcome import InGripper, released
 from daemon.pick.plan import last_stretch
@@ -53,7 +53,7 @@ async def final(
 async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.CLOSED]:
     """Close the hand; from now on the part is guarded as the hand is, where it was thought to lie in it."""
     target = world.the_target()
-    await context.mover.hand(closed=True, hand_s=context.settings.hand_s)
+    await context.mover.hand(closed=True, hand_s=context.settings.hand_time_s(closed=True))
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     load = carried_part(corners, f"{target.label} in the gripper")
     context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load)
@@ -179,7 +179,7 @@ async def _gripper_pair(context: PickContext, target: Target | None) -> Taken | 
 
 
 def _shown_in_gripper(
-    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, gripper: GripperGeometry
+    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, gripper: Gripper
 ) -> tuple[InGripper, InGripper]:
     """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
     above = opened = InGripper.UNCLEAR
@@ -205,7 +205,7 @@ async def _to_the_bin(context: PickContext, world: WorldModel, purpose: str) -> 
 async def _open_gripper(context: PickContext) -> None:
     """Where the arm came to rest above the bin, and nowhere that somebody else moved it meanwhile."""
     await context.mover.still_there("the gripper is to open above the bin")
-    await context.mover.hand(closed=False, hand_s=context.settings.hand_s)
+    await context.mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
 
 
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:

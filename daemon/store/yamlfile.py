@@ -30,6 +30,8 @@ PLAIN = {
 }
 """Names of the types for people."""
 UNIONS = (typing.Union, types.UnionType)
+KIND = "kind"
+"""The key that says which kind a section is of, where it may be of several."""
 ODD_NUMBER = re.compile(r"[-+]?(0[0-7_]+|[0-9_.]+(:[0-9_.]+)+)")
 """What YAML 1.1 reads as octal or in base 60, where a person means a number with zeros, or a time."""
 BASE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -75,10 +77,11 @@ class Document:
         data = _value(self.data, at) or {} if at else self.data
         if data is None:
             raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
+        data = _without_empty_sections(data, kind)
         for keys, known in _unknown_keys(data, kind, ()):
             raise self.error((*at, *keys), f"unknown key{_suggestion(str(keys[-1]), known)}")
         try:
-            return msgspec.convert(_without_empty_sections(data, kind), kind)
+            return msgspec.convert(data, kind)
         except msgspec.ValidationError as error:
             raise self._explain(error, kind, data, at) from None
 
@@ -102,7 +105,7 @@ class Document:
         keys = _resolve_wildcards(
             keys, data, problem, lambda changed: msgspec.convert(_without_empty_sections(changed, kind), kind)
         )
-        where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys)
+        where, found, expected_kind = (*at, *keys), _short(_value(data, keys)), _kind_at(kind, keys, data)
         missing = re.match(r"Object missing required field `(.*)`", problem)
         if missing:
             return self.error(where, f"the key `{missing[1]}` is missing")
@@ -114,6 +117,8 @@ class Document:
         if "Invalid enum value" in problem:
             choices = ", ".join(str(choice) for choice in typing.get_args(_bare(expected_kind)))
             return self.error(where, f"expected one of {choices}, found {found}")
+        if (kinds := kinds_of(_kind_at(kind, keys[:-1], data))) and keys[-1] == KIND:
+            return self.error(where, f"expected one of {', '.join(kinds)}, found {found}")
         expected = re.sub(r", got .*", "", problem).replace("`", "")
         expected = re.sub(r"\b\w+\b", lambda word: PLAIN.get(word[0], word[0]), expected)
         return self.error(where, f"{expected[:1].lower()}{expected[1:]}, found {found}")
@@ -170,8 +175,30 @@ def _fields_of(kind: type[Any]) -> Mapping[str, Any]:
     return typing.get_type_hints(kind, include_extras=True) if dataclasses.is_dataclass(kind) else {}
 
 
+def kinds_of(kind: Any) -> dict[str, type]:
+    """The structures of a section that may be of several kinds, by the word under its key `kind`, the one first that it
+    is of where the key is absent; empty for any other section."""
+    options = typing.get_args(kind) if typing.get_origin(kind) in UNIONS else ()
+    tagged = [one for one in options if isinstance(one, type) and issubclass(one, msgspec.Struct)]
+    return {str(one.__struct_config__.tag): one for one in tagged if one.__struct_config__.tag_field == KIND}
+
+
+def _of_its_kind(kind: Any, data: Any) -> Any:
+    """The structure of a section that may be of several kinds, by its data; any other kind as it is."""
+    kinds = kinds_of(kind)
+    if not kinds:
+        return kind
+    word = data.get(KIND) if isinstance(data, dict) else None
+    return kinds.get(str(word)) or next(iter(kinds.values()))
+
+
 def _without_empty_sections(data: Any, kind: Any) -> Any:
-    """Replace empty sections (every key commented out) by {}, so that they mean their defaults."""
+    """Replace empty sections (every key commented out) by {}, so that they mean their defaults, and say which kind a
+    section is of that may be of several."""
+    if kinds := kinds_of(kind):
+        if data is None or (isinstance(data, dict) and KIND not in data):
+            data = {KIND: next(iter(kinds)), **(data or {})}
+        kind = _of_its_kind(kind, data)
     fields = _field_types(kind)
     if data is None and fields:
         return {}
@@ -181,14 +208,15 @@ def _without_empty_sections(data: Any, kind: Any) -> Any:
     return {key: _without_empty_sections(value, fields.get(key, each)) for key, value in data.items()}
 
 
-def _kind_at(kind: Any, keys: tuple[Key, ...]) -> Any:
-    """The type at a key path, with its bounds."""
+def _kind_at(kind: Any, keys: tuple[Key, ...], data: Any) -> Any:
+    """The type at a key path of the data, with its bounds."""
     if not keys:
         return kind
-    kind = _bare(kind)
+    kind = _of_its_kind(_bare(kind), data)
     options = [o for o in typing.get_args(kind) if o is not ...]
     fields = _field_types(kind)
-    return _kind_at(fields[str(keys[0])] if fields else options[-1] if options else None, keys[1:])
+    inner = fields.get(str(keys[0])) if fields else options[-1] if options else None
+    return _kind_at(inner, keys[1:], _value(data, keys[:1]))
 
 
 def _bare(kind: Any) -> Any:
@@ -214,10 +242,13 @@ def _bounds(kind: Any) -> str | None:
 def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...], list[str]]]:
     """Yield the keys that no field takes (msgspec ignores them in dataclasses), each with the valid keys there."""
     kind = _bare(kind)
+    its_kind = {KIND: str} if kinds_of(kind) else {}
+    kind = _of_its_kind(kind, data)
     options = [o for o in typing.get_args(kind) or (kind,) if o is not type(None)]
     if isinstance(data, dict):
         free = typing.get_origin(kind) is dict
         known = {} if free else {name: field for option in options for name, field in _field_types(option).items()}
+        known = its_kind | known
         for key, value in data.items():
             if not known:
                 yield from _unknown_keys(value, options[-1], (*keys, key))

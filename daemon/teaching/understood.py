@@ -16,7 +16,7 @@ ALONG_COS = np.cos(np.radians(0.5))
 OPPOSITE_COS = -np.cos(np.radians(3.0))
 
 
-def understood(drawing: Drawing, opening_mm: float) -> list[str]:
+def understood(drawing: Drawing, opening_mm: float | None) -> list[str]:
     """Size, facets, holes, what is no facet, what was mended, the part's frame, and how a gripper could hold it."""
     size = " x ".join(f"{side:.4g}" for side in drawing.size_mm)
     solid = drawing.solid
@@ -29,7 +29,7 @@ def understood(drawing: Drawing, opening_mm: float) -> list[str]:
     origin = " ".join(f"{value + 0.0:.4g}" for value in np.round(drawing.origin_mm, 2))
     axes = ", ".join(_axis(row) for row in solid.laid_flat[0, :3, :3])
     lines.append(f"The part's frame: its origin at ({origin}) of the drawing, its x, y, z along the drawing's {axes}.")
-    lines.append(_held(solid, opening_mm))
+    lines += [] if opening_mm is None else [_held(solid, opening_mm)]
     return lines
 
 

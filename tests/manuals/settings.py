@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 from daemon import config
-from daemon.store.yamlfile import PLAIN, UNIONS
+from daemon.store.yamlfile import KIND, PLAIN, UNIONS, kinds_of
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
 
@@ -91,7 +91,15 @@ def entries(kind: Any) -> type | None:
     kind = bare(kind)
     inner = bare(typing.get_args(kind)[0]) if typing.get_origin(kind) is tuple else kind
     inner = bare(typing.get_args(kind)[1]) if typing.get_origin(kind) is dict else inner
-    return inner if dataclasses.is_dataclass(inner) and isinstance(inner, type) else None
+    structure = dataclasses.is_dataclass(inner) or (isinstance(inner, type) and issubclass(inner, msgspec.Struct))
+    return inner if structure and isinstance(inner, type) else None
+
+
+def fields_of(kind: type) -> dict[str, Any]:
+    """Field -> its default, as a value; MISSING where it has none."""
+    if dataclasses.is_dataclass(kind):
+        return {field.name: value_of(field) for field in dataclasses.fields(kind)}
+    return {field.name: field.default for field in msgspec.structs.fields(kind)}
 
 
 def allowed(kind: Any) -> str:
@@ -118,9 +126,8 @@ def value_of(field: dataclasses.Field[Any]) -> Any:
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
-def default_of(field: dataclasses.Field[Any]) -> str:
+def default_of(value: Any) -> str:
     """A default as a person writes it into the file."""
-    value = value_of(field)
     if value in (dataclasses.MISSING, None):
         return "*unset*" if value is None else "*required*"
     if isinstance(value, bytes):
@@ -133,8 +140,7 @@ def default_of(field: dataclasses.Field[Any]) -> str:
 
 def _written_out(kind: type, name: str) -> str:
     """A long default as a block of the file, an entry a line."""
-    field = next(field for field in dataclasses.fields(kind) if field.name == name)
-    lines = [f"  - {json.dumps(_short(entry))}" for entry in msgspec.to_builtins(value_of(field))]
+    lines = [f"  - {json.dumps(_short(entry))}" for entry in msgspec.to_builtins(fields_of(kind)[name])]
     return "\n".join(["```yaml", f"{name}:", *lines, "```", ""])
 
 
@@ -156,17 +162,20 @@ def sections(kind: type, path: str) -> Iterator[tuple[str, type, list[Setting]]]
     """(path, structure, its rows) of a section and all below it, depth first."""
     hints = typing.get_type_hints(kind, include_extras=True)
     rows, below = [], []
-    for field in dataclasses.fields(kind):
-        full = f"{path}.{field.name}".lstrip(".")
+    for name, default in fields_of(kind).items():
+        full = f"{path}.{name}".lstrip(".")
         if full.replace("[]", "") in config.OBSOLETE:
             continue
-        hint = TYPED_BY_DRIVERS.get(full, hints[field.name])
+        hint = TYPED_BY_DRIVERS.get(full, hints[name])
+        if kinds := kinds_of(hint):
+            below += [(f"{full}, {KIND}: {word}", each) for word, each in kinds.items()]
+            continue
         inner = entries(hint)
         listed, named = (typing.get_origin(bare(hint)) is each for each in (tuple, dict))
         if inner is not None:
             below.append((f"{full}{'[]' if listed else '.NAME' if named else ''}", inner))
         if inner is None or listed:
-            rows.append(Setting(field.name, hint, default_of(field), meanings(kind).get(field.name, "")))
+            rows.append(Setting(name, hint, default_of(default), meanings(kind).get(name, "")))
     yield path, kind, rows
     for inner_path, inner in below:
         yield from sections(inner, inner_path)

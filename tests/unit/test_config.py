@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from daemon.arm import ARM, CAMERAS_ON_HAND
 from daemon.calibration.file import load_calibration
 from daemon.cell import sections
 from daemon.config import load_config
 from daemon.main import main
 from daemon.store import folders
 from daemon.store.yamlfile import ConfigError
+from drivers.puma560 import PUMA560
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 
@@ -218,6 +222,48 @@ def test_a_calibration_of_one_camera_is_refused_where_there_are_two(path: Path) 
 def test_a_gripper_longer_or_wider_than_the_hand_that_is_guarded_is_refused_at_the_start(
     path: Path, gripper: str
 ) -> None:
-    path.write_text(f"version: 1\npick: {{gripper: {{{gripper}}}}}\n")
+    usual = [msgspec.to_builtins(capsule) for capsule in ARM[::-1]]
+    path.write_text(f"version: 1\npick: {{gripper: {{{gripper}}}, limits: {{capsules: {json.dumps(usual)}}}}}\n")
     with pytest.raises(ConfigError, match=r"pick\.gripper.*the hand that is guarded"):
         sections.check(load_config(path))
+
+
+def test_the_hand_that_is_guarded_is_the_one_that_the_gripper_is_said_to_be(path: Path) -> None:
+    path.write_text("version: 1\ncell: simulated\npick: {gripper: {tip_mm: 60, opening_mm: 130}}\n")
+    config = load_config(path)
+    sections.check(config)
+    guard = sections.guarded(config.values.pick.limits, PUMA560, config.values.pick.gripper.body)
+    tips = [point for point in guard.body_mm if point[2] == 60.0]
+    assert {abs(y) for _, y, _ in tips} == {65.0}
+    assert any(capsule.from_mm[1] == 69.0 for capsule in guard.capsules), "as wide as the fingers open"
+    assert set(CAMERAS_ON_HAND) <= set(guard.capsules)
+
+
+@pytest.mark.parametrize(
+    ("gripper", "told"),
+    [
+        ("{kind: suctoin}", ":3: pick.gripper.kind: expected one of fingers, suction, found 'suctoin'"),
+        ("{kind: suction, cup_radius_mm: 0}", ":3: pick.gripper.cup_radius_mm: expected above 0 to 5000, found 0"),
+        ("{kind: suction, vacuum_bar: 6}", ":3: pick.gripper.vacuum_bar: expected above 0 to 1, found 6"),
+        ("{kind: suction, cup_radius: 8}", ":3: pick.gripper.cup_radius: unknown key; did you mean `cup_radius_mm`?"),
+        ("{kind: suction, opening_mm: 90}", ":3: pick.gripper.opening_mm: unknown key"),
+        ("{cup_radius_mm: 8}", ":3: pick.gripper.cup_radius_mm: unknown key"),
+        ("{kind: fingers, opening_mm: wide}", ":3: pick.gripper.opening_mm: expected a number, found 'wide'"),
+    ],
+)
+def test_a_gripper_that_cannot_be_meant_is_refused_in_one_line(path: Path, gripper: str, told: str) -> None:
+    assert refusal(path, f"version: 1\ncell: simulated\npick: {{gripper: {gripper}}}\n").startswith(told)
+
+
+FINGERS, SUCTION = "TwoFingers", "SuctionCup"
+
+
+@pytest.mark.parametrize(
+    ("gripper", "kind"),
+    [("", FINGERS), ("{kind: fingers}", FINGERS), ("{friction: 0.3}", FINGERS), ("{kind: suction}", SUCTION)],
+)
+def test_a_gripper_is_of_the_kind_that_the_file_says_and_has_fingers_where_it_says_none(
+    path: Path, gripper: str, kind: str
+) -> None:
+    path.write_text(f"version: 1\ncell: simulated\npick:\n  gripper: {gripper}\n")
+    assert type(load_config(path).values.pick.gripper).__name__ == kind

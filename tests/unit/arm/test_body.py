@@ -11,18 +11,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm.body import (
-    ARM,
     Capsule,
     KeepOut,
     above_mm,
     away_mm,
-    body_like,
     body_of,
     capsule_around,
     held_anyhow,
     within_mm,
 )
-from daemon.arm.guard import BODY_MM
+from daemon.arm.shapes import ARM, BODY_MM, body_like
 from drivers import puma560
 from drivers.simcell import motion_monitor
 from drivers.simcell.gripper import finger_rods

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from daemon.arm import plausible
-from daemon.arm.body import ARM, Capsule, KeepOut
+from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import Limits
+from daemon.arm.shapes import ARM
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 
@@ -148,8 +149,10 @@ def bounded(value: float) -> dict[str, list[plausible.Implausible]]:
         "reach": list(plausible.limits(moved_box, REACH_MM)),
         "table below": list(plausible.limits(replace(LIMITS, table_z_mm=low - off), REACH_MM)),
         "table above": list(plausible.limits(replace(LIMITS, table_z_mm=low + off), REACH_MM)),
-        "fingers": list(
-            plausible.fingers(replace(LIMITS, capsules=(), body_mm=((0, 9, 9),)), 9 + value * plausible.DIGITS_MM, 9)
+        "hand": list(
+            plausible.hand(
+                replace(LIMITS, capsules=(), body_mm=((0, 9, 9),)), 9 + value * plausible.DIGITS_MM, ("opening_mm", 9)
+            )
         ),
         "metres, tool": list(plausible.tool(moved(TOOL, 0, 0, metre_mm))),
         "metres, capsule": list(plausible.limits(replace(LIMITS, capsules=(*ARM, *small)), REACH_MM)),
@@ -204,10 +207,10 @@ def test_a_gripper_of_capsules_or_of_points_is_enough():
 
 
 @pytest.mark.parametrize(("tip_mm", "outside_mm", "key"), [(60.0, 53.0, "tip_mm"), (10.0, 70.0, "opening_mm")])
-def test_fingers_that_reach_beyond_the_hand_that_is_guarded_are_told(tip_mm, outside_mm, key):
+def test_a_gripper_that_reaches_beyond_the_hand_that_is_guarded_is_told(tip_mm, outside_mm, key):
     """Taken over without a word, longer fingers went 25 mm under the table: the guard kept those it had."""
-    (found,) = plausible.fingers(LIMITS, tip_mm, outside_mm)
+    (found,) = plausible.hand(LIMITS, tip_mm, ("opening_mm", outside_mm))
     assert found.keys == ("pick", "gripper", key)
     longer = Capsule("finger", "tool", (0.0, 60.0, 0.0), (0.0, 60.0, 50.0), 10.0)
-    assert not list(plausible.fingers(replace(LIMITS, capsules=(*ARM, longer)), tip_mm, outside_mm))
-    assert not list(plausible.fingers(LIMITS, 10.0, 53.0))
+    assert not list(plausible.hand(replace(LIMITS, capsules=(*ARM, longer)), tip_mm, ("opening_mm", outside_mm)))
+    assert not list(plausible.hand(LIMITS, 10.0, ("opening_mm", 53.0)))

@@ -1,7 +1,6 @@
 """Grasps from corners alone: they hold, clear the table, fit the opening, look down, and mind neighbours."""
 
-from dataclasses import replace
-
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.pick.grasp import (
-    GripperGeometry,
+    TwoFingers,
     centre_of_mass,
     closed_fingers,
     closing_directions,
@@ -25,7 +24,7 @@ from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth
 from tests.fakes.drawn import prism
 
-GRIPPER = GripperGeometry()
+GRIPPER = TwoFingers()
 MIDDLE = np.array([520.0, 0.0, -300.0])
 TRUTH = load_truth(folders.HOUSE / "etc" / "simcell.yaml").gripper
 RESTS = [(label, rest) for label in TAUGHT for rest in range(len(part_shape(label).rests))]
@@ -85,7 +84,7 @@ def test_a_part_too_wide_for_the_hand_has_no_grasp():
 
 
 def test_a_steeper_pyramid_than_the_pads_hold_has_no_grasp_on_its_sides():
-    slippery = GripperGeometry(friction=0.2)
+    slippery = TwoFingers(friction=0.2)
     corners = part_shape("pyramid").hull.vertices
     assert all(g.slip_deg < 12 for g in grasps(known(corners), lying("pyramid", 0), -300.0, slippery))
 
@@ -123,7 +122,7 @@ def test_the_cameras_look_up_from_the_side_the_hand_leans_away_from():
 
 
 def test_the_met_fingers_are_a_box_whose_faces_look_outwards():
-    gripper = GripperGeometry()
+    gripper = TwoFingers()
     shape = closed_fingers(gripper)
     outwards = shape.centres_mm - shape.corners_mm.mean(axis=0)
     assert (np.einsum("fi,fi->f", shape.normals, outwards) > 0).all()
@@ -161,10 +160,10 @@ def test_the_centre_of_mass_of_two_joined_blocks_is_where_their_weights_say():
 def test_no_grasp_brings_the_palm_down_on_a_part_higher_than_the_fingers_are_long():
     corners, rings = prism([(0, 0), (40, 0), (40, 40), (0, 40)], 110.0)
     post, low = exact(corners, rings), exact(corners * [1.0, 1.0, 0.5], rings)
-    long = replace(GRIPPER, swing_mm=100.0)
+    long = msgspec.structs.replace(GRIPPER, swing_mm=100.0)
     assert grasps(low, frames.rigid(np.eye(3), MIDDLE), -300.0, long)
     assert not grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, long)
-    assert grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, replace(long, pad_back_mm=70.0))
+    assert grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, msgspec.structs.replace(long, pad_back_mm=70.0))
 
 
 def test_the_fingers_may_close_along_and_across_the_longest_edge():

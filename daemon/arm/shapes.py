@@ -1,0 +1,120 @@
+"""What a PUMA 560 and the hands on it are made of, as capsules and points: what may strike something. Pure.
+
+A hand's body follows from the gripper's dimensions; the guard knows no kinds of gripper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from daemon.arm.body import Capsule, Point, point_of
+
+PALM_MM, PALM_BEHIND_MM = 36.0, 35.0
+"""Radius of what carries a gripper, and how far behind the gripper its middle is."""
+PALM_IN_MM = 20.0
+"""So far inside of two fingers the ends of the palm's axis lie."""
+
+
+@dataclass(frozen=True)
+class HandBody:
+    """What of a gripper may strike something, tool frame, mm: capsules, and points where capsules are too round."""
+
+    capsules: tuple[Capsule, ...]
+    points_mm: tuple[Point, ...]
+
+
+def two_fingers(
+    opening_mm: float = 90.0,
+    width_mm: float = 15.0,
+    thick_mm: float = 8.0,
+    back_mm: float = 50.0,
+    tip_mm: float = 10.0,
+) -> HandBody:
+    """Two open fingers that close along tool y, from back_mm behind the tool centre point to tip_mm before it."""
+    half, beside = width_mm / 2, (opening_mm + thick_mm) / 2
+    palm, behind = max(opening_mm / 2 - PALM_IN_MM, 0.0), -back_mm - PALM_BEHIND_MM
+    return HandBody(
+        (
+            Capsule("palm", "tool", (0.0, -palm, behind), (0.0, palm, behind), PALM_MM),
+            Capsule("left finger", "tool", (0.0, beside, -back_mm), (0.0, beside, tip_mm - half), half),
+            Capsule("right finger", "tool", (0.0, -beside, -back_mm), (0.0, -beside, tip_mm - half), half),
+        ),
+        tuple((x, y, tip_mm) for y, x in product((opening_mm / 2, -opening_mm / 2), (half, -half))),
+    )
+
+
+def suction_cup(radius_mm: float, length_mm: float) -> HandBody:
+    """A cup on a tube, its lip round the tool centre point, from the palm length_mm behind that."""
+    behind, low = -length_mm - PALM_BEHIND_MM, -min(radius_mm, length_mm)
+    around = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    rim = radius_mm * np.column_stack([np.cos(around), np.sin(around), np.zeros(len(around))])
+    return HandBody(
+        (
+            Capsule("palm", "tool", (0.0, 0.0, behind), (0.0, 0.0, behind), PALM_MM),
+            Capsule("suction cup", "tool", (0.0, 0.0, -length_mm), (0.0, 0.0, low), radius_mm),
+        ),
+        tuple(map(point_of, rim)),
+    )
+
+
+CAMERA_POINTS_MM: tuple[Point, ...] = (
+    (-85.0, 50.0, -80.0),
+    (-85.0, -50.0, -80.0),
+    (-100.0, 50.0, -110.0),
+    (-100.0, -50.0, -110.0),
+)
+"""The corners of the cameras' bar, tool frame."""
+CAMERAS_ON_HAND: tuple[Capsule, ...] = (
+    Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
+    Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
+)
+"""What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
+
+ARM: tuple[Capsule, ...] = (
+    Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
+    Capsule("upper arm", "upper_arm", (-340.0, 0.0, 218.5), (0.0, 0.0, 218.5), 135.0),
+    Capsule("elbow", "forearm", (0.0, 0.0, -149.0), (0.0, 0.0, 150.0), 88.0),
+    Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
+    Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
+    *two_fingers().capsules,
+    *CAMERAS_ON_HAND,
+)
+"""A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
+(UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;
+link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
+flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: round its own, and the points of
+body_mm."""
+
+ARM_LENGTHS_MM = 431.8, 150.05, 431.8
+"""a2, d3 and d4 (drivers/puma560.py) of the arm that ARM is of."""
+
+
+def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
+    """ARM of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the shoulder's
+    offset, to its side; as thick as the longest of them asks. The hand stays as it is."""
+    a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
+    thick = max(a2, abs(side), d4)
+    along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}
+
+    def scaled(capsule: Capsule) -> Capsule:
+        if capsule.link not in along:
+            return capsule
+        start, end = (point_of(np.array(end) * along[capsule.link]) for end in (capsule.from_mm, capsule.to_mm))
+        return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
+
+    return tuple(map(scaled, ARM))
+
+
+BODY_MM: tuple[Point, ...] = (*two_fingers().points_mm, *CAMERA_POINTS_MM)
+"""The points of the gripper and the cameras of etc/."""
+
+
+def with_hand(capsules: tuple[Capsule, ...], hand: HandBody) -> tuple[Capsule, ...]:
+    """An arm's capsules with this hand in place of the one of ARM."""
+    usual = two_fingers().capsules
+    first = capsules.index(usual[0])
+    others = [capsule for capsule in capsules if capsule not in usual]
+    return (*others[:first], *hand.capsules, *others[first:])

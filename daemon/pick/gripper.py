@@ -1,0 +1,101 @@
+"""What a pick asks of the mounted gripper, whatever its kind: its body, its grasps, how long it works, how it shows.
+
+A kind is a value of facetd.yaml with these methods: TwoFingers (grasp.py), SuctionCup (suction.py). Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from daemon.arm import HandBody
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedGrasp:
+    """world_from_tool (4, 4) with the hand at the part; tilt_deg from straight down; blocked: a neighbour is near."""
+
+    world_from_tool: Array
+    tilt_deg: float
+    blocked: bool = False
+
+    @property
+    def risk(self) -> float:
+        """How near it is to what the gripper can just hold: 0, surely held, to 1."""
+        raise NotImplementedError
+
+    @property
+    def told(self) -> str:
+        """The grasp in words."""
+        raise NotImplementedError
+
+    @property
+    def figures(self) -> Mapping[str, float]:
+        """The grasp in figures, for the record of the decision."""
+        raise NotImplementedError
+
+
+class Grasps(NamedTuple):
+    """All grasps that hold, best first; why: what keeps each from holding, where there is none."""
+
+    found: Sequence[PlannedGrasp]
+    why: str = ""
+
+
+class HeldAbout(NamedTuple):
+    """Where a gripper touches what it holds: within half of width_mm of the line from back_mm behind the tool centre
+    point to tip_mm before it."""
+
+    back_mm: float
+    tip_mm: float
+    width_mm: float
+
+
+class Gripper(Protocol):
+    """A kind of gripper with its dimensions."""
+
+    @property
+    def body(self) -> HandBody:
+        """What of it may strike something."""
+
+    @property
+    def tip_mm(self) -> float:
+        """How far it reaches beyond the tool centre point."""
+
+    @property
+    def outside(self) -> tuple[str, float]:
+        """The key of its width in facetd.yaml, and how far it reaches to either side, mm."""
+
+    @property
+    def held_about(self) -> HeldAbout:
+        """Where it touches what it holds."""
+
+    @property
+    def widest_mm(self) -> float | None:
+        """The widest part that it can hold; None: its width does not matter."""
+
+    @property
+    def empty(self) -> Polyhedron | None:
+        """How it shows, tool frame, once it was closed on nothing; None: no look can tell."""
+
+    def works_s(self, closed: bool) -> float:
+        """How long it needs to take hold or to let go, by its own settings."""
+
+    def grasps(
+        self,
+        shape: Polyhedron,
+        world_from_part: Array,
+        table_z_mm: float,
+        error_mm: float,
+        neighbours: Sequence[Array] = (),
+        near: Array | None = None,
+    ) -> Grasps:
+        """Grasps of a part that lies like this. error_mm: how far off the part may be from where it is thought to be;
+        neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only grasps whose tool is turned
+        nearly like it. Raises ValueError where the shape's corners span no volume."""
+
+    def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
+        """Whether a neighbour (M, 3) reaches into the room that it sweeps on the last stretch to a grasp."""
