@@ -131,8 +131,8 @@ def _too_far(state: DriftState, settings: DriftSettings) -> NDArray[np.bool_]:
     """Which axes have drifted: beyond `sigmas` standard deviations of the difference of the means, and `least_deg`."""
     recent = np.maximum(state.recent_information, 1e-30)
     sigma = _scale(state) * np.sqrt(state.recent_squares / recent**2 + 1 / np.maximum(state.information, 1e-30))
-    far: NDArray[np.bool_] = np.abs(state.mean) > np.maximum(settings.sigmas * sigma, np.radians(settings.least_deg))
-    return far & (state.recent_information > 0)
+    limit = np.maximum(settings.sigmas * sigma, np.radians(settings.least_deg))
+    return np.asarray(np.abs(state.mean) > limit)
 
 
 def _drift(state: DriftState, far: NDArray[np.bool_], settings: DriftSettings, alone: EyeName | None) -> Drift | None:

@@ -131,7 +131,7 @@ def _kind(values: Mapping[str, Any]) -> str | None:
         return "camchain"
     if "transformation" in values or {"parameters", "transform"} <= set(values):
         return "easy_handeye"
-    if {"camera_matrix", "projection_matrix"} <= set(values) or ("distortion_model" in values and "k" in plain):
+    if {"camera_matrix", "projection_matrix"} <= set(values) or "distortion_model" in values:
         return "camera_info"
     if any(plain & set(names) for _, names in OPENCV.values()):
         return "FileStorage"

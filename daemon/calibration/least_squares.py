@@ -92,6 +92,11 @@ def inverse_of_normal(normal: Array) -> Array:
     return inverse
 
 
+def intrinsics_of(matrix: Array, distortion: Array) -> Array:
+    """(9,) parameters of a camera: fx, fy, cx, cy, k1, k2, p1, p2, k3; distortion (5,) or more."""
+    return np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], np.ravel(distortion)[:5]])
+
+
 def camera_matrix(intrinsics: Array) -> tuple[Array, Array]:
     """(9,) parameters -> camera matrix (3, 3) and distortion (5,)."""
     fx, fy, cx, cy = intrinsics[:4]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.calibration.least_squares import INTRINSICS, camera_matrix, minimise, project
+from daemon.calibration.least_squares import INTRINSICS, camera_matrix, intrinsics_of, minimise, project
 from daemon.errors import FacetdError
 
 OURS = 5
@@ -52,7 +52,7 @@ def refitted(matrix: Array, coefficients: Array, size: tuple[int, int], fisheye:
         return RefittedLens(matrix, np.concatenate([values[:OURS], np.zeros(max(0, OURS - len(values)))]))
     rays = _rays(matrix, values, size, fisheye)
     px = _projected(rays, matrix, values, fisheye)
-    start = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.zeros(OURS)])
+    start = intrinsics_of(matrix, np.zeros(OURS))
     seen = np.column_stack([rays, np.ones(len(rays))])
 
     def problem(x: Array) -> tuple[Array, Array]:

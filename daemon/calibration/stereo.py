@@ -21,6 +21,7 @@ from daemon.calibration.least_squares import (
     Solution,
     UndeterminedError,
     camera_matrix,
+    intrinsics_of,
     pose_of,
     solve,
     stereo_problem,
@@ -143,9 +144,7 @@ def _start(matches: Sequence[MatchedCorners], image_size: tuple[int, int]) -> Ar
         _, matrix, distortion, turns, shifts = cv2.calibrateCamera(
             points, corners, image_size, None, None, flags=cv2.CALIB_FIX_K3
         )
-        cameras.append(
-            np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], distortion.ravel()[:5]])
-        )
+        cameras.append(intrinsics_of(np.asarray(matrix, float), np.asarray(distortion, float)))
         boards.append([np.concatenate([r.ravel(), t.ravel()]) for r, t in zip(turns, shifts, strict=True)])
     stereo = _middle_pose(*boards)
     _refuse_impossible(stereo, boards)

@@ -166,6 +166,15 @@ def test_too_few_readings_are_refused() -> None:
         find_arm(np.tile(np.eye(4), (LEAST_READINGS - 1, 1, 1)), np.zeros((LEAST_READINGS - 1, 6)))
 
 
+def test_an_arm_without_an_elbow_offset_is_described_from_its_front() -> None:
+    """From behind it fits the readings as well, with joints 2 and 3 the other way and outside of their ranges."""
+    truth = Truth(ArmGeometry(203.2, 0.0, 127.0, 203.2), np.ones(6), np.zeros(6))
+    found, *_ = read(truth, np.random.default_rng(3).uniform(LOW, HIGH, (10, 6)))
+    assert found.convention.signs == (1.0,) * 6
+    np.testing.assert_allclose(found.zeros_deg, 0.0, atol=0.1)
+    np.testing.assert_allclose(found.lengths_mm, (203.2, 0.0, 127.0, 203.2), atol=0.1)
+
+
 def test_a_260_that_counts_in_inches_is_known_by_its_proportions() -> None:
     alike = likeness((8.0, 0.0, -5.0, 8.0), (0.001,) * 4)
     assert alike is not None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from daemon import ctl
 from daemon.calibration.file import load_calibration
@@ -40,6 +41,14 @@ def test_perfect_measurements_give_the_true_eyes_and_the_formula_errs_as_the_the
     assert np.abs(result.formula_mm).max() > 3.0
     inner = slice(1, -1)
     assert np.abs(result.compensated_mm[inner]).max() < 0.35 * np.abs(result.formula_mm).max()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_depth_is_mended_by_others_where_there_are_two_others(count: int) -> None:
+    """One other says nothing of how the error grows with the distance."""
+    every = measured()
+    result = calibrate_quick(structs.replace(every, depths=every.depths[:count]))
+    assert np.array_equal(result.left_out_mm, result.formula_mm) is (count < 3)
 
 
 def test_a_baseline_two_percent_off_shows_in_the_depths() -> None:

@@ -68,6 +68,16 @@ def test_what_belongs_to_a_charuco_board_is_refused_for_another(words: list[str]
         run(parser.parse_args([*usual, "--charuco", *words]))
 
 
+def test_pictures_that_are_no_pairs_are_refused_with_how_many_there_are_of_each(tmp_path: Path) -> None:
+    parser = argparse.ArgumentParser()
+    register(parser.add_subparsers())
+    for name in ("left0", "left1", "right0"):
+        (tmp_path / f"{name}.png").touch()
+    here = [f"{side}={tmp_path}/{side[2:]}*.png" for side in ("--left", "--right")]
+    with pytest.raises(BoardError, match="--left names 2 pictures and --right 1: name the same number of each"):
+        run(parser.parse_args(["stereo", "--board", "9x6", "--square-mm", "10", *here, "--out", "c"]))
+
+
 def test_what_was_found_is_printed_with_its_errors_and_a_baseline_that_changed_is_told_with_the_square_that_would_agree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -114,6 +114,33 @@ class Terminal:
         return self.newline.join(["X Y Z O A T", " ".join(place), "JT1 JT2 JT3 JT4 JT5 JT6", " ".join(joints)])
 
 
+@dataclass
+class SlowTerminal(Terminal):
+    """One that takes almost as long as it is given: seconds to its answer by what a line begins with."""
+
+    takes_s: dict[str, float] = field(
+        default_factory=lambda: {"WHERE": 4.5, "where": 4.5, "WHER": 4.5, "Y": 45.0, "DO DRIVE": 20.0, "CAL": 150.0}
+    )
+    late_s: float = 0.0
+    late: bytes = b""
+
+    def hears(self, step: Exchange) -> Heard:
+        """See Terminal: what is not due yet comes to a later exchange, behind nothing else."""
+        heard = super().hears(step)
+        self.late += heard.data
+        self.late_s -= step.most_s
+        if self.late_s > 0.0 or not self.late:
+            return Heard((), step.most_s)
+        due_s, self.late_s, said, self.late = max(self.late_s + step.most_s, 0.1), 0.0, self.late, b""
+        return Heard(((due_s, said),), min(due_s + step.quiet_s, step.most_s))
+
+    def answers(self, line: str) -> str:
+        """See Terminal."""
+        takes_s = next((s for begins, s in self.takes_s.items() if line.startswith(begins)), 2.5)
+        self.late_s = max(self.late_s, takes_s)
+        return super().answers(line)
+
+
 def met(
     terminal: Terminal, says: Callable[[Consult], str], pendant: bool = False
 ) -> tuple[Acquaintance, list[Consult], list[str]]:
@@ -235,6 +262,26 @@ def test_where_no_word_stops_it_or_a_joint_does_not_turn_it_ends_with_what_to_do
         met(Terminal(asks=["Why (Y/N)?"] * 12), no_moves)
     with pytest.raises(UnclearError, match="prints whole numbers"):
         met(Terminal(decimals=(0, 0)), no_moves)
+
+
+def test_a_controller_that_takes_its_time_is_met_all_the_same() -> None:
+    """Seconds for WHERE, half a minute for a step, most of one after power-up, minutes until it is calibrated."""
+    terminal = SlowTerminal(asks=("Boot now (Y/N)?", "Initialize (Y/N)?"), calibrated=False)
+    known, asked, told = met(terminal, lambda c: "Y" if c.about == "power-up" else yes(c))
+    assert [consult.about for consult in asked] == ["power-up", "power-up", "move", "calibrate"]
+    assert "calibrated: CAL was carried out" in told
+    assert len(known.readings) == 1 + 6 * len(ROUNDS)
+    assert known.findings["lower_case"].value is known.findings["abbreviations"].value is True
+    assert (known.findings["cancel_line"].value, known.findings["character_pause_s"].value) == ("\x15", 0.0)
+
+
+def test_a_controller_that_refuses_to_calibrate_is_asked_what_it_needs() -> None:
+    class PowerOff(Terminal):
+        def carried_out(self, line: str) -> str:
+            return "*High power is off*" if line == "CAL" else super().carried_out(line)
+
+    with pytest.raises(UnclearError, match=r"CAL was answered by \*High power is off\*. What does the controller need"):
+        met(PowerOff(calibrated=False), yes)
 
 
 def test_a_wrist_is_bent_by_the_person_until_it_is_no_longer_straight() -> None:
