@@ -864,13 +864,23 @@ def test_an_arm_counts_as_at_rest_by_its_own_word_only():
     async def deaf() -> bool:
         raise OSError("no answer")
 
+    async def slow() -> bool:
+        await asyncio.sleep(1.5)
+        return True
+
+    async def silent() -> bool:
+        await asyncio.sleep(60.0)
+        return True
+
     async def story() -> None:
         assert await supervisor.at_rest()
-        for word in (moving, deaf):
+        robot.at_rest = slow
+        assert await supervisor.at_rest(), "two WHERE take more than a second where the line is slow"
+        for word in (moving, deaf, silent):
             robot.at_rest = word
             assert not await supervisor.at_rest()
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_what_the_controller_says_counts_as_long_as_it_is_asked_whether_the_arm_is_at_rest():
