@@ -9,14 +9,14 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo deb docs test test-long check rig arm64 bench bench-faults bench-soak clean
+.PHONY: all help setup demo deb docs test test-short test-long check rig arm64 bench bench-faults bench-soak clean
 
 all: setup help
 
 help:
 	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
-	@echo "make test-long    10,000 random steps against the motion monitor, whole first days, a hall of cells: minutes"
+	@echo "make test-long    10,000 random steps against the motion monitor, whole first days, a hall of cells, more cases: minutes"
 	@echo "make docs         the references in docs/, made from the code"
 	@echo "make deb          Debian packages for this release of Debian, amd64 and arm64, in build/"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
@@ -60,8 +60,11 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-# 5 says that a choice of TESTS has none of a kind.
-test: check
+# The checks use one core, the tests all of them: together they end sooner. 5 says that a choice of TESTS has none of a kind.
+test: $(VENV)/.dev
+	@$(MAKE) --no-print-directory -j 2 check test-short
+
+test-short: $(VENV)/.dev
 	$(BIN)/pytest -n 4 --dist worksteal -m "not long" $(TESTS) || [ $$? = 5 ]
 
 test-long: $(VENV)/.dev

@@ -29,7 +29,7 @@ def browser() -> Iterator[Any]:
     driver.quit()
 
 
-LONGEST = ("test_whole_daemon.py", "test_demo_run.py")
+LONGEST = ("test_whole_daemon.py", "test_cell_picks.py")
 """The longest of `make test-long`, and of `make test`."""
 
 

@@ -60,6 +60,7 @@ def test_without_a_board_in_view_the_arm_does_not_move():
     assert asyncio.run(story()) < 0.2
 
 
+@pytest.mark.long
 def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordinary_parts(model):
     async def story():
         async with rig(seed=13, model=model) as here:
@@ -83,6 +84,7 @@ def test_a_knock_of_a_fifth_of_a_degree_is_noticed_within_twenty_looks_at_ordina
     assert "since 09:12" in drift.text
 
 
+@pytest.mark.long
 def test_a_cell_with_one_camera_is_calibrated_by_a_tour_and_verified_from_new_poses():
     believed = load_calibration(simulated_cell.CONFIG.parent / "calibration.yaml")
     truth = simulated_cell.true_calibration()

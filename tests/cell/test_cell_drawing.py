@@ -11,7 +11,7 @@ import pytest
 from drivers.simcell.parts import part_shape
 from tests.fakes.running import Running, judged_daemon
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture

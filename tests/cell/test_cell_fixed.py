@@ -59,6 +59,7 @@ def test_a_person_s_look_waits_until_the_arm_is_out_of_the_view(model: Any) -> N
     assert [part.recognition.label for part in asyncio.run(story()).scene.parts] == ["cube"]
 
 
+@pytest.mark.long
 def test_a_board_in_the_gripper_says_where_the_cameras_are_and_how_well_the_arm_knows_its_place() -> None:
     believed = load_calibration(load_config(FIXED, simulated=True).calibration)
     assert believed.world_from_cyclopean is not None

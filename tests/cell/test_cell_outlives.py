@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from drivers.simcell.world import PartPlace
+from tests.fakes.chosen import few
 from tests.fakes.outlive import ACTS, Beside, Ways, harm
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", ["moving, prompt at the end", "typing, lines not cancelled"])
+@pytest.mark.parametrize("name", few(["typing, lines not cancelled", "moving, prompt at the end"], 1))
 def test_it_comes_back_to_a_controller_that_went_on_and_knows_where_the_arm_is(name: str) -> None:
     (found,) = harm(1, 5, [name]).values()
     assert found.kills == 1
@@ -33,6 +34,7 @@ def daemon() -> Iterator[Beside]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
+@pytest.mark.long
 def test_an_auto_of_two_killed_with_the_first_part_in_the_gripper_brings_two(daemon: Beside) -> None:
     daemon.start()
     daemon.teach([("cube", 3)])

@@ -42,6 +42,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     return (folder / "said").read_text(), run
 
 
+@pytest.mark.long
 def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tuple[str, Path]) -> None:
     said, run = demo
     assert f"seed {SEED}" in said
@@ -54,6 +55,7 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
     assert all(r["error_mm"] < 3.0 for r in truths)
 
 
+@pytest.mark.long
 def test_a_demo_after_another_finds_nothing_standing(demo: tuple[str, Path], tmp_path: Path) -> None:
     """Its daemon has a state of its own, and the runs of all demos beside it."""
     runs, args = tmp_path / "runs", argparse.Namespace(table="plain", parts="plain", time_scale=20.0, fixed=False)
@@ -74,6 +76,7 @@ def test_what_its_daemon_refuses_is_one_line_and_status_two(tmp_path: Path, caps
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run_and_nothing_to_doubt(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "daemon.ctl", "demo", "--seed", "3"]
     own = {**os.environ, "STATE_DIRECTORY": str(tmp_path), "FACETD_RUNS": str(tmp_path / "runs")}
@@ -91,6 +94,7 @@ def test_control_c_ends_it_with_its_daemon_and_leaves_a_whole_run_and_nothing_to
     assert left_behind(tmp_path / FILE, ran_before=True) is None, "the newcomer's first daemon starts without a fault"
 
 
+@pytest.mark.long
 def test_replayed_through_the_same_code_nothing_changes(
     demo: tuple[str, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +105,7 @@ def test_replayed_through_the_same_code_nothing_changes(
     assert said["identical"] == said["looks"]
 
 
+@pytest.mark.long
 def test_its_mcap_is_read_back_by_the_mcap_reader(demo: tuple[str, Path], tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
     _, run = demo
@@ -112,6 +117,7 @@ def test_its_mcap_is_read_back_by_the_mcap_reader(demo: tuple[str, Path], tmp_pa
     assert any("log" in topic for topic in topics)
 
 
+@pytest.mark.long
 def test_its_page_is_clicked_through_in_a_browser(demo: tuple[str, Path], tmp_path: Path, browser: Any) -> None:
     _, run = demo
     page = tmp_path / "page.html"

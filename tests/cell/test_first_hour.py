@@ -10,7 +10,7 @@ import pytest
 from daemon.store import folders
 from tests.fakes.running import Running, judged_daemon
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from daemon.store.library import load_facets
 from daemon.store.model import save
 from daemon.vision.model import empty_model, learn_solid
 from tests.fakes import drawn
+from tests.fakes.chosen import few
 from tests.fakes.made_run import MadeRun
 
 
@@ -119,8 +120,14 @@ def test_what_a_model_knows_is_no_wider_than_the_terminal(tmp_path: Path) -> Non
     os.close(ours)
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
-@pytest.mark.parametrize("words", ["status", "stop", "console", "script -", "--help"])
+ALL_CLOSED, ONE_CLOSED = "<&- >&- 2>&-", ("<&-", ">&-", "2>&-")
+SAID = ("status", "stop", "console", "script -", "--help")
+
+
+@pytest.mark.parametrize(
+    ("words", "closed"),
+    few([*((words, ALL_CLOSED) for words in SAID), *((words, one) for one in ONE_CLOSED for words in SAID)], 6),
+)
 def test_a_closed_standard_file_is_no_fault(tmp_path: Path, words: str, closed: str) -> None:
     """A traceback, and once a hang of 20 s."""
     command = f"exec {sys.executable} -m daemon.ctl {words} {closed}"

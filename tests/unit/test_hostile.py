@@ -11,18 +11,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fakes.chosen import few
 from tests.fakes.hostile import READERS, Reader, attack
 
-SEEDS, INPUTS = 12, 100
+FEW_SEEDS, SEEDS, INPUTS = 3, 12, 100
 
 
+@pytest.mark.parametrize("seeds", few([FEW_SEEDS, SEEDS], 1))
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 def test_whatever_is_read_gives_a_value_or_a_named_error(
-    reader: Reader, tmp_path_factory: pytest.TempPathFactory
+    reader: Reader, seeds: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     folder = tmp_path_factory.mktemp("hostile")
 
-    @settings(max_examples=SEEDS, deadline=None)
+    @settings(max_examples=seeds, deadline=None)
     @given(st.integers(0, 2**32))
     def attacked(seed: int) -> None:
         assert [(content, repr(error)) for content, error in attack(reader, seed, INPUTS, folder)] == []

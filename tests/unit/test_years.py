@@ -13,6 +13,7 @@ import pytest
 
 from tests.bench.long import years
 from tests.bench.long.years import CLOCK, DAY_S, LostError, grown, live
+from tests.fakes.chosen import few
 from tests.fakes.light_daemon import LightDaemon, light_daemon
 
 
@@ -33,7 +34,10 @@ def zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
-@pytest.mark.parametrize(("part", "count"), [("starts", 40), ("clients", 200), ("cameras", 200)])
+@pytest.mark.parametrize(
+    ("part", "count"),
+    few([("starts", 16), ("clients", 80), ("cameras", 80), ("starts", 40), ("clients", 200), ("cameras", 200)], 3),
+)
 def test_a_few_of_each_leave_nothing_behind(
     part: str, count: int, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -299,6 +299,7 @@ def test_no_byte_that_moves_the_arm_leaves_while_a_rule_is_broken():
     run_state_machine_as_test(GuardedMotion, settings=STATEFUL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("left_out", [name for name, _ in guard.RULES if name != "not_a_location"])
 def test_the_property_notices_when_a_rule_is_taken_away(left_out, monkeypatch):
     fewer = tuple((name, rule) for name, rule in guard.RULES if name != left_out)

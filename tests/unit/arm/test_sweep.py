@@ -16,6 +16,7 @@ from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
 from daemon.arm.workcell import Reading
 from daemon.pick.grasp import tool_rotation
 from drivers import puma560
+from tests.fakes.chosen import few
 from tests.fakes.swept import ARM, ROBOT, Travel, random_travel, truth_of
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -48,9 +49,13 @@ def rule(some):
     return None if refusal is None else refusal.rule
 
 
-@settings(max_examples=200, deadline=None)
-@given(seed=SEEDS, things=st.sampled_from([0, 1, 3]), room=st.booleans())
-def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(seed, things, room):
+@pytest.mark.parametrize("travels", few([60, 200], 1))
+def test_what_is_allowed_keeps_clear_all_the_way_and_what_is_refused_does_not(travels):
+    drawn = given(seed=SEEDS, things=st.sampled_from([0, 1, 3]), room=st.booleans())
+    settings(max_examples=travels, deadline=None)(drawn(keeps_clear_or_is_refused))()
+
+
+def keeps_clear_or_is_refused(seed, things, room):
     some = random_travel(np.random.default_rng(seed), things, room=room)
     truth, refusal = truth_of(some), asked(some)
     if refusal is None:

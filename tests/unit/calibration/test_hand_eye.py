@@ -25,6 +25,7 @@ from daemon.calibration.hand_eye import (
 from daemon.calibration.hand_eye_doubt import ArmError, estimated_arm_error, motion_by_parameters, pose_equations
 from daemon.calibration.least_squares import pose_of, transform_of
 from tests.fakes.boards import BOARD
+from tests.fakes.chosen import few
 from tests.fakes.rigs import unlike_rig
 
 Array = frames.Array
@@ -127,7 +128,7 @@ def test_fixed_cameras_are_found_exactly_without_noise() -> None:
     assert max(result.left_out_mm) < 1e-3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_where_fixed_cameras_are_is_right_about_where_the_board_was_and_so_is_the_arm(seed: int) -> None:
     result = calibrated_held(seed)
     motion = frames.difference(result.mounting, OVER_THE_TABLE)

@@ -171,6 +171,7 @@ def test_a_phone_needs_no_sideways_scrolling(browser: Any, page: Path) -> None:
     browser.set_window_size(1300, 1000)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_thousand_cycles_open_and_nothing_out_of_sight_is_drawn(browser: Any, tmp_path: Path) -> None:
     made = MadeRun(tmp_path / "20260102T030405Z")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from daemon import frames
 from daemon.vision.geometry import chi_square_limit
@@ -16,6 +17,7 @@ SEEDS = range(0, 40, 2)
 SEVERAL = 6
 
 
+@pytest.mark.long
 def test_poses_by_facets_are_off_by_what_their_covariance_says() -> None:
     """Their chi-squares, of six degrees of freedom each, are neither too many too large nor all far too small."""
     found = []
