@@ -14,17 +14,16 @@ from daemon.arrays import Array
 
 
 def rigid(rotation: Array, translation_mm: Array) -> Array:
-    """Build a 4x4 transform from a (3, 3) rotation and a (3,) translation in mm."""
-    b_from_a = np.eye(4)
-    b_from_a[:3, :3] = rotation
-    b_from_a[:3, 3] = translation_mm
+    """Build transforms (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3) in mm."""
+    b_from_a = np.zeros((*np.shape(rotation)[:-2], 4, 4))
+    b_from_a[..., :3, :3], b_from_a[..., :3, 3], b_from_a[..., 3, 3] = rotation, translation_mm, 1.0
     return b_from_a
 
 
 def inverse(b_from_a: Array) -> Array:
-    """The transform a_from_b of a rigid (4, 4) b_from_a."""
-    rotation_t = b_from_a[:3, :3].T
-    return rigid(rotation_t, -rotation_t @ b_from_a[:3, 3])
+    """The transforms a_from_b of rigid (..., 4, 4) b_from_a."""
+    rotation_t = np.swapaxes(b_from_a[..., :3, :3], -1, -2)
+    return rigid(rotation_t, -(rotation_t @ b_from_a[..., :3, 3:])[..., 0])
 
 
 def apply(b_from_a: Array, points: Array) -> Array:

@@ -2,7 +2,16 @@
 
 from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
 from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
-from daemon.vision.geometry.planes import axes_in, fit_circle, fit_plane, planarities, planarity, weighted_plane
+from daemon.vision.geometry.planes import (
+    apart2,
+    axes_in,
+    basis,
+    fit_circle,
+    fit_plane,
+    planarities,
+    planarity,
+    weighted_plane,
+)
 from daemon.vision.geometry.polygon import (
     PlanarShape,
     Point,
@@ -38,10 +47,12 @@ __all__ = [
     "Rings",
     "SolidBatch",
     "StereoRig",
+    "apart2",
     "area_vector",
     "areas",
     "axes_in",
     "baseline",
+    "basis",
     "border_loops",
     "chi_square_limit",
     "chi_square_tail",

@@ -22,6 +22,19 @@ def axes_in(normal: Array) -> Array:
     return np.asarray(np.linalg.svd(normal[None])[2][1:])
 
 
+def basis(x: Array, to: Array) -> Array:
+    """(N, 3, 3) rotations whose columns are unit x (N, 3), the rest of `to` (N, 3) at right angles to it, and their
+    cross product."""
+    y = to - (x * to).sum(1, keepdims=True) * x
+    y = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-12)
+    return np.stack([x, y, np.cross(x, y)], 2)
+
+
+def apart2(one: Array, other: Array) -> Array:
+    """(..., N, K) squares of the distances of points (..., N, 3) from each of others (..., K, 3)."""
+    return np.asarray(sum((one[..., :, None, k] - other[..., None, :, k]) ** 2 for k in range(3)))
+
+
 def fit_circle(points: Array) -> tuple[Array, float, float]:
     """Algebraic least-squares circle through (K, 2) points: centre, radius, and how far the worst point lies off it."""
     terms = np.column_stack([2 * points, np.ones(len(points))])

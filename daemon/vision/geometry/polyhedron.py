@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry.polygon import sides_of
 
@@ -173,11 +174,8 @@ class Polyhedron:
         sides = np.array([self.corners_mm[ring[1]] - self.corners_mm[ring[0]] for ring in self.rings]).reshape(-1, 3)
         x = sides - self.normals * np.sum(sides * self.normals, 1, keepdims=True)
         x = x / np.linalg.norm(x, axis=1, keepdims=True)
-        motions = np.zeros((len(x), 4, 4))
-        motions[:, :3, :3] = turns = np.stack([x, np.cross(self.normals, x), self.normals], 1)
-        motions[:, :3, 3] = -(turns @ self.centres_mm[..., None])[..., 0]
-        motions[:, 3, 3] = 1.0
-        return motions
+        turns = np.stack([x, np.cross(self.normals, x), self.normals], 1)
+        return frames.rigid(turns, -(turns @ self.centres_mm[..., None])[..., 0])
 
     def corners_of(self, facets: Sequence[int]) -> Index:
         """(K,) the corners that some facets have, by their numbers."""

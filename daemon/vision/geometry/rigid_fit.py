@@ -14,7 +14,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry.robust_least_squares import solve, whitener
 
-STEPS = 3  # Gauss-Newton steps after the closed-form start; the third is below a micrometre
+STEPS = 2  # Gauss-Newton steps after the closed-form start; a third would be below a micrometre
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,14 @@ def fit_poses(
     seen_mm (K, 3) in the cyclopean frame with covariance (K, 3, 3); model_mm (B, K, 3) their counterparts in the part
     frame with covariance (B, K, 3, 3); used (B, K) which of them count (at least three each, not on a line); tau_mm:
     how far a real part may deviate from the taught one. Source: Kabsch's closed form, then Gauss-Newton on the weighted
-    residuals; the weights are those at the second step's pose.
+    residuals, weighed anew at each step.
     """
     rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
     whiten = normal = np.zeros(0)
     use = used.astype(float)
-    for step in range(STEPS):
+    for _ in range(STEPS):
         turned = model_mm @ rotation.transpose(0, 2, 1)
-        if step <= 1:
-            whiten = whitener(_spread(seen_covariance, model_covariance, rotation, tau_mm))
+        whiten = whitener(_spread(seen_covariance, model_covariance, rotation, tau_mm))
         off = (whiten @ (seen_mm - turned - shift[:, None, :])[..., None])[..., 0]
         found = solve(whiten @ frames.point_motion(turned), off, use, np.zeros((6, 6)))
         motion, normal = found.unknowns, found.information
@@ -58,10 +57,8 @@ def fit_poses(
     residual = seen_mm - model_mm @ rotation.transpose(0, 2, 1) - shift[:, None, :]
     chi2 = (((whiten @ residual[..., None])[..., 0] ** 2).sum(2) * use).sum(1)
     count = used.sum(1)
-    poses = np.zeros((len(model_mm), 4, 4))
-    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, shift, 1.0
     rms = np.sqrt(((residual**2).sum(2) * used).sum(1) / count)
-    return Fits(poses, np.asarray(np.linalg.inv(normal)), chi2, 3 * count - 6, rms)
+    return Fits(frames.rigid(rotation, shift), np.asarray(np.linalg.inv(normal)), chi2, 3 * count - 6, rms)
 
 
 def rough_fit(seen_mm: Array, seen_covariance: Array, model_mm: Array, used: Flags) -> tuple[Array, Array, Array]:

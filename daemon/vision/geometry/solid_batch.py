@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,24 +38,8 @@ class SolidBatch:
 
     @classmethod
     def of(cls, shapes: Sequence[Polyhedron]) -> SolidBatch:
-        """Solids side by side."""
-        corners = _filled([s.corners_mm for s in shapes], 3, 0.0)
-        own = np.arange(corners.shape[1]) < np.array([len(s.corners_mm) for s in shapes], np.intp)[:, None]
-        normals = _filled([s.normals for s in shapes], 3, np.float32(0))
-        centres = _filled([s.centres_mm for s in shapes], 3, np.float32(0))
-        facets, sides = normals.shape[1], max((s.ring_table.shape[1] for s in shapes), default=1)
-        tables = [s.ring_table[:, np.arange(sides).clip(max=s.ring_table.shape[1] - 1)] for s in shapes]
-        return cls(
-            tuple(shapes),
-            np.where(own[..., None], corners, corners[:, :1]),
-            own,
-            np.array([s.corners_mm.mean(0) for s in shapes]).reshape(-1, 3),
-            np.concatenate([normals, centres], 1),
-            _filled(tables, sides, 0),
-            _filled([s.lines[0] for s in shapes], 2, 0),
-            _filled([np.where(s.beside < 0, facets, s.beside) for s in shapes], 2, facets),
-            _filled([s.bisectors for s in shapes], 3, 0.0),
-        )
+        """Solids side by side; made once of the same ones."""
+        return _side_by_side(tuple(shapes))
 
     @property
     def first_corners(self) -> Index:
@@ -65,6 +50,27 @@ class SolidBatch:
         """The corners of one solid among all."""
         first = number * self.corners_mm.shape[1]
         return slice(first, first + len(self.shapes[number].corners_mm))
+
+
+@lru_cache(maxsize=64)
+def _side_by_side(shapes: tuple[Polyhedron, ...]) -> SolidBatch:
+    corners = _filled([s.corners_mm for s in shapes], 3, 0.0)
+    own = np.arange(corners.shape[1]) < np.array([len(s.corners_mm) for s in shapes], np.intp)[:, None]
+    normals = _filled([s.normals for s in shapes], 3, np.float32(0))
+    centres = _filled([s.centres_mm for s in shapes], 3, np.float32(0))
+    facets, sides = normals.shape[1], max((s.ring_table.shape[1] for s in shapes), default=1)
+    tables = [s.ring_table[:, np.arange(sides).clip(max=s.ring_table.shape[1] - 1)] for s in shapes]
+    return SolidBatch(
+        shapes,
+        np.where(own[..., None], corners, corners[:, :1]),
+        own,
+        np.array([s.corners_mm.mean(0) for s in shapes]).reshape(-1, 3),
+        np.concatenate([normals, centres], 1),
+        _filled(tables, sides, 0),
+        _filled([s.lines[0] for s in shapes], 2, 0),
+        _filled([np.where(s.beside < 0, facets, s.beside) for s in shapes], 2, facets),
+        _filled([s.bisectors for s in shapes], 3, 0.0),
+    )
 
 
 def _filled(rows: Sequence[NDArray[Any]], width: int, fill: Any) -> NDArray[Any]:

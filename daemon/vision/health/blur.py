@@ -51,20 +51,23 @@ def _slopes(image: NDArray[np.float32], sigma: float) -> tuple[NDArray[np.float3
     return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
 
 
-def _busy(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The part of an image in which grey levels change at all, with room for the blurs; all of it where none does."""
+def _busy(image: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
+    """The part of an image in which grey levels change at all, with room for the blurs; None where none does."""
     blocks = block_means(image)
     across, down = (np.abs(cv2.Sobel(blocks, cv2.CV_64F, dx, 1 - dx, ksize=3, scale=0.125)) for dx in (1, 0))
     rows, columns = (np.flatnonzero((np.maximum(across, down) > LEAST_CHANGE).any(axis)) for axis in (1, 0))
     if not len(rows):
-        return image
+        return None
     top, left = (max(0, int(first[0] - 2) * BLOCK_PX) for first in (rows, columns))
     return np.ascontiguousarray(image[top : (rows[-1] + 3) * BLOCK_PX, left : (columns[-1] + 3) * BLOCK_PX])
 
 
 def measure_blur(image: NDArray[np.uint8]) -> Blur:
     """Blur of the clearest edges of a grey image (H, W)."""
-    grey = _busy(image).astype(np.float32)
+    busy = _busy(image)
+    if busy is None:
+        return Blur(float("nan"), float("nan"), 0)
+    grey = busy.astype(np.float32)
     gx, gy = _slopes(grey, A_PX)
     slope = cv2.magnitude(gx, gy)
     edge = (slope >= 0.98 * cv2.dilate(slope, np.ones((3, 3)))) & (slope > _clear_slope(slope[::4, ::4]))

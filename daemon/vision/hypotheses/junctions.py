@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch
+from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, apart2, basis
 from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, Rays
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
@@ -146,10 +146,7 @@ def taught_junctions(shapes: tuple[Polyhedron, ...]) -> TaughtJunctions:
     points = [shape.corners_mm[own] for shape, own in zip(shapes, triples, strict=True)]
     at, one, other = np.concatenate([np.zeros((0, 3, 3)), *points]).transpose(1, 0, 2)
     from_corner, cosine, lengths = _corner_frames(at, one, other)
-    from_part = from_corner.copy()
-    from_part[:, :3, :3] = turn = from_corner[:, :3, :3].transpose(0, 2, 1)
-    from_part[:, :3, 3] = -(turn @ at[..., None])[..., 0]
-    return TaughtJunctions(np.concatenate([np.zeros(0, np.intp), *part]), from_part, cosine, lengths)
+    return TaughtJunctions(np.concatenate([np.zeros(0, np.intp), *part]), frames.inverse(from_corner), cosine, lengths)
 
 
 def _edge_pairs(solid: Polyhedron) -> Index:
@@ -164,9 +161,7 @@ def _corner_frames(at: Array, one: Array, other: Array) -> tuple[Array, Array, A
     edges, and how long they are (N, 2), mm."""
     lengths = np.stack([np.linalg.norm(end - at, axis=1) for end in (one, other)], 1)
     x, to = ((end - at) / lengths[:, k, None] for k, end in enumerate((one, other)))
-    found = np.zeros((len(at), 4, 4))
-    found[:, :3, :3], found[:, :3, 3], found[:, 3, 3] = basis(x, to), at, 1.0
-    return found, (x * to).sum(1), lengths
+    return frames.rigid(basis(x, to), at), (x * to).sum(1), lengths
 
 
 @lru_cache(maxsize=1024)
@@ -181,17 +176,8 @@ def indistinguishable_turns(solid: Polyhedron, seen: tuple[int, ...]) -> Array:
     own = of_seen[0]
     turns = np.delete(every, own, 0) @ frames.inverse(every[own])
     moved = solid.corners_mm[list(seen)] @ turns[:, :3, :3].transpose(0, 2, 1) + turns[:, None, :3, 3]
-    near = _apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2
+    near = apart2(moved, solid.corners_mm).min(2).max(1) < ALIKE_MM**2
     return np.concatenate([np.eye(4)[None], turns[near]])
-
-
-def _apart2(many: Array, one: Array) -> Array:
-    """(M, N, K) squares of the distances of sets of points (M, N, 3) from points (K, 3)."""
-    found = np.zeros((*many.shape[:2], len(one)))
-    for axis in range(3):
-        off = many[:, :, None, axis] - one[:, axis]
-        found += off * off
-    return found
 
 
 def sorted_by_kind(rows: Index) -> tuple[Index, Index, Index]:
@@ -203,14 +189,6 @@ def sorted_by_kind(rows: Index) -> tuple[Index, Index, Index]:
     order = np.argsort(code, kind="stable")
     begins = np.flatnonzero(np.diff(code[order], prepend=-1))
     return rows[order[begins]], order, np.append(begins, len(rows))
-
-
-def basis(x: Array, to: Array) -> Array:
-    """(N, 3, 3) rotations whose columns are unit x (N, 3), the rest of `to` (N, 3) at right angles to it, and their
-    cross product."""
-    y = to - (x * to).sum(1, keepdims=True) * x
-    y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    return np.stack([x, y, np.cross(x, y)], 2)
 
 
 def angle(one: Array, other: Array) -> Array:
@@ -289,20 +267,13 @@ def poses_from_junctions(
     ).sum()
     nats = _nats(corners, geometry, maps, kinds, could, other)
     where, side, which = _likeliest(nats, kinds, *_most(len(solids.shapes), len(corners.at)))
-    cyclopean_from_corner = np.zeros((len(which), 4, 4))
     turn = geometry.cyclopean_from_baseline
     seconds = _second_edges(corners.chosen(where), kinds.cosine[which])[side, np.arange(len(which))]
-    cyclopean_from_corner[:, :3, :3] = turn @ basis(corners.firm[where], seconds)
-    middle = corners.at - [geometry.length_mm / 2, 0.0, 0.0]
-    cyclopean_from_corner[:, :3, 3] = middle[where] @ turn.T + geometry.middle_mm
-    cyclopean_from_corner[:, 3, 3] = 1.0
+    middle = (corners.at[where] - [geometry.length_mm / 2, 0.0, 0.0]) @ turn.T + geometry.middle_mm
+    cyclopean_from_corner = frames.rigid(turn @ basis(corners.firm[where], seconds), middle)
     about = _hinge(corners.at[where], corners.firm[where], seconds) @ turn.T
-    hinges = np.stack([cyclopean_from_corner[:, :3, 3], about], 1)
-    return (
-        PoseBatch(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which]),
-        hinges,
-        int(counts),
-    )
+    posed = PoseBatch(solids, kinds.part[which], cyclopean_from_corner @ kinds.corner_from_part[which])
+    return posed, np.stack([middle, about], 1), int(counts)
 
 
 def _most(taught: int, corners: int) -> tuple[int, int]:

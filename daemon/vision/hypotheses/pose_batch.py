@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -19,14 +18,9 @@ LEAST_FACING = 0.08
 """Cosine below which a facet is too thin in the image to be looked for."""
 
 
-@lru_cache(maxsize=8)
-def _side_by_side(shapes: tuple[Polyhedron, ...]) -> SolidBatch:
-    return SolidBatch.of(shapes)
-
-
 def taught_solids(model: Model) -> SolidBatch:
     """Every part that a model has the shape of."""
-    return _side_by_side(tuple(metric.solid for metric in model.metric.values()))
+    return SolidBatch.of([metric.solid for metric in model.metric.values()])
 
 
 @dataclass(frozen=True, eq=False)

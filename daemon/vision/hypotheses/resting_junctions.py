@@ -13,15 +13,15 @@ from functools import lru_cache
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Index
 from daemon.vision.facets import TablePlane
-from daemon.vision.geometry import Baseline, Polyhedron, SolidBatch
+from daemon.vision.geometry import Baseline, Polyhedron, SolidBatch, basis
 from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap
 from daemon.vision.hypotheses.junctions import (
     ANGLE,
     CameraJunctions,
     TaughtJunctions,
-    basis,
     sorted_by_kind,
     taught_junctions,
 )
@@ -108,10 +108,7 @@ def poses_on_support(
         own = taught.corner[which]
         best = _borne(from_other, ways, taught.taught.lengths_mm[own], maps[1 - k])
         own = own[best]
-        from_corner = np.zeros((len(best), 4, 4))
-        from_corner[:, :3, :3] = turn @ basis(ways[0, best], ways[1, best])
-        from_corner[:, :3, 3] = at[best] @ turn.T + eye_mm
-        from_corner[:, 3, 3] = 1.0
+        from_corner = frames.rigid(turn @ basis(ways[0, best], ways[1, best]), at[best] @ turn.T + eye_mm)
         parts.append(taught.taught.part[own])
         poses.append(from_corner @ taught.taught.corner_from_part[own])
     return PoseBatch(solids, np.concatenate(parts), np.concatenate(poses)), tests

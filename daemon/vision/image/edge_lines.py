@@ -143,20 +143,20 @@ def _shown(slopes: Image32) -> Array:
     return np.asarray((slopes * np.sign(whole) > _FAINT_BLOCK / BLOCKS * np.abs(whole)).sum(1) / BLOCKS)
 
 
-def probe_sides(images: Images, start: Array, end: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
+def probe_sides(images: Images, start: Array, end: Array) -> tuple[Array, Array]:
     """How strong the gradient across each side is: its mean in sigmas (S,), and the fraction of the side that shows
     it (S,).
 
-    images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side;
-    grain: that noise over what white noise would leave, (S,) or one for all.
+    images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
-    return strengths(values[:, :, 1] - values[:, :, 0], length, grain)
+    return strengths(values[:, :, 1] - values[:, :, 0], length)
 
 
 def strengths(slopes: Real, length: Array, grain: Array | float = 1.0) -> tuple[Array, Array]:
-    """probe_sides of sides (S,) px long across which these are the slopes (S, BLOCKS) over a pixel."""
+    """probe_sides of sides (S,) px long across which these are the slopes (S, BLOCKS) over a pixel; grain: their noise
+    over what white noise would leave, (S,) or one for all."""
     one = grain * SLOPE_NOISE
     rows = np.clip(length / SMOOTHING_ROW_PX, 1.0, BLOCKS * IN_BLOCK)
     mean = slopes.mean(1)

@@ -17,7 +17,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Hole, Polyhedron, axes_in, exact
+from daemon.vision.geometry import Hole, Polyhedron, apart2, axes_in, basis, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
@@ -93,7 +93,7 @@ def mirror_images(solid: Polyhedron) -> tuple[MirrorImage, ...]:
     one, other = np.nonzero((np.abs(lengths[:, None] - turned) < 2 * KEPT_MM).all(2))
     flip = _frames(a, c, b)[other] @ np.diag([1.0, 1.0, -1.0]) @ _frames(a, b, c)[one].transpose(0, 2, 1)
     moved = (corners - a[one, None]) @ flip.transpose(0, 2, 1) + a[other, None]
-    kept = _apart2(moved, np.broadcast_to(corners, moved.shape)).min(2) < KEPT_MM**2
+    kept = apart2(moved, corners).min(2) < KEPT_MM**2
     if not len(kept) or kept.all(1).any():
         return ()
     found = list[int]()
@@ -158,20 +158,17 @@ def _of_as_many(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
     lengths = np.stack([np.linalg.norm(one - other, axis=1) for one, other in ((a, b), (a, c), (b, c))], 1)
     base = np.searchsorted(owner, np.arange(len(shapes)))[owner]
     may = np.flatnonzero((sides == sides[base]) & (np.abs(lengths - lengths[base]) < 2 * within_mm).all(1))
-    frames = _frames(a, b, c)
-    turn = frames[may] @ frames[base[may]].transpose(0, 2, 1)
+    axes = _frames(a, b, c)
+    turn = axes[may] @ axes[base[may]].transpose(0, 2, 1)
     shift = a[may] - (turn @ a[base[may], :, None])[..., 0]
     whose = owner[may]
     moved = corners[whose] @ turn.transpose(0, 2, 1) + shift[:, None]
-    apart2 = _apart2(moved, corners[whose])
-    onto = apart2.argmin(2)
-    near = np.take_along_axis(apart2, onto[..., None], 2)[..., 0].max(1) < within_mm**2
+    off2 = apart2(moved, corners[whose])
+    onto = off2.argmin(2)
+    near = np.take_along_axis(off2, onto[..., None], 2)[..., 0].max(1) < within_mm**2
     near &= (np.sort(onto, 1) == np.arange(onto.shape[1])).all(1)
     near[near] = _facets_onto_facets(onto[near], whose[near], here, facet, owner)
-    motions = np.zeros((int(near.sum()), 4, 4))
-    back = turn[near].transpose(0, 2, 1)
-    motions[:, :3, :3], motions[:, 3, 3] = back, 1.0
-    motions[:, :3, 3] = -(back @ shift[near, :, None])[..., 0]
+    motions = frames.inverse(frames.rigid(turn[near], shift[near]))
     ends = np.searchsorted(whose[near], np.arange(1, len(shapes)))
     return [Turns(*own) for own in zip(np.split(onto[near], ends), np.split(motions, ends), strict=True)]
 
@@ -191,19 +188,7 @@ def _flags(shapes: Sequence[Polyhedron]) -> tuple[Index, Index, Index, Index, In
 
 def _frames(a: Array, b: Array, c: Array) -> Array:
     """(N, 3, 3) rotations whose columns point from a (N, 3) to b, from there towards c, and across both."""
-    x = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-    y = (c - a) - ((c - a) * x).sum(1, keepdims=True) * x
-    y = y / np.maximum(np.linalg.norm(y, axis=1, keepdims=True), 1e-12)
-    return np.stack([x, y, np.cross(x, y)], 2)
-
-
-def _apart2(one: Array, other: Array) -> Array:
-    """(T, K, K) squares of the distances of points (T, K, 3) from each of others (T, K, 3)."""
-    found = np.zeros((*one.shape[:2], other.shape[1]))
-    for axis in range(3):
-        off = one[:, :, None, axis] - other[:, None, :, axis]
-        found += off * off
-    return found
+    return basis((b - a) / np.linalg.norm(b - a, axis=1, keepdims=True), c - a)
 
 
 def _facets_onto_facets(onto: Index, whose: Index, here: Index, facet: Index, owner: Index) -> Flags:

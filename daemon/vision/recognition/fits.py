@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Fits, Polyhedron, chi_square_tail, fit_poses, rough_fit
 from daemon.vision.model import EXACT_MM, Correspondence, MetricModel, symmetries, turns_onto_themselves
@@ -83,7 +84,7 @@ def with_evidence(fits: tuple[FacetHypothesis, ...], seen: PoseEvidence | None) 
     """The hypotheses with what pictures speak for each, the best first as `fitted` has them."""
     if seen is None:
         return fits
-    found = [replace(one, nats=seen(one.label, one.pose)) for one in fits]
+    found = [replace(one, nats=nats) if (nats := seen(one.label, one.pose)) else one for one in fits]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.score)))
 
 
@@ -108,11 +109,9 @@ def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: flo
     taught, ring = places.corners_mm[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
-    poses = np.tile(np.eye(4), (len(near), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = rotation, shift
     best = np.argsort(rms, kind="stable")
     best = best[rms[best] < rms_mm]
-    return places.which[near[best], 0], poses[best]
+    return places.which[near[best], 0], frames.rigid(rotation[best], shift[best])
 
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:

@@ -72,6 +72,8 @@ camera speaks for these or against them. Of 52 look-alikes seen so, each taught 
 FOUND_PX = 0.1
 """How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
+BY_PRIOR = np.linalg.inv(PRIOR) * SIGMA_SCALE**2
+"""Covariance of a pose of which no edge says anything."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +177,7 @@ def fit_at(
     laid = SolidBatch.of([shape])
     anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
                        np.zeros((6, 6)))  # fmt: skip
-    stays = Fit(pose, np.linalg.inv(PRIOR) * SIGMA_SCALE**2, 0.0, 0)
+    stays = Fit(pose, BY_PRIOR, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
         left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
