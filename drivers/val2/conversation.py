@@ -15,6 +15,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, HeldBack, Interleaved, LinkError, NoAnswer, ProcessorHalted
 from drivers.val2.interleaved import typed_behind, typed_beside
 from drivers.val2.location import Location
+from drivers.val2.owed import OwedAnswers
 from drivers.val2.wire import (
     LONGEST_LINE,
     ControllerQuestion,
@@ -98,9 +99,11 @@ class Conversation:
         send: Callable[[bytes, bytes], None],
         clock: Callable[[], float],
         permit: LinePermit,
+        owed: OwedAnswers,
     ):
-        """send: bytes, and what of them the ledger is to have; permit: asked before a line that moves is ended."""
-        self.dialect, self.clock, self._permit = dialect, clock, permit
+        """send: bytes, and what of them the ledger is to have; permit: asked before a line that moves is ended; owed:
+        what was not answered in time is noted there."""
+        self.dialect, self.clock, self._permit, self._owed = dialect, clock, permit, owed
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
@@ -164,7 +167,11 @@ class Conversation:
         left = list(replies)
         gathered: list[LineEvent] = []
         while True:
-            event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
+            try:
+                event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
+            except NoAnswer:
+                self._owed.add(command)
+                raise
             gathered.append(event)
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
@@ -229,6 +236,7 @@ class Conversation:
             except NoAnswer:
                 if is_halted(b"".join(event.raw for event in said) + self._reader.pending):
                     raise ProcessorHalted from None
+                self._owed.add("")
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
             return said
@@ -309,7 +317,11 @@ class Conversation:
     async def _hear_echo(self, text: str) -> None:
         wait_s = self.dialect.typing_s + 20.0 * len(text) / self.dialect.baud
         while True:
-            event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
+            try:
+                event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
+            except NoAnswer:
+                self._owed.add(text)
+                raise
             if isinstance(event, Garble):
                 await self._judge_echo(text, event)
                 raise Garbled(

@@ -63,7 +63,7 @@ class Interleaved(Garbled):
 
     def __init__(self, heard: bytes) -> None:
         self.heard = heard.decode("latin-1").strip()
-        super().__init__(f"somebody else's letters stand between those of ours (echoed {self.heard[:100]!r})")
+        super().__init__(f"more came back than was typed (echoed {self.heard[:100]!r})")
 
 
 class ControllerError(LinkError):

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 
 from drivers.val2 import commands
-from drivers.val2.conversation import ControllerAnswer, Conversation, LinePermit
+from drivers.val2.conversation import A_PROMPT, ControllerAnswer, Conversation, LinePermit
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import (
     Busy,
@@ -27,6 +27,7 @@ from drivers.val2.errors import (
 )
 from drivers.val2.interleaved import SHORTEST_TYPED
 from drivers.val2.ledger import Ledger
+from drivers.val2.owed import OwedAnswers
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text
 
@@ -70,6 +71,7 @@ class LineSession:
         """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
         self._reader = Reader()
+        self._owed = OwedAnswers(clock, dialect.motion_s)
         self.talk = self._new_conversation()
         self._turn = asyncio.Lock()
         self._may_go_on = asyncio.Event()
@@ -105,7 +107,13 @@ class LineSession:
                 await asyncio.sleep(self.dialect.prompt_silence_s)
             if talk is not self.talk:
                 raise Preempted("aborted")
-            self._refuse_unheard(answers_question)
+            try:
+                self._refuse_unheard(answers_question)
+            except (Disturbed, NoAnswer):
+                if self._reader.pending:  # half a line: it would be refused for ever, and stand before the next of ours
+                    with suppress(NoAnswer):
+                        await self.find_prompt(talk)
+                raise
             yield talk
 
     @asynccontextmanager
@@ -267,9 +275,11 @@ class LineSession:
             self._refuse_others(others)
 
     def _refuse_others(self, heard: Sequence[str]) -> None:
-        """Raise Disturbed where something of somebody else's was heard; behind what we typed to find the prompt it may
-        answer that."""
+        """Raise Disturbed where something of somebody else's was heard, NoAnswer where it is an answer of ours that
+        comes too late; behind what we typed to find the prompt it may answer that."""
         if heard and not self.line_may_hold_rest:
+            if self._owed.explain([text.replace(A_PROMPT, ".") for text in heard]):
+                raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
             self._disturbed()
             raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
 
@@ -287,7 +297,7 @@ class LineSession:
         return ControllerError(f"the controller asks {self.question!r}: answer that first")
 
     def _new_conversation(self) -> Conversation:
-        return Conversation(self.dialect, self._reader, self.send, self.clock, self._permit)
+        return Conversation(self.dialect, self._reader, self.send, self.clock, self._permit, self._owed)
 
     def _hear(self, data: bytes) -> None:
         self._cancel_silence()

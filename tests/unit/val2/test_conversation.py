@@ -11,6 +11,7 @@ import pytest
 from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, Interleaved, NoAnswer, Preempted, ProcessorHalted
+from drivers.val2.owed import OwedAnswers
 from drivers.val2.wire import ControllerQuestion, Prompt, Reader, is_halted
 from tests.fakes.in_time import lived
 
@@ -28,7 +29,8 @@ class Line:
         self.sent: list[tuple[float, bytes, bytes]] = []
         self._line, self._silence = b"", None
         self._reader = Reader()
-        self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time, Unconditional())
+        owed = OwedAnswers(self.loop.time, self.dialect.motion_s)
+        self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time, Unconditional(), owed)
 
     @property
     def typed(self) -> bytes:
@@ -234,7 +236,8 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
         line = Line({})
         line.echoes, line.says = lambda data: b"", {}
         line._take = lambda data, kept: None  # type: ignore[method-assign]
-        line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional())
+        owed = OwedAnswers(line.loop.time, line.dialect.motion_s)
+        line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional(), owed)
         with pytest.raises(NoAnswer, match="no prompt after 2 attempts; is the controller on") as told:
             await line.talk.resynchronise(2)
         return told.value

@@ -1,0 +1,164 @@
+"""Whose line it is that comes while an answer of the controller's is owed."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from drivers.val2.errors import Disturbed, NoAnswer
+from drivers.val2.link import Link
+from drivers.val2.owed import OwedAnswers
+from tests.fakes.in_time import lived
+from tests.unit.val2.test_link_scripted import GOAL, PROMPT, START, Scripted, linked, table, usual
+
+WHERE = "X Y Z O A T\r\n500.00 0 0 0 0 0.000\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 -3.5 4 5 6\r\n"
+
+
+@pytest.mark.parametrize(
+    ("owed", "heard", "explained"),
+    [
+        ([], ["."], False),
+        (["WHERE"], [WHERE, "."], True),
+        (["WHERE"], ["WHERE", "."], True),
+        (["WHERE"], ["X Y Z O A T\r\n500.00"], True),
+        (["WHERE"], ["."], True),
+        (["WHERE"], [WHERE, "SPEED 100", "."], False),
+        (["WHERE"], ["DO DRIVE 1,40,50", "."], False),
+        (["SPEED 40"], ["."], True),
+        (["SPEED 40"], ["SPEED 40", "."], True),
+        (["SPEED 40"], ["SPEED 100", "."], False),
+        (["SPEED 40"], [WHERE, "."], False),
+        (["DO MOVES GOAL"], ["DO MOVES GOAL", "."], True),
+        (["DO MOVES GOAL"], ["DO MOVE #P", "."], False),
+        (["STATUS"], ["Monitor speed 40", "."], True),
+        ([""], [".", "."], True),
+        ([""], ["SPEED 100", "."], False),
+        (["SPEED 40", "WHERE"], [WHERE, "."], True),
+    ],
+)
+def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], heard: list[str], explained: bool) -> None:
+    answers = OwedAnswers(lambda: 0.0, 60.0)
+    for command in owed:
+        answers.add(command)
+    assert answers.explain(heard) is explained
+
+
+@pytest.mark.parametrize(("after_s", "explained"), [(60.0, True), (60.1, False)])
+def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
+    now = [5.0]
+    answers = OwedAnswers(lambda: now[0], 60.0)
+    answers.add("WHERE")
+    now[0] += after_s
+    assert answers.explain(["."]) is explained
+
+
+class Busy(Scripted):
+    """Echoes and cancels at once, as a terminal driver does; the second WHERE is carried out only so many seconds
+    later."""
+
+    late_s = 0.0
+
+    def write(self, data: bytes) -> None:
+        """See Port."""
+        if self.late_s and data == b"\r" and self._line == b"WHERE":
+            self.loop.call_later(self.late_s, self.hear, table().encode())
+            self.loop.call_later(0.001, self.hear, b"\r\n")
+            self.late_s, self._line = 0.0, b""
+        else:
+            super().write(data)
+
+
+async def opened(port: Scripted) -> tuple[Link, list[str]]:
+    """A link, and a list that grows each time what is believed is dropped."""
+    link, dropped = linked(port), list[str]()
+    link.disturbed = lambda: dropped.append("dropped")
+    await link.open()
+    await link.where()
+    return link, dropped
+
+
+@pytest.mark.parametrize("late_s", [5.5, 9.0, 20.0])
+def test_an_answer_that_comes_late_is_said_to_be_late_and_blamed_on_nobody(late_s: float) -> None:
+    """A controller that was busy for more than `answer_s`, with its terminal driver at work: in 40 of 40 drawn moments
+    somebody else was said to type on the line, and what was believed of arm and gripper was dropped."""
+
+    async def story() -> list[str]:
+        port = Busy(usual)
+        link, said = await opened(port)
+        port.late_s = late_s
+        for _ in range(30):
+            try:
+                await link.where()
+            except NoAnswer as error:
+                said.append(error.message)
+            await asyncio.sleep(1.0)
+        return said
+
+    (told,) = lived(story())
+    assert told.startswith("the controller answers too late (heard 'X Y Z O A T")
+
+
+def test_a_line_of_somebody_elses_is_theirs_also_while_an_answer_is_owed() -> None:
+    async def story() -> list[str]:
+        port = Busy(usual)
+        link, dropped = await opened(port)
+        port.late_s = 20.0
+        await link.where()  # asked again
+        port.hear(b"SPEED 100\r\n.")
+        await asyncio.sleep(1.0)
+        with pytest.raises(Disturbed, match="SPEED 100"):
+            await link.where()
+        return dropped
+
+    assert lived(story()) == ["dropped"]
+
+
+def test_a_late_answer_before_a_move_keeps_the_move_back() -> None:
+    """It may be the place where the arm was then: nothing is sent from there, and nobody is blamed."""
+
+    async def story() -> tuple[list[str], list[str]]:
+        port = Busy(usual)
+        link, dropped = await opened(port)
+        port.late_s = 20.0
+        await link.where()
+        port.hear(table().encode())
+        await asyncio.sleep(1.0)
+        with pytest.raises(NoAnswer, match="too late"):
+            await link.move_straight(GOAL, start=START)
+        return dropped, [line for line in port.lines if "MOVE" in line]
+
+    assert lived(story()) == ([], [])
+
+
+def test_half_a_line_that_is_refused_is_taken_back_and_not_refused_for_ever() -> None:
+    """Where the arm may not move nothing types a stop that would: each WHERE failed, until somebody gave one."""
+
+    async def story() -> list[str]:
+        link, _ = await opened(port := Scripted(usual))
+        port.hear(b"SPE")
+        port._line = b"SPE"
+        with pytest.raises(Disturbed, match="SPE"):
+            await link.where()
+        await link.where()
+        return port.lines[-1:]
+
+    assert lived(story()) == ["WHERE"]
+
+
+def test_on_opening_a_prompt_that_comes_late_is_not_somebody_elses_letters() -> None:
+    """An echo that takes as long as a prompt is waited for: the message blamed somebody who was not there."""
+
+    class Slow(Scripted):
+        def write(self, data: bytes) -> None:
+            """See Port."""
+            heard, self.hear = self.hear, lambda said: self.loop.call_later(1.0, heard, said)
+            super().write(data)
+            self.loop.call_later(0.002, setattr, self, "hear", heard)
+
+    async def story() -> str:
+        with pytest.raises(NoAnswer) as raised:
+            await linked(Slow(lambda *_: PROMPT)).open()
+        return raised.value.message
+
+    assert "somebody" not in lived(story())
