@@ -1,14 +1,21 @@
-"""A simulated controller on a pseudo-terminal in scaled time, links to it with a ledger, and its true state."""
+"""A simulated controller on a line in scaled time, links to it with a ledger, and its true state: a pseudo-terminal in
+real time, or a line in memory on simulated time, which carries as many characters a second."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
-from drivers.simcell.controller import Faults, PtyServer
-from drivers.val2.link import Dialect, Link
+from drivers.simcell.controller import Controller, Faults, MemoryLine, PtyServer
+from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.val2.dialect import Dialect
+from drivers.val2.link import Link
+from drivers.val2.port import OpenPort
+from tests.fakes.paced_line import PacedPort
 
 QUICK = Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, stall_s=0.3)
 
@@ -16,14 +23,28 @@ QUICK = Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, stall_s=0.3)
 class ArmLine:
     """The controller's end of the line, the ledger of a link to it, and the commands to the gripper."""
 
-    def __init__(self, server: PtyServer, faults: Faults, hand: list[bool]) -> None:
+    def __init__(
+        self,
+        server: PtyServer | MemoryLine,
+        faults: Faults,
+        hand: list[bool],
+        clock: Callable[[], float] = time.monotonic,
+        open_port: OpenPort | None = None,
+    ) -> None:
+        """clock, open_port: of the links (None: Link's own)."""
         self.server, self.faults, self.hand = server, faults, hand
+        self._clock, self._opens = clock, {} if open_port is None else {"open_port": open_port}
         self.records: list[dict[str, Any]] = []
+
+    def closed_link(self, dialect: Dialect, **more: Any) -> Link:
+        """One that is not open yet. more: of Link's arguments."""
+        opens: Any = self._opens
+        return Link(self.server.port, dialect, self._clock, self.records.append, **opens, **more)
 
     @asynccontextmanager
     async def link(self, dialect: Dialect | None = None) -> AsyncIterator[Link]:
         """An open link; closed afterwards, and no task left behind."""
-        link = Link(self.server.port, dialect or QUICK, on_wire=self.records.append)
+        link = self.closed_link(dialect or QUICK)
         await link.open()
         try:
             yield link
@@ -41,5 +62,39 @@ class ArmLine:
         return "".join(record["bytes"] for record in self.records if record["way"] == "out")
 
 
+class ScaledLoop:
+    """A loop on whose clock a controller lives so many times as fast."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, scale: float) -> None:
+        self._loop, self._scale = loop, scale
+        self.call_soon = loop.call_soon
+
+    def time(self) -> float:
+        return self._loop.time() * self._scale
+
+    def call_at(self, when_s: float, do: Callable[..., object], *arguments: Any) -> asyncio.TimerHandle:
+        return self._loop.call_at(when_s / self._scale, do, *arguments)
+
+
+def line_in_time(
+    controller: Controller,
+    faults: Faults,
+    hand: list[bool],
+    time_scale: float,
+    loop: asyncio.AbstractEventLoop | None = None,
+) -> ArmLine:
+    """A line on a SimulatedLoop (None: the running one), as fast as a pseudo-terminal of that scale."""
+    loop = loop or asyncio.get_running_loop()
+    assert isinstance(loop, SimulatedLoop)
+    scaled: Any = ScaledLoop(loop, time_scale)
+    line = MemoryLine(controller, scaled)
+
+    def opened(path: str, dialect: Dialect, *heard: Any) -> PacedPort:
+        return PacedPort(line, path, replace(dialect, baud=round(dialect.baud * time_scale)), *heard)
+
+    opens: Any = opened
+    return ArmLine(line, faults, hand, loop.time, opens)
+
+
 MakesLine = Callable[..., ArmLine]
-"""What the fixture `arm_line` gives: a controller as its manners say, on a line of its own."""
+"""What the fixtures `arm_line` and `timed_line` give: a controller as its manners say, on a line of its own."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import re
@@ -100,6 +101,13 @@ def told(folder: Path, text: str) -> str:
 
 def file_with(leaf: Leaf, value: str) -> tuple[str, int]:
     """A facetd.yaml with this value and all others of its section as they are by default, and the line it is in."""
+    text, number = marked_file(leaf)
+    return text.replace(MARK, value), number
+
+
+@functools.cache
+def marked_file(leaf: Leaf) -> tuple[str, int]:
+    """The same with MARK in place of the value."""
     data: Any = json.loads(msgspec.json.encode(ConfigFile(version=1)))
     data["cameras"] = json.loads(msgspec.json.encode(CameraSettings("a", "b")))
     data["arm"]["dialect"] = {}
@@ -119,9 +127,8 @@ def file_with(leaf: Leaf, value: str) -> tuple[str, int]:
             place[step] = [0.0] * 6
         place = place[step]
     place[leaf.keys[-1]] = MARK
-    text = yaml.safe_dump(data)
-    number = next(number for number, line in enumerate(text.splitlines(), 1) if MARK in line)
-    return text.replace(MARK, value), number
+    text = yaml.dump(data, Dumper=yaml.CSafeDumper)
+    return text, next(number for number, line in enumerate(text.splitlines(), 1) if MARK in line)
 
 
 MARK = "the_value_to_be_tried"

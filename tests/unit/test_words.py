@@ -30,8 +30,9 @@ def tree(file: Path) -> ast.Module:
 
 def messages(file: Path) -> Iterator[str]:
     """Every text of more than one word in a file that is no docstring."""
-    docs = {id(node.value) for node in ast.walk(tree(file)) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree(file)):
+    nodes = list(ast.walk(tree(file)))
+    docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
         if (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
@@ -39,11 +40,6 @@ def messages(file: Path) -> Iterator[str]:
             and " " in node.value
         ):
             yield node.value
-
-
-@cache
-def all_messages() -> list[str]:
-    return [text for file in CODE for text in messages(file)]
 
 
 def test_no_package_or_module_has_a_name_of_before() -> None:
@@ -70,11 +66,10 @@ def test_no_package_hides_a_module_behind_a_function_of_its_name() -> None:
     assert hidden == set()
 
 
-@pytest.mark.parametrize("word", sorted(GONE_FROM_MESSAGES))
-def test_no_message_says_a_word_of_before(word: str) -> None:
-    assert word in WORDS
-    said = re.compile(rf"\b(?:{word})\b", re.IGNORECASE)
-    assert [text for text in all_messages() if said.search(text)] == []
+def test_no_message_says_a_word_of_before() -> None:
+    assert set(WORDS) >= GONE_FROM_MESSAGES
+    said = re.compile(rf"\b(?:{'|'.join(GONE_FROM_MESSAGES)})\b", re.IGNORECASE)
+    assert [text for file in CODE for text in messages(file) if said.search(text)] == []
 
 
 @pytest.mark.parametrize("page", OPERATORS, ids=lambda page: page.name)

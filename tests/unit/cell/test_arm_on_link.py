@@ -17,7 +17,7 @@ from daemon.arm import Beliefs, StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, PtyServer, instructions
+from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, instructions
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
@@ -28,19 +28,23 @@ from drivers.val2.conversation import Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link
-from tests.fakes.arm_line import QUICK, ArmLine
+from tests.fakes.arm_line import QUICK, ArmLine, line_in_time
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 
 
 @pytest.fixture
-def line() -> Iterator[ArmLine]:
+def runner() -> Iterator[asyncio.Runner]:
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        yield runner
+
+
+@pytest.fixture
+def line(runner: asyncio.Runner) -> ArmLine:
     hand: list[bool] = []
     faults = Faults()
-    manners = Manners(calibration_s=20.0)
-    server = PtyServer(Controller(SimulatedArm(joints_rad=BENT), manners, hand.append, faults), time_scale=10.0)
-    yield ArmLine(server, faults, hand)
-    server.stop()
+    controller = Controller(SimulatedArm(joints_rad=BENT), Manners(calibration_s=20.0), hand.append, faults)
+    return line_in_time(controller, faults, hand, 10.0, runner.get_loop())
 
 
 def arm_of(link: Link, geometry: ArmGeometry) -> ArmOnLink:
@@ -61,7 +65,9 @@ def moving(line: ArmLine) -> bool:
         return not controller.arm.at_rest(controller.now_s)
 
 
-def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_else_asks_meanwhile(line: ArmLine) -> None:
+def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_else_asks_meanwhile(
+    runner: asyncio.Runner, line: ArmLine
+) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 4")
@@ -73,11 +79,13 @@ def test_a_motion_typed_at_the_monitor_is_over_when_the_arm_rests_and_nobody_els
             assert not moving(line)
             assert not arm.aside
 
-    asyncio.run(story())
+    runner.run(story())
     np.testing.assert_allclose(line.joints(), READY_RAD, atol=1e-6)
 
 
-def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it_rests(line: ArmLine) -> None:
+def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it_rests(
+    runner: asyncio.Runner, line: ArmLine
+) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 4")
@@ -87,7 +95,7 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
                     await asyncio.sleep(0.01)
             assert not moving(line)
 
-    asyncio.run(story())
+    runner.run(story())
 
 
 async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
@@ -127,7 +135,9 @@ def switched_on_again(line: ArmLine) -> None:
 
 
 @pytest.mark.parametrize("meanwhile", [typed_in_a_line, typed_at_the_terminal, line_reopened, calibrated, stopped])
-def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line: ArmLine, meanwhile: Any) -> None:
+def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(
+    runner: asyncio.Runner, line: ArmLine, meanwhile: Any
+) -> None:
     tool = np.eye(4)
     tool[2, 3] = 130.0
 
@@ -140,13 +150,15 @@ def test_speed_and_tool_are_told_again_after_whatever_may_have_changed_them(line
             await arm.where()
             await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
 
-    asyncio.run(story())
+    runner.run(story())
     with line.server.controller() as controller:
         assert (controller.machine.speed_percent, controller.machine.program_percent) == (20.0, 100.0)
         np.testing.assert_allclose(controller.arm.tool, tool, atol=1e-6)
 
 
-def test_a_speed_that_others_set_between_two_moves_is_not_that_of_the_next(line: ArmLine) -> None:
+def test_a_speed_that_others_set_between_two_moves_is_not_that_of_the_next(
+    runner: asyncio.Runner, line: ArmLine
+) -> None:
     """By the pendant, or from another terminal: nothing of it was typed on our line."""
 
     async def story() -> None:
@@ -160,12 +172,12 @@ def test_a_speed_that_others_set_between_two_moves_is_not_that_of_the_next(line:
                     controller.machine.speed_percent = 100.0
                     controller.machine.program_speed(300.0, always=True)
 
-    asyncio.run(story())
+    runner.run(story())
 
 
 @pytest.mark.parametrize("said", ["*Illegal command*", "*Invalid argument*"])
 def test_a_controller_whose_programs_have_no_speed_is_moved_all_the_same(
-    line: ArmLine, monkeypatch: pytest.MonkeyPatch, said: str
+    runner: asyncio.Runner, line: ArmLine, monkeypatch: pytest.MonkeyPatch, said: str
 ) -> None:
     def refused(machine: Machine, arguments: str) -> None:
         raise MonitorError(said)
@@ -177,12 +189,12 @@ def test_a_controller_whose_programs_have_no_speed_is_moved_all_the_same(
             here = (await arm.where()).world_from_tool
             await arm.move(here, starts=lambda _: None, straight=False, speed_pct=20.0, timeout_s=20.0)
 
-    asyncio.run(story())
+    runner.run(story())
     with line.server.controller() as controller:
         assert controller.machine.speed_percent == 20.0
 
 
-def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) -> None:
+def test_nobody_else_asks_the_controller_anything_during_a_cal(runner: asyncio.Runner, line: ArmLine) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
             task = asyncio.create_task(arm.calibrate("Y"))
@@ -194,10 +206,12 @@ def test_nobody_else_asks_the_controller_anything_during_a_cal(line: ArmLine) ->
                 await task
             assert not arm.aside
 
-    asyncio.run(story())
+    runner.run(story())
 
 
-def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way(line: ArmLine) -> None:
+def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way(
+    runner: asyncio.Runner, line: ArmLine
+) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 10")
@@ -206,11 +220,11 @@ def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way
             assert not moving(line)
             np.testing.assert_allclose(reading.joints_rad, READY_RAD, atol=1e-4)
 
-    asyncio.run(story())
+    runner.run(story())
 
 
 def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
-    line: ArmLine, monkeypatch: pytest.MonkeyPatch
+    runner: asyncio.Runner, line: ArmLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("daemon.cell.arm_on_link.REST_S", 0.2)
 
@@ -223,10 +237,10 @@ def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
                 await arm.rest()
             await arm.abort()
 
-    asyncio.run(story())
+    runner.run(story())
 
 
-def test_whether_the_arm_rests_is_asked_of_the_controller_now(line: ArmLine) -> None:
+def test_whether_the_arm_rests_is_asked_of_the_controller_now(runner: asyncio.Runner, line: ArmLine) -> None:
     async def story() -> None:
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 4")
@@ -243,10 +257,10 @@ def test_whether_the_arm_rests_is_asked_of_the_controller_now(line: ArmLine) -> 
             assert arm.question is not None
             assert await arm.at_rest(), "it was switched off and on, and asks"
 
-    asyncio.run(story())
+    runner.run(story())
 
 
-def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: ArmLine) -> None:
+def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(runner: asyncio.Runner, line: ArmLine) -> None:
     async def story() -> None:
         async with line.link(replace(QUICK, abort_word="HALT")) as link:
             arm = arm_of(link, ArmGeometry())
@@ -255,7 +269,7 @@ def test_a_stop_the_controller_refuses_is_told_in_the_houses_own_error(line: Arm
                     await word()
             assert not arm.permit.stop_seen
 
-    asyncio.run(story())
+    runner.run(story())
 
 
 @pytest.mark.parametrize("typed", ["a line", "at the terminal"])

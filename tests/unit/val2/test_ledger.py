@@ -15,7 +15,8 @@ from drivers.val2.ledger import Ledger
 from drivers.val2.link import Dialect, Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
-from tests.fakes.arm_line import MakesLine
+from tests.fakes.arm_line import ArmLine, MakesLine
+from tests.fakes.in_time import lived
 from tests.fakes.ledger_replay import replay, what_was_heard, what_was_read
 
 Records = list[dict[str, Any]]
@@ -23,11 +24,11 @@ SCALE = 20.0
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 
 
-def a_session(arm_line: MakesLine, faults: Sequence[LineFault] = (), **settings: Any) -> Records:
+def a_session(timed_line: MakesLine, faults: Sequence[LineFault] = (), **settings: Any) -> Records:
     """The ledger of a short session: questions asked, moves made, errors met; perhaps with noise."""
-    cell = arm_line(time_scale=SCALE)
 
-    async def scene() -> None:
+    async def scene() -> ArmLine:
+        cell = timed_line(time_scale=SCALE)
         async with cell.link(Dialect(resync_s=0.4, **settings)) as link:
             cell.faults.line.extend(map(copy, faults))
             await link.speed(80)
@@ -37,14 +38,14 @@ def a_session(arm_line: MakesLine, faults: Sequence[LineFault] = (), **settings:
             for text in ("HERE P", "DO SET Q=P", "STATUS"):
                 await link.command(text)
             await link.abort()
+        return cell
 
-    asyncio.run(scene())
-    records: Records = json.loads(json.dumps(cell.records))
+    records: Records = json.loads(json.dumps(lived(scene()).records))
     return records
 
 
-def test_a_session_s_ledger_is_whole(arm_line: MakesLine) -> None:
-    records = a_session(arm_line)
+def test_a_session_s_ledger_is_whole(timed_line: MakesLine) -> None:
+    records = a_session(timed_line)
     assert [record["seq"] for record in records] == list(range(len(records)))
     assert len(records) > 20
 
@@ -60,9 +61,9 @@ def test_a_session_s_ledger_is_whole(arm_line: MakesLine) -> None:
 )
 @pytest.mark.parametrize("pause_s", [0.0, 0.0005])
 def test_a_ledger_played_to_the_protocol_gives_the_same_events(
-    arm_line: MakesLine, faults: list[LineFault], pause_s: float
+    timed_line: MakesLine, faults: list[LineFault], pause_s: float
 ) -> None:
-    records = a_session(arm_line, faults, character_pause_s=pause_s)
+    records = a_session(timed_line, faults, character_pause_s=pause_s)
     assert what_was_read(replay(records)) == what_was_heard(records)
 
 
@@ -81,8 +82,8 @@ def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -
     assert what_was_read(replay(records)) == what_was_heard(records)
 
 
-def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(arm_line: MakesLine) -> None:
-    records = a_session(arm_line)
+def test_a_ledger_drives_a_simulated_controller_to_the_same_answers(timed_line: MakesLine) -> None:
+    records = a_session(timed_line)
     then = "".join(record["bytes"] for record in records if record["way"] == "in")
     controller = Controller(SimulatedArm(joints_rad=READY_RAD))
     now = ""
@@ -105,8 +106,8 @@ def without_places_on_the_way(said: str) -> list[str]:
     return last + [line for k, line in enumerate(lines) if k not in within]
 
 
-def test_prompts_are_kept_apart_from_the_dots_in_numbers(arm_line: MakesLine) -> None:
-    prompts = [record for record in a_session(arm_line) if record["what"] == Prompt.__name__.lower()]
+def test_prompts_are_kept_apart_from_the_dots_in_numbers(timed_line: MakesLine) -> None:
+    prompts = [record for record in a_session(timed_line) if record["what"] == Prompt.__name__.lower()]
     assert all(record["bytes"].strip("\r\n^U") == "." for record in prompts)
 
 

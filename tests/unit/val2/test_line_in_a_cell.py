@@ -25,6 +25,7 @@ from drivers.val2.location import location_from_matrix
 from drivers.val2.port import OpenPort, Port, SerialPort
 from drivers.val2.wire import Garble, Prompt, Text
 from tests.fakes.arm_line import QUICK, MakesLine
+from tests.fakes.in_time import lived
 
 
 def named(folder: Path, port: str) -> Path:
@@ -241,9 +242,9 @@ def test_what_the_kernel_says_of_a_device_that_is_gone_is_told_plainly(
     asyncio.run(scene())
 
 
-def test_a_burst_of_noise_as_a_motor_starts_delays_a_reading_and_spoils_none(arm_line: MakesLine) -> None:
+def test_a_burst_of_noise_as_a_motor_starts_delays_a_reading_and_spoils_none(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, typing_attempts=20)) as link:
             for burst in range(6):
                 with cell.server.controller():
@@ -258,7 +259,7 @@ def test_a_burst_of_noise_as_a_motor_starts_delays_a_reading_and_spoils_none(arm
                     await link.open()
             np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 XOFF = b"\x13"

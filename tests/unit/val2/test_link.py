@@ -1,4 +1,5 @@
-"""The link over a real pseudo-terminal: connecting, asking, moving, aborting, and every way the line can go wrong."""
+"""The link over a pseudo-terminal, and over a line on simulated time: connecting, asking, moving, aborting, and every
+way the line can go wrong."""
 
 import asyncio
 import contextlib
@@ -30,6 +31,7 @@ from drivers.val2.link import (
 from drivers.val2.link import _heard_of as heard_of
 from drivers.val2.location import Location, apart, location_from_matrix
 from tests.fakes.arm_line import MakesLine
+from tests.fakes.in_time import lived
 
 GOAL = Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0)
 READY = location_from_matrix(forward(READY_RAD))
@@ -77,9 +79,9 @@ def test_a_move_is_over_when_two_readings_agree_with_the_target(
     asyncio.run(scene())
 
 
-def test_a_straight_move_can_be_one_line_or_two(arm_line: MakesLine) -> None:
+def test_a_straight_move_can_be_one_line_or_two(timed_line: MakesLine) -> None:
     async def scene(through_variable: bool) -> str:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(quick(straight_through_variable=through_variable)) as link:
             await link.move(GOAL)
             await link.rest(GOAL)
@@ -87,13 +89,13 @@ def test_a_straight_move_can_be_one_line_or_two(arm_line: MakesLine) -> None:
             await link.rest(NEARBY)
         return str(cell.sent())
 
-    assert "DO SET GOAL=TRANS(" in asyncio.run(scene(True))
-    assert "DO MOVES TRANS(" in asyncio.run(scene(False))
+    assert "DO SET GOAL=TRANS(" in lived(scene(True))
+    assert "DO MOVES TRANS(" in lived(scene(False))
 
 
-def test_ready_and_the_hand(arm_line: MakesLine) -> None:
+def test_ready_and_the_hand(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             await link.close_hand()
             await link.open_hand()
@@ -101,7 +103,7 @@ def test_ready_and_the_hand(arm_line: MakesLine) -> None:
             np.testing.assert_allclose(where.joints_deg, np.degrees(READY_RAD), atol=1e-3)
         assert cell.hand == [True, False]
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize(
@@ -115,45 +117,45 @@ def test_ready_and_the_hand(arm_line: MakesLine) -> None:
     ],
 )
 def test_a_refusal_is_raised_in_the_controller_s_own_words_and_the_link_goes_on(
-    arm_line: MakesLine, text: str, words: str
+    timed_line: MakesLine, text: str, words: str
 ) -> None:
     async def scene() -> None:
-        async with arm_line().link() as link:
+        async with timed_line().link() as link:
             with pytest.raises(ControllerError) as refusal:
                 await link.command(text)
             assert refusal.value.message == words
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_an_answer_s_lines_are_kept_for_people(arm_line: MakesLine) -> None:
+def test_an_answer_s_lines_are_kept_for_people(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        async with arm_line().link() as link:
+        async with timed_line().link() as link:
             assert "Arm power on" in (await link.command("STATUS")).lines
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("text", ["x" * 80, "WHERE\rDO READY", "WHERE\n", "caf\u00e9"])
-def test_what_is_not_one_plain_line_is_never_typed(arm_line: MakesLine, text: str) -> None:
+def test_what_is_not_one_plain_line_is_never_typed(timed_line: MakesLine, text: str) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             before = cell.sent()
             with pytest.raises(ValueError, match="cannot be typed"):
                 await link.command(text)
             assert cell.sent() == before
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 # Power-up and calibration
 
 
-def test_power_up_is_asked_and_answered_before_anything_else(arm_line: MakesLine) -> None:
+def test_power_up_is_asked_and_answered_before_anything_else(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(arm_power_after_s=1.0), cold=True)
+        cell = timed_line(Manners(arm_power_after_s=1.0), cold=True)
         async with cell.link() as link:
             assert link.question == "Load VAL-II from floppy (Y/N)?"
             with pytest.raises(ControllerError, match="floppy"):
@@ -167,24 +169,24 @@ def test_power_up_is_asked_and_answered_before_anything_else(arm_line: MakesLine
             await link.calibrate()
             await link.ready()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_calibration_waits_for_a_slow_person_at_the_pendant(arm_line: MakesLine) -> None:
+def test_calibration_waits_for_a_slow_person_at_the_pendant(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line(time_scale=50.0)
+        cell = timed_line(time_scale=50.0)
         cell.faults.pendant_s = 100.0
         async with cell.link() as link:
             answer = await link.calibrate()
             assert answer.seconds > 2.0
             assert "Are you sure (Y/N)?" in answer.lines
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(arm_line: MakesLine) -> None:
+def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             with pytest.raises(ControllerError, match="Are you sure"):
                 await link.command("CAL")
@@ -200,7 +202,7 @@ def test_a_question_nobody_has_a_reply_for_is_kept_and_blocks_motion(arm_line: M
             await link.move(GOAL)
             await link.rest(GOAL)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 # The port
@@ -269,24 +271,24 @@ def test_a_link_can_be_closed_and_opened_again(arm_line: MakesLine) -> None:
     asyncio.run(scene())
 
 
-def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(arm_line: MakesLine) -> None:
+def test_a_line_half_typed_by_somebody_else_is_not_carried_out_on_opening(timed_line: MakesLine) -> None:
     async def scene(manners: Manners) -> None:
-        cell = arm_line(manners)
+        cell = timed_line(manners)
         with cell.server.controller() as controller:
             controller.receive(b"DO NEST", controller.now_s)
         async with cell.link() as link:
             await asyncio.sleep(0.2)
             np.testing.assert_allclose((await link.where()).joints_deg, np.degrees(READY_RAD), atol=1e-3)
 
-    asyncio.run(scene(Manners()))
-    asyncio.run(scene(Manners(line_editing=False)))
+    lived(scene(Manners()))
+    lived(scene(Manners(line_editing=False)))
 
 
-def test_a_rest_that_opening_left_in_the_line_spoils_no_command(arm_line: MakesLine) -> None:
+def test_a_rest_that_opening_left_in_the_line_spoils_no_command(timed_line: MakesLine) -> None:
     """A prompt that happened to be printed just then makes a controller look as if it had cancelled the line."""
 
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=False, prompt_after_move="end"))
+        cell = timed_line(Manners(line_editing=False, prompt_after_move="end"))
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,10,5\r", controller.now_s)
             assert 0.05 < (controller.arm.rests_s - controller.now_s) / 20 < 0.3
@@ -297,19 +299,19 @@ def test_a_rest_that_opening_left_in_the_line_spoils_no_command(arm_line: MakesL
             with pytest.raises(ControllerError, match="Illegal command"):
                 await link.command("NONSENSE")
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("prompt", ["start", "end"])
 @pytest.mark.parametrize("break_after_move", [True, False])
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_an_arm_found_at_work_on_opening_is_stopped(
-    arm_line: MakesLine, prompt: Any, break_after_move: bool, line_editing: bool
+    timed_line: MakesLine, prompt: Any, break_after_move: bool, line_editing: bool
 ) -> None:
     """Whoever told it so was killed, and may have left the next line half typed."""
 
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
+        cell = timed_line(Manners(line_editing=line_editing, prompt_after_move=prompt), time_scale=5.0)
         with cell.server.controller() as controller:
             controller.receive(b"DO DRIVE 1,90,2\rDO NE", controller.now_s)
         async with cell.link(quick(break_after_move=break_after_move)) as link:
@@ -320,12 +322,12 @@ def test_an_arm_found_at_work_on_opening_is_stopped(
             assert place.joints_deg[0] < 89.0
             assert link.question is None
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_dead_controller_without_echo_is_told_as_one_once_it_did_not_answer_the_stop(arm_line: MakesLine) -> None:
+def test_a_dead_controller_without_echo_is_told_as_one_once_it_did_not_answer_the_stop(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(echo=False))
+        cell = timed_line(Manners(echo=False))
         with cell.server.controller() as controller:
             controller.mishap(Mishap.DEAD)
             controller.output(float("inf"))
@@ -334,15 +336,15 @@ def test_a_dead_controller_without_echo_is_told_as_one_once_it_did_not_answer_th
                 pass
         assert "ABORT" in cell.sent()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("line_editing", [True, False])
 def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_opening(
-    arm_line: MakesLine, line_editing: bool
+    timed_line: MakesLine, line_editing: bool
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=line_editing))
+        cell = timed_line(Manners(line_editing=line_editing))
         with cell.server.controller() as controller:
             controller.machine.calibrated = False
             controller.receive(b"CAL\r", controller.now_s)
@@ -352,26 +354,28 @@ def test_a_calibration_somebody_else_began_and_did_not_confirm_is_declined_on_op
             with cell.server.controller() as controller:
                 assert not controller.machine.calibrated
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 # Turns and the abort
 
 
-def test_commands_from_two_tasks_take_turns(arm_line: MakesLine) -> None:
+def test_commands_from_two_tasks_take_turns(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        async with arm_line().link() as link:
+        async with timed_line().link() as link:
             places = await asyncio.gather(*(link.where() for _ in range(6)))
             assert len({place.location for place in places}) == 1
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("line_editing", [True, False])
 @pytest.mark.parametrize("prompt", ["start", "end"])
-def test_an_abort_stops_the_arm_whoever_is_using_the_link(arm_line: MakesLine, prompt: Any, line_editing: bool) -> None:
+def test_an_abort_stops_the_arm_whoever_is_using_the_link(
+    timed_line: MakesLine, prompt: Any, line_editing: bool
+) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
+        cell = timed_line(Manners(prompt_after_move=prompt, line_editing=line_editing), time_scale=5.0)
         async with cell.link() as link:
             await link.speed(10)
 
@@ -394,15 +398,15 @@ def test_an_abort_stops_the_arm_whoever_is_using_the_link(arm_line: MakesLine, p
             np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
             assert cell.sent() == typed
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("after_ms", range(0, 200, 10))
 def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_link(
-    arm_line: MakesLine, after_ms: int
+    timed_line: MakesLine, after_ms: int
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
+        cell = timed_line(Manners(line_editing=after_ms % 20 == 0), time_scale=4.0)
         async with cell.link() as link:
             moving = asyncio.create_task(link.move_straight(NEARBY))
             await asyncio.sleep(after_ms / 1000)
@@ -413,22 +417,22 @@ def test_an_abort_at_any_moment_of_a_command_leaves_a_still_arm_and_a_working_li
             await link.move(GOAL)
             await link.rest(GOAL)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_two_aborts_at_once_are_one(arm_line: MakesLine) -> None:
+def test_two_aborts_at_once_are_one(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             await asyncio.gather(link.abort(), link.abort(), link.abort())
             assert cell.sent().count("!!") == 1
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_motion_asked_for_during_an_abort_is_not_carried_out(arm_line: MakesLine) -> None:
+def test_a_motion_asked_for_during_an_abort_is_not_carried_out(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             aborting = asyncio.create_task(link.abort())
             await asyncio.sleep(0)
@@ -438,13 +442,13 @@ def test_a_motion_asked_for_during_an_abort_is_not_carried_out(arm_line: MakesLi
             await aborting
             assert "MOVE" not in cell.sent()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("text", ["CAL", "POINT #P"])
-def test_an_abort_gets_past_a_question(arm_line: MakesLine, text: str) -> None:
+def test_an_abort_gets_past_a_question(timed_line: MakesLine, text: str) -> None:
     async def scene() -> None:
-        cell = arm_line(time_scale=2.0)
+        cell = timed_line(time_scale=2.0)
         async with cell.link() as link:
             await link.speed(10)
             await link.move(GOAL)
@@ -457,14 +461,14 @@ def test_an_abort_gets_past_a_question(arm_line: MakesLine, text: str) -> None:
             await asyncio.sleep(0.2)
             np.testing.assert_allclose(np.degrees(cell.joints()), stopped.joints_deg, atol=1e-3)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_are_the_operators(
-    arm_line: MakesLine,
+    timed_line: MakesLine,
 ) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             await link.prove_stop()
             moving = asyncio.create_task(link.move(GOAL))
@@ -479,12 +483,12 @@ def test_a_controller_that_was_switched_on_anew_moves_nothing_and_its_questions_
             await link.power_up()
             await link.prove_stop()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_an_abort_that_nobody_answers_is_tried_some_times_and_told(arm_line: MakesLine) -> None:
+def test_an_abort_that_nobody_answers_is_tried_some_times_and_told(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(quick(resync_s=0.05)) as link:
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.DEAD)
@@ -492,12 +496,12 @@ def test_an_abort_that_nobody_answers_is_tried_some_times_and_told(arm_line: Mak
                 await link.abort()
             assert cell.sent().count("!!") > 1
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(arm_line: MakesLine) -> None:
+def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         seen = bytearray()
         async with cell.link() as link:
             async with link.terminal(seen.extend) as type_in:
@@ -518,7 +522,7 @@ def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(arm_line: 
                 with pytest.raises(Preempted):
                     type_in(b"DO NEST\r")
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 # Noise and silence
@@ -528,10 +532,10 @@ def test_a_person_s_terminal_has_the_line_to_itself_but_for_the_abort(arm_line: 
 @pytest.mark.parametrize("harm", ["drop", "double", "flip", "insert"])
 @pytest.mark.parametrize("after", [0, 5, 20, 41])
 def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_again(
-    arm_line: MakesLine, way: Any, harm: Any, after: int
+    timed_line: MakesLine, way: Any, harm: Any, after: int
 ) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             await link.where()  # nothing of the opening is under way any more
             cell.faults.line.append(LineFault(way, harm, after=after))
@@ -540,29 +544,29 @@ def test_noise_in_a_typed_move_is_caught_before_it_is_ended_and_the_line_typed_a
             assert cell.faults.line == []
             assert cell.sent().count("\rDO MOVE") + cell.sent().count("\x15DO MOVE") >= 2
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("line_editing", [True, False])
-def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(arm_line: MakesLine, line_editing: bool) -> None:
+def test_a_line_that_stays_spoiled_is_given_up_and_nothing_moves(timed_line: MakesLine, line_editing: bool) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=line_editing))
+        cell = timed_line(Manners(line_editing=line_editing))
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.line.append(LineFault("to_controller", "flip", after=15, count=100_000))
             with pytest.raises(NoAnswer, match=r"typed 'DO MOVE .*then no prompt after 3 attempts"):
                 await link.move(GOAL)
         np.testing.assert_allclose(cell.joints(), READY_RAD, atol=1e-9)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("line_editing", [True, False])
 @pytest.mark.parametrize("seed", range(4))
 def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
-    arm_line: MakesLine, line_editing: bool, seed: int
+    timed_line: MakesLine, line_editing: bool, seed: int
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(line_editing=line_editing), time_scale=50.0)
+        cell = timed_line(Manners(line_editing=line_editing), time_scale=50.0)
         async with cell.link(quick(resync_s=0.1, answer_s=0.5, typing_s=0.1, stall_s=0.1, motion_s=1.0)) as link:
             cell.faults.seed_noise(seed, rate=0.004)
             for goal in (GOAL, NEARBY) * 2:
@@ -576,14 +580,14 @@ def test_on_a_noisy_line_the_arm_only_ever_goes_where_it_was_sent(
                 assert min(apart(place, allowed)[0] for allowed in (READY, GOAL, NEARBY)) < 0.02
             cell.faults.noise_rate = 0.0
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_told(
-    arm_line: MakesLine,
+    timed_line: MakesLine,
 ) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(quick(prompt_after_move="start")) as link:
             cell.faults.mute_answers = 1
             with pytest.raises(NoAnswer, match="no answer to 'DO MOVE") as problem:
@@ -592,27 +596,27 @@ def test_a_motion_whose_answer_is_lost_is_not_repeated_and_the_arm_s_place_is_to
             assert cell.sent().count("DO MOVE") == 1
             assert apart((await link.rest(GOAL)).location, GOAL) == pytest.approx((0, 0), abs=0.01)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_question_whose_answer_is_lost_is_asked_again(arm_line: MakesLine) -> None:
+def test_a_question_whose_answer_is_lost_is_asked_again(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             cell.faults.mute_answers = 1
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_spoiled_table_is_asked_for_again(arm_line: MakesLine) -> None:
+def test_a_spoiled_table_is_asked_for_again(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             cell.faults.line.append(LineFault("to_host", "drop", after=70, count=5))
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 def place_and_joints_agree(where: Where) -> bool:
@@ -621,10 +625,10 @@ def place_and_joints_agree(where: Where) -> bool:
 
 
 @pytest.mark.parametrize("after", [75, 93, 115, 198, 207])
-def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(arm_line: MakesLine, after: int) -> None:
+def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(timed_line: MakesLine, after: int) -> None:
     async def scene() -> None:
-        cell = arm_line()
-        link = Link(cell.server.port, quick(), on_wire=cell.records.append, belongs_together=place_and_joints_agree)
+        cell = timed_line()
+        link = cell.closed_link(quick(), belongs_together=place_and_joints_agree)
         await link.open()
         await go(link, GOAL)
         cell.faults.line.append(LineFault("to_host", "flip", after=after))
@@ -632,13 +636,13 @@ def test_a_digit_spoiled_by_noise_is_never_given_out_as_a_place(arm_line: MakesL
         assert cell.faults.line == []
         await link.close()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(arm_line: MakesLine) -> None:
+def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
-        link = Link(cell.server.port, quick(), belongs_together=place_and_joints_agree)
+        cell = timed_line()
+        link = cell.closed_link(quick(), belongs_together=place_and_joints_agree)
         await link.open()
         await link.command("TOOL TRANS(0,0,100,0,-90,90)")
         with pytest.raises(Garbled, match="do not belong together: noise, or a TOOL or BASE other than ours"):
@@ -646,49 +650,49 @@ def test_another_tool_than_ours_is_noticed_and_an_abort_still_confirmed(arm_line
         assert (await link.abort()).location.z_mm == pytest.approx(963.6)
         await link.close()
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_system_that_counts_its_joints_otherwise_is_read_in_our_angles(arm_line: MakesLine) -> None:
+def test_a_system_that_counts_its_joints_otherwise_is_read_in_our_angles(timed_line: MakesLine) -> None:
     async def scene() -> None:
         dialect = quick(joint_signs=(1, -1, -1, 1, -1, 1), joint_zeros_deg=(180, 0, 0, 0, 0, 0))
-        async with arm_line().link(dialect) as link:
+        async with timed_line().link(dialect) as link:
             np.testing.assert_allclose((await link.where()).joints_deg, [180, -90, 90, 0, 0, 0], atol=1e-3)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_prompt_in_two_halves_is_waited_for(arm_line: MakesLine) -> None:
+def test_a_prompt_in_two_halves_is_waited_for(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             cell.faults.split_prompt_s = 6.0
             await link.speed(40)
             assert (await link.where()).location.z_mm == pytest.approx(863.6)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_line_without_echo_is_served_by_its_setting(arm_line: MakesLine) -> None:
+def test_a_line_without_echo_is_served_by_its_setting(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(echo=False))
+        cell = timed_line(Manners(echo=False))
         async with cell.link(quick(echo=False)) as link:
             await link.move(GOAL)
             await link.rest(GOAL)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_characters_can_be_typed_slowly(arm_line: MakesLine) -> None:
+def test_characters_can_be_typed_slowly(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(quick(character_pause_s=0.002)) as link:
             await link.speed(40)
             await link.where()
         assert "WHERE" in cell.sent()
         assert not [record for record in cell.records if record["way"] == "out" and "WHERE" in record["bytes"]]
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 # Mishaps
@@ -711,10 +715,10 @@ def ended_moves(sent: str) -> list[str]:
 )
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
 def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_motion_is_typed(
-    arm_line: MakesLine, what: Mishap, words: str, prompt: Any, share: float
+    timed_line: MakesLine, what: Mishap, words: str, prompt: Any, share: float
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(prompt_after_move=prompt))
+        cell = timed_line(Manners(prompt_after_move=prompt))
         async with cell.link() as link:
             cell.faults.in_move.append((share, what))
             with pytest.raises(ControllerError, match=words):
@@ -728,23 +732,23 @@ def test_a_mishap_in_mid_move_is_told_in_the_controller_s_words_and_no_further_m
             await asyncio.sleep(0.1)
             np.testing.assert_array_equal(cell.joints(), before)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_controller_that_dies_in_mid_move_is_no_answer(arm_line: MakesLine) -> None:
+def test_a_controller_that_dies_in_mid_move_is_no_answer(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link(quick(resync_s=0.1)) as link:
             cell.faults.in_move.append((0.5, Mishap.DEAD))
             with pytest.raises(NoAnswer):
                 await go(link, GOAL, 1.0)
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(arm_line: MakesLine) -> None:
+def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line()
+        cell = timed_line()
         async with cell.link() as link:
             with cell.server.controller() as controller:
                 controller.mishap(Mishap.EMERGENCY_STOP)
@@ -754,12 +758,12 @@ def test_an_emergency_stop_while_idle_is_told_before_the_next_command_is_typed(a
                 await link.move(GOAL)
             assert cell.sent() == typed
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(arm_line: MakesLine) -> None:
+def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        cell = arm_line(time_scale=5.0)
+        cell = timed_line(time_scale=5.0)
         async with cell.link() as link:
             await link.speed(20)
             await link.move(GOAL)
@@ -769,7 +773,7 @@ def test_an_arm_stopped_by_hand_is_at_rest_elsewhere(arm_line: MakesLine) -> Non
                 await link.rest(GOAL)
             assert problem.value.where is not None
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 def test_an_arm_that_only_lingers_elsewhere_is_waited_for_and_one_that_stays_is_told(

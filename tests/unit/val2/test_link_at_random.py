@@ -14,6 +14,7 @@ from drivers.simcell.history import MotionRecord
 from drivers.val2.link import Dialect, Link, LinkError
 from drivers.val2.location import Location
 from tests.fakes.arm_line import MakesLine
+from tests.fakes.in_time import lived
 
 PLACES = [
     Location(520.0, 0.0, -100.0, 0.0, 80.0, 0.0),
@@ -98,10 +99,10 @@ class Scene:
 @pytest.mark.parametrize("prompt", ["start", "end"])
 @pytest.mark.parametrize("seed", range(8))
 def test_whatever_happens_no_order_moves_twice_and_the_link_comes_back(
-    arm_line: MakesLine, seed: int, prompt: Any
+    timed_line: MakesLine, seed: int, prompt: Any
 ) -> None:
     async def scene() -> None:
-        cell = arm_line(Manners(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
+        cell = timed_line(Manners(prompt_after_move=prompt, calibration_s=1.0), time_scale=40.0)
         async with cell.link(QUICK) as link:
             run = Scene(cell, link, seed)
             for _ in range(6):
@@ -113,4 +114,4 @@ def test_whatever_happens_no_order_moves_twice_and_the_link_comes_back(
             there = await link.rest(PLACES[0], 5.0)
             np.testing.assert_allclose(there.location.values()[:3], PLACES[0].values()[:3], atol=0.01)
 
-    asyncio.run(scene())
+    lived(scene())

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 
 from drivers.simcell.controller import Manners
 from drivers.val2.commands import signals
 from drivers.val2.link import ControllerError
 from tests.fakes.arm_line import MakesLine
+from tests.fakes.in_time import lived
 from tests.unit.val2.test_link import quick
 
 
@@ -21,9 +20,9 @@ class Withheld:
     withheld = True
 
 
-def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(arm_line: MakesLine) -> None:
+def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        line = arm_line()
+        line = timed_line()
         async with line.link(quick()) as link:
             link.permit = Withheld()
             link._session.talk._permit = link.permit  # type: ignore[union-attr]
@@ -36,19 +35,19 @@ def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(arm_line: M
             with pytest.raises(ControllerError, match="Illegal command"):
                 await link.ask_plainly("DO TYPE SIG(1001)")
 
-    asyncio.run(scene())
+    lived(scene())
 
 
-def test_a_controller_with_another_word_for_an_input_is_read_by_that(arm_line: MakesLine) -> None:
+def test_a_controller_with_another_word_for_an_input_is_read_by_that(timed_line: MakesLine) -> None:
     async def scene() -> None:
-        line = arm_line(Manners(reads_inputs_by="TYPE"))
+        line = timed_line(Manners(reads_inputs_by="TYPE"))
         async with line.link(quick()) as link:
             line.server._controller.machine.inputs.add(1004)
             assert await link.ask_plainly("DO TYPE SIG(1004)") == ("-1",)
             with pytest.raises(ControllerError):
                 await link.ask_plainly("LISTR SIG(1004)")
 
-    asyncio.run(scene())
+    lived(scene())
 
 
 @pytest.mark.parametrize("wrong", [[], [0], [1, 0]])

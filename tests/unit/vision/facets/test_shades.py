@@ -21,6 +21,7 @@ from daemon.vision.image import StereoImages
 from drivers.simcell.parts import PartShape, box, part_shape, shape
 from drivers.simcell.render import RenderedSolid
 from drivers.simcell.truth import Lamp, Lighting
+from tests.fakes.chosen import few
 from tests.fakes.pictures import TABLE
 from tests.fakes.rigs import thesis_rig
 from tests.fakes.solids import measured
@@ -61,8 +62,10 @@ def on_its_base(part: PartShape) -> int:
     return next(k for k, rest in enumerate(part.rests) if rest[2, 2] > 0.99)
 
 
-@pytest.mark.parametrize("bend_deg", [2.0, 3.0, 4.0, 6.0, 8.0])
-@pytest.mark.parametrize("baseline_mm", [60.0, 200.0])
+@pytest.mark.parametrize(
+    ("baseline_mm", "bend_deg"),
+    few([(mm, deg) for deg in (2.0, 8.0, 3.0, 4.0, 6.0) for mm in (60.0, 200.0)], 4),
+)
 def test_no_crease_of_a_few_degrees_is_taken_for_a_shadow(
     baseline_mm: float, bend_deg: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
