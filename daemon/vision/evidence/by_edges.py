@@ -25,9 +25,16 @@ from daemon.vision.evidence.hole_rivals import by_holes, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px
-from daemon.vision.evidence.registered import BY_NATS, ON_TABLE, RegisteredPart, registered_at, registered_near
+from daemon.vision.evidence.registered import (
+    BY_NATS,
+    ON_TABLE,
+    RegisteredPart,
+    measured_at,
+    registered_at,
+    registered_near,
+)
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, by_own_edges, cut_off
-from daemon.vision.facets import TablePlane, merge_vertices, seen_table, triangulate
+from daemon.vision.facets import TablePlane, merge_vertices, seen_table
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import (
     FEWEST_IN_VIEW,
@@ -40,15 +47,14 @@ from daemon.vision.hypotheses import (
     hypotheses_from_junctions,
     hypotheses_on_support,
     indistinguishable_turns,
-    lies_on_support,
     perturbed_poses,
     self_similarity,
-    snapped_pose,
+    snapped_where_it_lies,
 )
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
-from daemon.vision.recognition import Recognised, typed_as
-from daemon.vision.refine import SCALE, Fit, facets_laid, facets_shown, fit_at
+from daemon.vision.recognition import Recognised
+from daemon.vision.refine import SCALE, facets_shown
 from daemon.vision.values import NearestGuess, Part, Recognition
 
 BY_LIKENESS, USUAL_LIKENESS, BY_EXPLAINED, USUAL_EXPLAINED = 12.0, 0.9, 3.3, 0.7
@@ -258,27 +264,16 @@ def placed(seen: RegisteredPart, confidence: float, same: Sequence[RegisteredPar
     near = [EdgeHypothesis(seen.label, pose) for pose in perturbed_poses(seen.solid, seen.pose)]
     same = [*same, *registered_near(search, near)]
     alike = _alike(seen.solid, seen.pose, np.flatnonzero(seen.solid.facing(seen.pose) > 0).tolist(), eyes)
-    fit, observed = fit_at(seen.solid, eyes, seen.pose, model.parameters.tolerance_mm)
-    laid = facets_laid(seen.solid, observed)
-    measured = triangulate([(f.left, f.right) for f in laid], eyes.geometry)
-    facets = typed_as(measured, (seen.solid.types[f.index] for f in laid), model.library)
-    pose, covariance = _on_ground(search.ground, seen.solid, fit)
+    fit, numbers, facets = measured_at(seen.solid, seen.pose, eyes, model)
+    pose, covariance = snapped_where_it_lies(search.ground, seen.solid, fit.cyclopean_from_part, fit.covariance)
     corners = frames.apply(pose, seen.solid.corners_mm)
-    fitted = tuple(corners[seen.solid.rings[f.index]] for f in laid)
+    fitted = tuple(corners[seen.solid.rings[k]] for k in numbers)
     why = f"{100 * seen.borne.share:.0f} % of what its edges could show is in the images"
     name = Recognition(seen.label, confidence, 0.0, 0.0, None, False, why, (seen.label,))
-    equivalents = _alike(seen.solid, pose, [f.index for f in laid], eyes)
+    equivalents = _alike(seen.solid, pose, numbers, eyes)
     covariance = covariance + _spread(seen, same, alike)
     part = Part(name, facets, pose, covariance, fit.residual_mm, fitted, equivalents)
     return Recognised(merge_vertices(list(facets)), part)
-
-
-def _on_ground(ground: SupportPlane | None, solid: Polyhedron, fit: Fit) -> tuple[Array, Array]:
-    """Pose (4, 4) and covariance (6, 6) of a fit, on the table if that is seen and it lies there."""
-    pose, covariance = fit.cyclopean_from_part, fit.covariance
-    lies = ground is not None and ground.seen and lies_on_support(ground, solid, pose)
-    found = snapped_pose(ground.table, solid, pose, covariance) if ground is not None and lies else None
-    return found or (pose, covariance)
 
 
 def _odds_of_place(one: RegisteredPart) -> float:
@@ -304,7 +299,7 @@ def _alike(solid: Polyhedron, pose: Array, facets: Sequence[int], eyes: StereoIm
     """(S, 4, 4) the poses at which the corners of some facets lie where they do at this one (4, 4), which is the first,
     or where others of the solid do."""
     turns = indistinguishable_turns(solid, tuple(solid.corners_of(facets).tolist()))
-    poses = np.array([pose @ frames.inverse(turn) for turn in turns])
+    poses = np.asarray(pose @ frames.inverse(turns))
     if not solid.holes or len(poses) == 1:
         return poses
     seen = np.array([hole_nats(solid, one, eyes) for one in poses])

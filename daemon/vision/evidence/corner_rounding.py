@@ -16,8 +16,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import Polyhedron, exact, hidden, robust_weight
-from daemon.vision.image import SMOOTHING_PX, CameraImage, levels_across
+from daemon.vision.geometry import Polyhedron, hidden, robust_weight, with_rings
+from daemon.vision.image import SMOOTHING_PX, CameraImage, levels_across, peak_places
 
 SHORT = 0.3
 """Of a facet's longest side, what a chord of a rounding has at most; no facet is known beyond it."""
@@ -119,9 +119,7 @@ def squared(solid: Polyhedron) -> Polyhedron:
         return solid
     rings = [[onto.get(k, k) for k in ring] for ring in solid.facets]
     rings = [[k for place, k in enumerate(ring) if k != ring[place - 1]] for ring in rings]
-    used = sorted({k for ring in rings for k in ring})
-    place = {k: n for n, k in enumerate(used)}
-    return exact(np.array([points[k] for k in used]), [[place[k] for k in ring] for ring in rings if len(ring) > 2])
+    return with_rings(np.array(points), [ring for ring in rings if len(ring) > 2])
 
 
 class Stay(NamedTuple):
@@ -198,8 +196,8 @@ def _line(
     slopes = np.diff(levels, axis=1)
     size = np.abs(slopes)
     best = size[:, 1:-1].argmax(1) + 1
-    low, top, high = (np.take_along_axis(size, (best + step)[:, None], 1)[:, 0] for step in (-1, 0, 1))
-    place = best - REACH_PX + (0.5 * (low - high) / np.minimum(low - 2 * top + high, -1e-6)).clip(-1, 1)
+    top, between = peak_places(size, best)
+    place = best - REACH_PX + between
     use = top > LEAST_SLOPE
     if use.sum() < max(FEWEST, 0.6 * len(along)):
         return None

@@ -16,7 +16,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Hole, Polyhedron, hidden, robust_weight, solve
-from daemon.vision.image import LEAST_SIGMAS, STEP_PX, CameraImage, StereoImages, peaks, rim_slopes
+from daemon.vision.image import LEAST_SIGMAS, STEP_PX, CameraImage, StereoImages, peak_places, peaks, rim_slopes
 from daemon.vision.model import Model
 from daemon.vision.recognition import PoseEvidence
 from daemon.vision.settings import TOLERANCE_MM
@@ -143,9 +143,7 @@ def _fitted(slopes: Array, normal: Array, sigma_px: float) -> RimSeen:
     for near in ROUNDS_PX:
         likely = np.sqrt(edge) * np.exp(-0.5 * ((offsets[1:-1] - here[:, None]) / near) ** 2)
         best = likely.argmax(1) + 1
-        low, top, high = (np.take_along_axis(slopes, (best + step)[:, None], 1)[:, 0] for step in (-1, 0, 1))
-        bend = np.minimum(low - 2 * top + high, -1e-6)
-        found = offsets[best] + (0.5 * (low - high) / bend).clip(-1, 1)
+        found = offsets[best] + peak_places(slopes, best)[1]
         use = weight * (likely.max(1) > 0)
         trust = use * robust_weight((found - here) ** 2, PULLED * near)
         answer = solve(

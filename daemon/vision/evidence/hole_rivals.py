@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.geometry import Polyhedron, rough_fit
@@ -34,8 +35,10 @@ class ByHoles(NamedTuple):
 def by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -> ByHoles:
     """What holes say of a part at a pose (4, 4): it is that, another turn of it, or another part of its shape."""
     own, best = model.metric[label].solid, dict[str, tuple[float, Array]]()
-    for other, known in model.metric.items():
-        there = pose if other == label else next((pose @ one for one in _motions(own, known.solid)), None)
+    labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
+    for k in of_its_size(own, solids):
+        other = labels[k]
+        there = pose if other == label else next((pose @ one for one in _motions(own, solids[k])), None)
         if there is not None:
             best[other] = turned_by_holes(other, there, model, eyes)
     ranked = sorted(best, key=lambda name: (-best[name][0], name != label))
@@ -56,6 +59,20 @@ def turned_by_holes(label: str, pose: Array, model: Model, eyes: StereoImages) -
     return nats[most], poses[most]
 
 
+def of_its_size(one: Polyhedron, solids: tuple[Polyhedron, ...]) -> list[int]:
+    """Which of solids have as many corners and facets as one: others have another shape."""
+    return _by_size(solids).get((len(one.corners_mm), len(one.facets)), [])
+
+
+@lru_cache(maxsize=8)
+def _by_size(solids: tuple[Polyhedron, ...]) -> dict[tuple[int, int], list[int]]:
+    """The numbers of solids by how many corners and facets they have; made once of all that is taught."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for number, solid in enumerate(solids):
+        found.setdefault((len(solid.corners_mm), len(solid.facets)), []).append(number)
+    return found
+
+
 def _motions(one: Polyhedron, other: Polyhedron) -> Array:
     """(N, 4, 4) one_from_other, as motions_onto, of solids that holes may tell apart."""
     return motions_onto(one, other) if one.holes or other.holes else np.zeros((0, 4, 4))
@@ -74,9 +91,8 @@ def motions_onto(one: Polyhedron, other: Polyhedron) -> Array:
         return none
     onto = other.corners_mm[np.array(ways)]
     rotation, shift, rms = rough_fit(one.corners_mm, one.covariance_mm2, onto, np.ones(onto.shape[:2], bool))
-    motions = np.tile(np.eye(4), (len(ways), 1, 1))
-    motions[:, :3, :3], motions[:, :3, 3] = rotation, shift
-    return np.asarray(motions[rms < SAME_MM])
+    good = rms < SAME_MM
+    return frames.rigid(rotation[good], shift[good])
 
 
 def _radii(solid: Polyhedron) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.evidence.edge_places import STEP, EdgePlaces
-from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.geometry import Polyhedron, exact, with_rings
 from daemon.vision.image import StereoImages
 from daemon.vision.model import mirror_images
 
@@ -107,7 +107,7 @@ def completed_corners(solid: Polyhedron) -> tuple[Polyhedron, ...]:
         last = len(solid.corners_mm)
         others = [[last if k in ring else k for k in one] for n, one in enumerate(solid.facets) if n != facet]
         once = [[k for place, k in enumerate(one) if k != one[place - 1]] for one in others]
-        found.append(_with_rings(np.vstack([solid.corners_mm, tip]), [one for one in once if len(one) > 2]))
+        found.append(with_rings(np.vstack([solid.corners_mm, tip]), [one for one in once if len(one) > 2]))
     return tuple(found)
 
 
@@ -183,14 +183,7 @@ def without_corner(solid: Polyhedron, corner: int, shares: Mapping[int, float]) 
     while len(cap) < len(onward) and cap[-1] in onward:
         cap.append(onward[cap[-1]])
     closed = onward.get(cap[-1]) == cap[0] and len(cap) > 2  # where a facet there is not known the cut is not bounded
-    return _with_rings(np.vstack([solid.corners_mm, points]), [*rings, *([cap] if closed else [])])
-
-
-def _with_rings(corners: Array, rings: Sequence[Sequence[int]]) -> Polyhedron:
-    """A solid of those of the corners (K, 3) that the rings have."""
-    used = sorted({k for ring in rings for k in ring})
-    place = {k: n for n, k in enumerate(used)}
-    return exact(corners[used], [[place[k] for k in ring] for ring in rings])
+    return with_rings(np.vstack([solid.corners_mm, points]), [*rings, *([cap] if closed else [])])
 
 
 def _neighbours(solid: Polyhedron) -> list[set[int]]:

@@ -42,11 +42,11 @@ def off_faces_px(solid: Polyhedron, pose: Array, eyes: StereoImages) -> float:
     facing = np.min([solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm], axis=0) > LEAST_FACING
     if not facing.any():
         return 0.0
-    maps = [
-        _face_map(solid, pose, view, eye_mm) for view, eye_mm in zip(eyes.views, eyes.geometry.eyes_mm, strict=True)
-    ]
-    if any(_blank(view, seen, facing) for view, seen in zip(eyes.views, maps, strict=True)):
-        return 0.0
+    maps = list[_FaceMap]()
+    for view, eye_mm in zip(eyes.views, eyes.geometry.eyes_mm, strict=True):
+        maps.append(_face_map(solid, pose, view, eye_mm))
+        if _blank(view, maps[-1], facing):
+            return 0.0
     return sum(_off_in(solid, pose, eyes, facing, maps, one) for one in (0, 1))
 
 

@@ -12,9 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon.arrays import Array
+from daemon.vision.facets import triangulate
 from daemon.vision.geometry import PlanarShape, Polyhedron, SolidBatch
 from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
-from daemon.vision.refine import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
+from daemon.vision.image import StereoImages
+from daemon.vision.model import Model
+from daemon.vision.recognition import typed_as
+from daemon.vision.refine import (
+    EdgeEvidence,
+    EdgeSamples,
+    Fit,
+    aligned_to_edges,
+    edge_samples_of,
+    facets_laid,
+    fit_at,
+)
+from daemon.vision.values import Facet
 
 BY_NATS, BY_WHOLE, ELSE = 0.168, 12.7, -3.0
 """What a part's log odds are made of, before all guesses that were made share them: nats of evidence; the cube of its
@@ -73,3 +86,15 @@ def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[
         yield RegisteredPart(
             one.label, solid, pose, own, EdgeEvidence.of(own), silhouette(solid, pose, eyes), one.tries, rests
         )
+
+
+def measured_at(
+    solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model
+) -> tuple[Fit, list[int], tuple[Facet, ...]]:
+    """Where its edges have a part that is near a pose (4, 4) cyclopean_from_part; its facets that both eyes have in
+    view, by their numbers; and these as they were measured there."""
+    fit, observed = fit_at(solid, eyes, pose, model.parameters.tolerance_mm)
+    laid = facets_laid(solid, observed)
+    facets = triangulate([(one.left, one.right) for one in laid], eyes.geometry)
+    numbers = [one.index for one in laid]
+    return fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library)

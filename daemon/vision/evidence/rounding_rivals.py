@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +17,14 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.corner_rounding import Bend, bends, squared, stay_of
-from daemon.vision.evidence.hole_rivals import motions_onto
-from daemon.vision.facets import merge_vertices, triangulate
+from daemon.vision.evidence.hole_rivals import motions_onto, of_its_size
+from daemon.vision.evidence.registered import measured_at
+from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model, symmetries
-from daemon.vision.recognition import Recognised, typed_as, without_name
-from daemon.vision.refine import WORN_MM, facets_laid, fit_at
+from daemon.vision.recognition import Recognised, without_name
+from daemon.vision.refine import WORN_MM
 
 LEAST_FACING = 0.25
 SAME_PLACE_MM, SAME_WAY, LEAST_GAP_MM, LEAST_GAP_PX = 1.5, 0.97, 0.3, 0.35
@@ -126,13 +128,15 @@ class _Rival(NamedTuple):
 def told_by_rounding(one: Recognised, model: Model, eyes: StereoImages) -> Recognised:
     """A named part as that of its shape of which its corners are; without its name where they do not tell."""
     pose, rivals, rounder = one.part.cyclopean_from_part, list[_Rival](), list[str]()
+    labels, solids = tuple(model.metric), tuple(known.solid for known in model.metric.values())
     own = model.metric[one.label].solid
-    for label, known in model.metric.items():
-        if label == one.label:
+    for k in of_its_size(squared(own), _squared(solids)):
+        label, solid = labels[k], solids[k]
+        if solid is own:
             continue
-        for motion in rounded_alike(own, known.solid):
-            rounder += [label] if _roundings_mm(known.solid) > _roundings_mm(own) else []
-            borders = borders_seen(own, known.solid, motion, pose, eyes)
+        for motion in rounded_alike(own, solid):
+            rounder += [label] if _roundings_mm(solid) > _roundings_mm(own) else []
+            borders = borders_seen(own, solid, motion, pose, eyes)
             if borders:
                 rivals.append(_Rival(label, pose @ motion, -nats_of(borders)))
     if not rivals and rounder:  # a sharp facet is found in a rounded one, and not the other way round
@@ -155,6 +159,12 @@ def _roundings_mm(solid: Polyhedron) -> float:
     return sum(bend.tangent_mm for bend in bends(solid))
 
 
+@lru_cache(maxsize=4)
+def _squared(solids: tuple[Polyhedron, ...]) -> tuple[Polyhedron, ...]:
+    """All that is taught with its corners sharp."""
+    return tuple(map(squared, solids))
+
+
 def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
     """(N, 4, 4) one_from_other, the motions that lay a part on another of the same shape, as either of them has rounded
     corners."""
@@ -167,12 +177,9 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
 def _renamed(one: Recognised, rival: _Rival, model: Model, eyes: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
     solid = model.metric[rival.label].solid
-    fit, observed = fit_at(solid, eyes, rival.pose, model.parameters.tolerance_mm)
-    laid = facets_laid(solid, observed)
-    if not laid:
+    fit, numbers, facets = measured_at(solid, rival.pose, eyes, model)
+    if not numbers:
         return without_name(one, f"may be {one.label} or {rival.label}", one.part.recognition.confidence, model)
-    measured = triangulate([(f.left, f.right) for f in laid], eyes.geometry)
-    facets = typed_as(measured, (solid.types[f.index] for f in laid), model.library)
     pose = fit.cyclopean_from_part
     corners = frames.apply(pose, solid.corners_mm)
     verdict = one.part.recognition
@@ -191,7 +198,7 @@ def _renamed(one: Recognised, rival: _Rival, model: Model, eyes: StereoImages) -
         cyclopean_from_part=pose,
         covariance=fit.covariance,
         residual_mm=fit.residual_mm,
-        fitted_mm=tuple(corners[solid.rings[f.index]] for f in laid),
+        fitted_mm=tuple(corners[solid.rings[k]] for k in numbers),
         equivalents=np.asarray(pose @ symmetries(solid).motions),
     )
     return Recognised(merge_vertices(list(facets)), part)

@@ -24,7 +24,7 @@ from daemon.vision.geometry.polygon import (
     tidy,
 )
 from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
-from daemon.vision.geometry.polyhedron import Hole, Polyhedron, exact, united
+from daemon.vision.geometry.polyhedron import Hole, Polyhedron, exact, united, with_rings
 from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
 from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
@@ -86,4 +86,5 @@ __all__ = [
     "visible_from",
     "weighted_plane",
     "whitener",
+    "with_rings",
 ]

@@ -209,6 +209,13 @@ def exact(corners_mm: Array, facets: Iterable[Iterable[int]]) -> Polyhedron:
     return Polyhedron(corners_mm, rings, np.zeros((len(corners_mm), 3, 3)))
 
 
+def with_rings(corners_mm: Array, rings: Sequence[Sequence[int]]) -> Polyhedron:
+    """As exact, of those of the corners (K, 3) that the rings have."""
+    used = sorted({k for ring in rings for k in ring})
+    place = {k: n for n, k in enumerate(used)}
+    return exact(corners_mm[used], [[place[k] for k in ring] for ring in rings])
+
+
 def united(rings: Sequence[Sequence[int]], points_mm: Array, covariance_mm2: Array, types: Iterable[str]) -> Polyhedron:
     """Facets as they were measured one by one, made one polyhedron: points_mm (N, 3), ring after ring, with covariance
     (N, 3, 3); points with one number in the rings are one corner.

@@ -14,7 +14,12 @@ from daemon.vision.hypotheses.search import (
     perturbed_poses,
     prepare,
 )
-from daemon.vision.hypotheses.support_plane import SupportPlane, lies_on_support, snapped_pose, snapped_to_support
+from daemon.vision.hypotheses.support_plane import (
+    SupportPlane,
+    lies_on_support,
+    snapped_to_support,
+    snapped_where_it_lies,
+)
 
 __all__ = [
     "COVERED",
@@ -36,6 +41,6 @@ __all__ = [
     "prepare",
     "self_similarity",
     "silhouette",
-    "snapped_pose",
     "snapped_to_support",
+    "snapped_where_it_lies",
 ]

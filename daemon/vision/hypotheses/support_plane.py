@@ -231,14 +231,21 @@ def snapped_to_support(
 
 def _laid(part: Part, model: Model, ground: SupportPlane) -> Part:
     solid = model.metric[part.recognition.label].solid
-    lies = lies_on_support(ground, solid, part.cyclopean_from_part)
-    found = snapped_pose(ground.table, solid, part.cyclopean_from_part, part.covariance) if lies else None
-    if found is None:
+    pose, covariance = snapped_where_it_lies(ground, solid, part.cyclopean_from_part, part.covariance)
+    if pose is part.cyclopean_from_part:
         return part
-    pose, covariance = found
     turn = pose @ frames.inverse(part.cyclopean_from_part)
-    fitted = tuple(frames.apply(turn, ring) for ring in part.fitted_mm)
-    return part.laid(pose, covariance, fitted)
+    return part.laid(pose, covariance, tuple(frames.apply(turn, ring) for ring in part.fitted_mm))
+
+
+def snapped_where_it_lies(
+    ground: SupportPlane | None, solid: Polyhedron, pose: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Pose (4, 4) cyclopean_from_part and covariance (6, 6) of a solid, on the table if that is seen and it lies
+    there."""
+    lies = ground is not None and ground.seen and lies_on_support(ground, solid, pose)
+    found = snapped_pose(ground.table, solid, pose, covariance) if ground is not None and lies else None
+    return found or (pose, covariance)
 
 
 def snapped_pose(table: TablePlane, solid: Polyhedron, pose: Array, covariance: Array) -> tuple[Array, Array] | None:

@@ -208,6 +208,15 @@ def peaks(slopes: Array, least: Array | float) -> Flags:
     return np.asarray((middle >= least) & (middle >= slopes[..., :-2]) & (middle > slopes[..., 2:]))
 
 
+def peak_places(sizes: Real, best: Index) -> tuple[Array, Array]:
+    """How high rows of slopes (..., C) are at their highest, best (...,), which is neither the first nor the last; and
+    how far from there, px, a parabola through the three slopes about it has its top."""
+    low, top, high = np.moveaxis(np.take_along_axis(sizes, best[..., None] + np.arange(-1, 2), -1), -1, 0)
+    bend = low - 2 * top + high
+    between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
+    return top, between.clip(-1, 1)
+
+
 def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
     """How surely an edge lies along each line (S,): the slope across it, over its whole length, in sigmas.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import SolidBatch, hidden, robust_weight, solve
-from daemon.vision.image import LEAST_SIGMAS, StereoImages, peaks, ranks, stretch_slopes
+from daemon.vision.image import LEAST_SIGMAS, StereoImages, peak_places, peaks, ranks, stretch_slopes
 from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved
 
 REACH_PX = 8
@@ -188,10 +188,8 @@ def _moved(
     for near in rounds_px:
         likely = size * np.exp(-0.5 * ((offsets - here[..., None].astype(np.float32)) / near) ** 2)
         best = likely.argmax(2).clip(1, len(offsets) - 2)
-        low, top, high = np.take_along_axis(size, best[..., None] + np.arange(-1, 2), 2).transpose(2, 0, 1)
-        bend = low - 2 * top + high
-        between = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
-        found = offsets[best] + between.clip(-1, 1)
+        top, between = peak_places(size, best)
+        found = offsets[best] + between
         use, outlier = each * (top > 0), PULLED * near
         trust = use * robust_weight((found - here) ** 2, outlier)
         motion = solve(row[:, :, None], found[..., None], use, prior, outlier=outlier, passes=2, trust=trust).unknowns

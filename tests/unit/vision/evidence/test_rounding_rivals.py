@@ -6,7 +6,9 @@ import pytest
 from daemon.store.library import load_facets
 from daemon.vision.evidence import missing, rounding_rivals
 from daemon.vision.evidence.corner_rounding import bends, squared
+from daemon.vision.evidence.hole_rivals import of_its_size
 from daemon.vision.evidence.rounding_rivals import BorderSeen, borders_seen, nats_of, rounded_alike
+from daemon.vision.geometry import exact
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import empty_model, learn_solids
@@ -14,6 +16,7 @@ from tests.bench.rounding import fitted, in_code, read
 from tests.bench.simulated_looks import true_rig
 from tests.fakes.holed import rounded_pair
 from tests.fakes.photographed import cell, photograph
+from tests.fakes.solids import KNOWN
 
 RADIUS_MM = 6.0
 
@@ -51,6 +54,13 @@ def test_rounded_corners_are_found_on_a_solid_and_made_sharp(pair):
     assert len(squared(rounded).corners_mm) == 8
     assert len(rounded_alike(sharp, rounded)) == 4
     assert not len(rounded_alike(sharp, sharp))
+
+
+def test_a_part_is_held_against_taught_parts_with_as_many_corners_and_facets_alone(pair):
+    known = {name: exact(body.corners_mm, body.facets) for name, body in KNOWN.items()}
+    taught = tuple(squared(solid) for solid in (*(part.drawing.solid for part in pair), *known.values()))
+    assert of_its_size(taught[1], taught) == [0, 1, 2 + list(KNOWN).index("cube")]
+    assert of_its_size(known["pyramid"], taught[:2]) == []
 
 
 @pytest.mark.parametrize("lies", [0, 1])
