@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.vision.facets.matching import PolygonMatch, in_both, match_polygons
-from daemon.vision.geometry import Baseline, PlanarShape, disparity, fit_plane, planarities, rings, weighted_plane
+from daemon.vision.geometry import Baseline, PlanarShape, disparity, planarities, rings, weighted_plane
 from daemon.vision.image import Fitted, Outline, StereoImages, fits, outlines_near
 from daemon.vision.settings import VisionSettings
 from daemon.vision.values import Facet, MeasuredCorners
@@ -20,7 +20,6 @@ _FEW = 2  # pairs of much the same region that are fitted
 COVERED = 0.25  # of the smaller: more than that, and the two cannot both be there
 _MODEL_RAD = 2e-3  # a corner may be this much of its distance off, where another edge runs close by
 _PER_CORNER = 0.05  # of worth, that each corner must bring
-_BENT = float(np.radians(10))
 _SAME_UNION = 0.7  # of two outlines' union that both cover: much the same region
 _PER_PX = 0.1  # of worth, that a px of mismatch between the eyes takes
 
@@ -111,25 +110,14 @@ def _agreement(a: Fitted, b: Fitted) -> float:
 def choose(
     candidates: list[Candidate], settings: VisionSettings
 ) -> tuple[list[Candidate], list[tuple[Candidate, str]]]:
-    """Of candidates that cover each other in either eye, the worthiest; and those refused, with the reason.
-
-    A candidate that is not flat is two facets, and so is one that is made up of others that do not lie in its plane.
-    """
-    chosen: list[Candidate] = []
-    refused: list[tuple[Candidate, str]] = []
-    flat = []
+    """Of candidates that cover each other in either eye, the worthiest; and those refused, with the reason: one that is
+    not flat is two facets."""
+    chosen, refused = list[Candidate](), list[tuple[Candidate, str]]()
     for c in sorted(candidates, key=lambda c: -c.worth):
         if _flatness_sigmas(c.facet) > settings.planarity_sigmas:
             refused.append((c, "its corners do not lie in one plane: it is two facets"))
-        else:
-            flat.append(c)
-    for c in flat:
-        if any(c.covers(k) > COVERED for k in chosen):
-            continue
-        if _is_made_of_parts(c, flat):
-            refused.append((c, "it is made up of facets that do not lie in its plane"))
-            continue
-        chosen.append(c)
+        elif not any(c.covers(k) > COVERED for k in chosen):
+            chosen.append(c)
     return chosen, refused
 
 
@@ -140,28 +128,6 @@ def _flatness_sigmas(facet: Facet) -> float:
     model_mm2 = (_MODEL_RAD * facet.corners_mm[:, 2].mean()) ** 2 * np.eye(3)
     residuals = weighted_plane(facet.corners_mm, facet.covariance_mm2 + model_mm2)[2]
     return float(np.abs(residuals).max())
-
-
-def _is_made_of_parts(whole: Candidate, others: list[Candidate]) -> bool:
-    """Whether disjoint candidates hardly less worthy, not in the whole's plane, fill most of it in the left eye."""
-    filled = 0.0
-    parts: list[Candidate] = []
-    bent = False
-    for c in others:
-        if c.left_shape.area > 0.8 * whole.left_shape.area or c.worth < whole.worth - 0.3:
-            continue
-        inside = c.left_shape.common(whole.left_shape)
-        if inside < 0.85 * c.left_shape.area or any(c.covers(p) > COVERED for p in parts):
-            continue
-        parts.append(c)
-        filled += inside
-        bent = bent or _angle_between(c.facet, whole.facet) > _BENT
-    return bent and len(parts) > 1 and filled > 0.75 * whole.left_shape.area
-
-
-def _angle_between(a: Facet, b: Facet) -> float:
-    one, other = fit_plane(a.corners_mm)[0], fit_plane(b.corners_mm)[0]
-    return float(np.arccos(np.clip(one @ other, -1, 1)))
 
 
 def triangulate(pairs: Sequence[tuple[MeasuredCorners, MeasuredCorners]], geometry: Baseline) -> list[Facet]:
