@@ -23,7 +23,7 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision.evidence import named_by_edges, without_overlaps
-from daemon.vision.facets import candidates, corner_adjustment, matching, merge_vertices, reconstruct
+from daemon.vision.facets import candidates, corner_adjustment, merge_vertices, reconstruct
 from daemon.vision.image import stereo_images
 from daemon.vision.look import look
 from daemon.vision.recognition import recognise
@@ -38,7 +38,7 @@ BEGINNINGS: dict[str, tuple[Any, ...]] = {
     "pixels": (stereo_images.open_stereo, EYE.noise, EYE.unit, EYE.smooth, EYE.scale, EYE.exposure, EYE.closed_regions),
     "outlines": (stereo_images.outlines_near, EYE.rough),
     "corners": (stereo_images.fits,),
-    "matching": (matching.in_both, matching.match_polygons, candidates.candidates, candidates.choose),
+    "matching": (candidates.in_both, candidates.match_polygons, candidates.candidates, candidates.choose),
     "welding": (merge_vertices, corner_adjustment.settled),
     "facets, rest": (
         reconstruct.facets_seen,

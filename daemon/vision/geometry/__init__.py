@@ -1,13 +1,15 @@
 """Cameras, rays, planes, polygons, rigid fits, as arrays. No pixel is read, nothing has a name."""
 
-from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
-from daemon.vision.geometry.facet_measures import Measures, area_vector, measure, newell_normal
-from daemon.vision.geometry.planes import (
+from daemon.vision.geometry.facet_measures import (
+    Measures,
     apart2,
+    area_vector,
     axes_in,
     basis,
     fit_circle,
     fit_plane,
+    measure,
+    newell_normal,
     planarities,
     planarity,
     weighted_plane,
@@ -15,20 +17,40 @@ from daemon.vision.geometry.planes import (
 from daemon.vision.geometry.polygon import (
     PlanarShape,
     Point,
+    Rings,
+    areas,
     border_loops,
+    convex,
+    different,
     drop_side,
     inside,
     is_simple,
+    met,
     outward,
+    rings,
     sides_of,
     tidy,
 )
-from daemon.vision.geometry.polygon_batch import Rings, areas, convex, different, met, rings
 from daemon.vision.geometry.polyhedron import Hole, Polyhedron, exact, united, with_rings
-from daemon.vision.geometry.rectified import Baseline, RectifiedCamera, baseline, disparity
-from daemon.vision.geometry.rig import Camera, StereoRig, corner_covariance, moved_rig
+from daemon.vision.geometry.rig import (
+    Baseline,
+    Camera,
+    RectifiedCamera,
+    StereoRig,
+    baseline,
+    corner_covariance,
+    disparity,
+    moved_rig,
+)
 from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
-from daemon.vision.geometry.robust_least_squares import LeastSquaresFit, robust_weight, solve, whitener
+from daemon.vision.geometry.robust_least_squares import (
+    LeastSquaresFit,
+    chi_square_limit,
+    chi_square_tail,
+    robust_weight,
+    solve,
+    whitener,
+)
 from daemon.vision.geometry.solid_batch import SolidBatch, thickness
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 

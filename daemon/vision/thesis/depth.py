@@ -1,6 +1,6 @@
 """Depth as D'Souza computes it: his formula (2.3) for converging cameras, and his compensation of its error.
 
-Kept beside the exact rays of daemon/vision/geometry/rectified.py so that the two can be compared on the same corners.
+Kept beside the exact rays of daemon/vision/geometry/rig.py so that the two can be compared on the same corners.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import chdtrc, chdtri
 
-from daemon.vision.geometry.chisquare import chi_square_limit, chi_square_tail
+from daemon.vision.geometry.robust_least_squares import chi_square_limit, chi_square_tail
 
 dofs = st.integers(1, 120)
 

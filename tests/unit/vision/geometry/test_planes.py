@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.vision.geometry.planes import fit_plane, planarity, weighted_plane
+from daemon.vision.geometry.facet_measures import fit_plane, planarity, weighted_plane
 
 seeds = st.integers(0, 2**31)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.vision.geometry.polygon_batch import areas, convex, different, met, rings
+from daemon.vision.geometry.polygon import areas, convex, different, met, rings
 
 seeds = st.integers(0, 2**31)
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.vision.geometry.polygon import PlanarShape, is_simple, tidy
-from daemon.vision.geometry.polygon_batch import areas, convex, met, rings
+from daemon.vision.geometry.polygon import PlanarShape, areas, convex, is_simple, met, rings, tidy
 from daemon.vision.image.edge_lines import MeasuredImage, find_sides, fit_sides
 from daemon.vision.image.grey import FINE, measure_noise
 from daemon.vision.image.regions import smoothed, unit_noise
