@@ -20,6 +20,7 @@ from daemon.arm import (
     MoveRefusedError,
     NotSettledError,
     OutOfReachError,
+    Reach,
     Reading,
     RefusedError,
     Settling,
@@ -45,6 +46,7 @@ from daemon.calibration.stereo import (
     epipolar_distances,
     matched,
 )
+from daemon.calibration.telling_poses import Setup, error_mm, information, most_telling
 from daemon.calibration.tour import (
     AIMS_MM,
     DISTANCES_MM,
@@ -89,16 +91,22 @@ class CalibrationSession:
     held: bool = False
 
 
-async def view_tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
+async def view_tour(
+    session: CalibrationSession, count: int, say: Say, speed_pct: float, mounting_alone: bool = False
+) -> list[BoardView]:
     """Move to `count` poses around the board and view it from each, as one job of the supervisor.
 
-    The first view is from the present pose, to which the arm returns; with a count of 0 it is the only one. Raises
-    SessionError where the board is not in view from here or too few poses are in reach, and what the arm raises.
+    mounting_alone: choose the poses that tell most about the hand-eye, not those that differ most, which determine the
+    lenses and the stereo pair too. The first view is from the present pose, to which the arm returns; with a count of 0
+    it is the only one. Raises SessionError where the board is not in view from here or too few poses are in reach, and
+    what the arm raises.
     """
-    return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct))
+    return await session.supervisor.run("calibrate", _tour(session, count, say, speed_pct, mounting_alone))
 
 
-async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: float) -> list[BoardView]:
+async def _tour(
+    session: CalibrationSession, count: int, say: Say, speed_pct: float, mounting_alone: bool
+) -> list[BoardView]:
     mover = session.supervisor.mover
     session.supervisor.may_move()
     if mover.dry:
@@ -114,7 +122,7 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
         return [first]
     if session.held:
         mover.beliefs.learn(BeliefSource.OBSERVED, holding=True, load=_board_in_gripper(session, first))
-    poses = _plan(session, first, count)
+    poses = await asyncio.to_thread(_plan, session, mover.reach, first, count, mounting_alone)
     await say(f"The board is in view. {len(poses)} poses around it follow; control-C stops the arm at any moment.")
     views = [first]
     for number, pose in enumerate(poses, start=1):
@@ -136,29 +144,86 @@ async def _tour(session: CalibrationSession, count: int, say: Say, speed_pct: fl
     return views
 
 
-def _plan(session: CalibrationSession, first: BoardView, count: int) -> list[Array]:
+def _plan(session: CalibrationSession, reach: Reach, first: BoardView, count: int, mounting_alone: bool) -> list[Array]:
     """Poses world_from_tool of the tour."""
-    world_from_cyclopean = session.calibration.world_from_cyclopean_at(first.world_from_tool)
-    world_from_board = board_in_world(first, session.board, session.calibration)
-    centre = session.board.points_mm().mean(axis=0)
-    sizes: tuple[Sequence[float], Sequence[tuple[float, float]]] = (DISTANCES_MM, AIMS_MM)
-    if session.held:
-        away_mm = float(frames.apply(frames.inverse(world_from_cyclopean) @ world_from_board, centre)[2])
-        aside_mm = FIXED_ASIDE * away_mm
-        sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
-
-    def tool_at(look: Array) -> Array:
-        """world_from_tool for cameras at a look (4, 4), or for the board as it is before them there."""
-        if session.held:
-            return world_from_cyclopean @ frames.inverse(look) @ first.world_from_tool
-        return look @ frames.inverse(world_from_cyclopean) @ first.world_from_tool
-
-    looks = looks_at(world_from_board, centre, world_from_cyclopean[:3, 0], *sizes)
-    reach = session.supervisor.mover.reach
-    chosen = spread_out(looks, count, lambda look: reach.allows(tool_at(look)), world_from_cyclopean)
+    here = session.calibration.world_from_cyclopean_at(first.world_from_tool)
+    looks, tools = _around(first, session.board, session.calibration)
+    if mounting_alone:
+        setup = setup_of([first], session.board, session.calibration, ArmError())
+        chosen = [looks[k] for k in most_telling(setup, tools, count, reach.allows, [first.world_from_tool])]
+    else:
+        chosen = spread_out(looks, count, lambda look: reach.allows(_tool_at(look, first, session.calibration)), here)
     if len(chosen) < min(count, 8):
         raise SessionError(f"the arm reaches only {len(chosen)} poses around the board; move it nearer to the middle")
-    return [tool_at(look) for look in in_order(chosen, world_from_cyclopean)]
+    return [_tool_at(look, first, session.calibration) for look in in_order(chosen, here)]
+
+
+def _around(view: BoardView, board: Board, calibration: Calibration) -> tuple[list[Array], list[Array]]:
+    """Poses around the board as a view shows it: of the cameras before a board at rest, and world_from_tool there."""
+    here = calibration.world_from_cyclopean_at(view.world_from_tool)
+    world_from_board = board_in_world(view, board, calibration)
+    centre = board.points_mm().mean(axis=0)
+    sizes: tuple[Sequence[float], Sequence[tuple[float, float]]] = (DISTANCES_MM, AIMS_MM)
+    if calibration.world_from_cyclopean is not None:
+        away_mm = float(frames.apply(frames.inverse(here) @ world_from_board, centre)[2])
+        aside_mm = FIXED_ASIDE * away_mm
+        sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
+    looks = looks_at(world_from_board, centre, here[:3, 0], *sizes)
+    return looks, [_tool_at(look, view, calibration) for look in looks]
+
+
+def _tool_at(look: Array, view: BoardView, calibration: Calibration) -> Array:
+    """world_from_tool for cameras at a look (4, 4), or for the board in the gripper as it is before fixed ones."""
+    here = calibration.world_from_cyclopean_at(view.world_from_tool)
+    if calibration.world_from_cyclopean is not None:
+        return np.asarray(here @ frames.inverse(look) @ view.world_from_tool)
+    return np.asarray(look @ frames.inverse(here) @ view.world_from_tool)
+
+
+@dataclass(frozen=True)
+class FurtherView:
+    """The further view that would make a hand-eye surest: away_mm from the cameras to the middle of the board, and how
+    far that is tilted; rms error where parts are, in mm, that all views leave by chance, without and with it."""
+
+    away_mm: float
+    tilt_deg: float
+    before_mm: float
+    after_mm: float
+
+
+def best_further_view(
+    views: Sequence[BoardView], board: Board, calibration: Calibration, arm: ArmError, reach: Reach
+) -> FurtherView | None:
+    """For the calibration that the views gave. None where the arm reaches no further pose around the board."""
+    setup = setup_of(views, board, calibration, arm)
+    looks, tools = _around(views[-1], board, calibration)
+    done = [view.world_from_tool for view in views]
+    best = most_telling(setup, tools, 1, reach.allows, done)
+    if not best:
+        return None
+    look_from_board = frames.inverse(looks[best[0]]) @ board_in_world(views[-1], board, calibration)
+    middle = frames.apply(look_from_board, board.points_mm().mean(axis=0))
+    adds, _ = information(setup, [*done, tools[best[0]]])
+    before_mm, after_mm = (float(error_mm(setup, total)) for total in (adds[:-1].sum(axis=0), adds.sum(axis=0)))
+    tilt_deg = float(np.degrees(np.arccos(min(abs(look_from_board[2, 2]), 1.0))))
+    return FurtherView(float(np.linalg.norm(middle)), tilt_deg, before_mm, after_mm)
+
+
+def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration, arm: ArmError) -> Setup:
+    """What further poses are judged by: the hand-eye of the calibration, the board where the last view shows it, and
+    parts as far away as the board."""
+    assert calibration.hand_eye is not None
+    away_mm = float(np.median([cyclopean_from_board(sample_of(v, board), calibration.rig)[2, 3] for v in views]))
+    return Setup(
+        calibration.rig,
+        calibration.hand_eye,
+        board_at_rest(views[-1], board, calibration),
+        board.points_mm(),
+        frames.apply(calibration.hand_eye, np.array([0.0, 0.0, away_mm])),
+        calibration.world_from_cyclopean is not None,
+        arm,
+        2 if calibration.alone is None else 1,
+    )
 
 
 def _board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Capsule, ...]:

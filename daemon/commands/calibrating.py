@@ -20,7 +20,9 @@ from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import (
     BoardView,
     CalibrationSession,
+    FurtherView,
     SessionError,
+    best_further_view,
     board_in_world,
     show_by_hand,
     solve_camera,
@@ -35,14 +37,16 @@ from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, FacetdError
+from daemon.pick.following import CameraMount, least_error, mount_of
 from daemon.pick.pose_fusion import Doubt
+from daemon.pick.settings import Settings
 from daemon.quantities import decimal, whole
 from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
 KEPT = ("list", "use")
 USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco [legacy] [DICT]]] | list | use N"
-POSES = {"stereo": 28, "camera": 28, "hand-eye": 24, "verify": 8, "touch": 0}
+POSES = {"stereo": 28, "camera": 28, "hand-eye": 16, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 OVER_MM, TOUCH_ABOVE_MM = 60.0, 2.0
@@ -61,7 +65,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     stereo    both cameras and hand-eye, from a tour of 28 poses (about ten minutes on a real arm)
     camera    the same for a cell with one camera
     by-hand   both cameras, from a board that you hold; nothing moves, messages say which view is missing
-    hand-eye  where the cameras are, on the arm or in the world; their own calibration stays
+    hand-eye  where the cameras are, on the arm or in the world, from a tour of 16 poses; their own calibration stays
     verify    8 new poses: errors in mm and px, passed or failed
     touch     the gripper moves above a corner of the board; you type how far off it is
     list      the calibrations made here, and that of facetd.yaml (0); `use N` takes one into use
@@ -84,13 +88,14 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     try:
         if kind == "by-hand":
             return await _eyes_alone(context, board, frontend)
-        tour = view_tour(_session(context, board, held), POSES[kind], frontend.say, SPEED_PCT)
+        session = _session(context, board, held)
+        tour = view_tour(session, POSES[kind], frontend.say, SPEED_PCT, mounting_alone=kind == "hand-eye")
         views = await with_questions(context, tour, frontend)
         if kind == "verify":
             return _verified(views, board, context.calibration)
         if kind == "touch":
             return await _touch(context, views[0], board, frontend)
-        return await _solved(context, kind, views, board, frontend)
+        return await _solved(context, kind, views, session, frontend)
     except (SessionError, StereoError, HandEyeError, BoardError) as error:
         raise CommandError(f"calibrate {kind}: {error}") from None
     finally:
@@ -134,9 +139,10 @@ def _board(words: list[str]) -> Board:
 
 
 async def _solved(
-    context: CommandContext, kind: str, views: list[BoardView], board: Board, frontend: Frontend
+    context: CommandContext, kind: str, views: list[BoardView], session: CalibrationSession, frontend: Frontend
 ) -> CommandResult:
     before = after = context.calibration
+    board, reach = session.board, session.supervisor.mover.reach
     lines: list[str] = []
     data: dict[str, object] = {"poses": len(views)}
     if kind == "stereo":
@@ -151,7 +157,8 @@ async def _solved(
         data["camera"] = {"rms_px": camera.rms_px, "focal_sigma_px": camera.focal_sigma_px}
     # A new rig has a new cyclopean frame: a hand-eye of the old one would be wrong by their difference.
     after, hand_eye = await context.study(solve_hand_eye, views, board, after)
-    lines += [*_hand_eye_lines(hand_eye), arm_line(hand_eye.arm, context.config.values.pick.doubt)]
+    further = await context.study(best_further_view, views, board, after, hand_eye.arm, reach)
+    lines += [*_hand_eye_lines(hand_eye, further), arm_line(hand_eye.arm, context.config.values.pick.doubt)]
     data["hand_eye"] = {
         "sigma_mm": hand_eye.sigma_mm,
         "sigma_deg": hand_eye.sigma_deg,
@@ -162,6 +169,7 @@ async def _solved(
         "warning": hand_eye.warning,
     }
     lines += [_moved(before, after), *await _taken_over(context, before, after, frontend)]
+    lines += grasp_lines(mount_of(context.cycle.cell), context.cycle.settings)
     lines.append("Residuals are not accuracy. Measure accuracy from new poses: `calibrate verify`.")
     return CommandResult("\n".join(lines), data)
 
@@ -246,13 +254,36 @@ def _stereo_lines(result: StereoResult) -> list[str]:
     return lines
 
 
-def _hand_eye_lines(result: HandEyeResult) -> list[str]:
+def _hand_eye_lines(result: HandEyeResult, further: FurtherView | None) -> list[str]:
     lines = [
         f"hand-eye: known to {result.sigma_mm:.2f} mm and {result.sigma_deg:.3f} degrees (one standard deviation)",
         f"  the arm turned {result.diversity_deg:.0f} degrees about its second axis; "
         f"a pose left out is off by {np.median(result.left_out_mm):.2f} mm, at most {max(result.left_out_mm):.2f}",
     ]
+    if further is not None:
+        lines.append(
+            f"  one more pose would help most with the board {further.away_mm:.0f} mm away and tilted by "
+            f"{further.tilt_deg:.0f} degrees: chance would leave {further.after_mm:.2f} mm at a part, "
+            f"not {further.before_mm:.2f}"
+        )
     return lines + ([f"  warning: {result.warning}"] if result.warning else [])
+
+
+def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
+    """What calibration and arm leave at a grasp from each stand-off, beside what a grasp needs."""
+    stops = settings.stops
+    least = [(mm, least_error(mount, mm, settings.doubt)) for mm in stops.stand_offs_mm]
+    each = "; ".join(
+        f"from {mm:g} mm: {error.predicted_mm:.2f} mm, {error.predicted_deg:.2f} deg" for mm, error in least
+    )
+    lines = [
+        f"At a grasp, calibration and arm alone leave {each}. A grasp needs {stops.enough_mm:g} mm and "
+        f"{stops.enough_deg:g} deg (pick.stops)."
+    ]
+    _, nearest = least[-1]
+    if nearest.predicted_mm > stops.enough_mm or nearest.predicted_deg > stops.enough_deg:
+        lines.append("No look can be sure enough to grasp: calibrate again, with the board larger in view.")
+    return lines
 
 
 def arm_line(found: ArmError, reckoned: Doubt) -> str:

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting, EyeName, Workcell
+from daemon.arm import CameraMounting, EyeName, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.gripper import Gripper
@@ -41,6 +41,8 @@ open, three of 711 looks showed as much."""
 GONE = 0.5
 """Of the length of its edges, what must have gone as the gripper opened to prove that a part was in it. Two faces in
 the same light melt into one, so that not all of them need have shown."""
+EXACT = 1e-12
+"""Variance of what is taken to be without error."""
 FACETS_REACH_MM, REACH_MM = 2.0, 6.0
 """How far off the pose that edges are searched from may be: one that facets gave, and one thought before the look."""
 
@@ -247,15 +249,41 @@ def _eyes_on_the_hand(taken: Taken, mount: CameraMount) -> StereoImages:
 
 
 def sighted(look: Look, fit: Fit, rig: StereoRig, doubt: Doubt) -> Sighting:
-    """A fit in a look, brought to the world with its errors. What is in a fit of a moved pair already does not count
-    again: the arm's errors, and no offset of one eye against another. The arm moves no fixed cameras."""
-    one_moment, pivot = look.taken.moved is None, look.taken.pivot
-    carrier = look.reading.world_from_tool if pivot is None else frames.rigid(np.eye(3), pivot)
+    """A fit in a look, brought to the world with its errors."""
+    return _sighted(
+        (fit.cyclopean_from_part, fit.covariance),
+        (look.reading.world_from_tool, look.world_from_cyclopean, look.taken.pivot),
+        rig,
+        doubt,
+        look.taken.moved is None,
+    )
+
+
+def least_error(mount: CameraMount, distance_mm: float, doubt: Doubt) -> Estimate:
+    """What calibration and arm leave at the grasp: the error after one look straight at a part, distance_mm away, that
+    has no error of its own."""
+    seen = frames.rigid(np.eye(3), np.array([0.0, 0.0, distance_mm])), EXACT * np.eye(6)
+    pivot = mount.mounting.pivot if isinstance(mount.mounting, InWorld) else None
+    there = np.eye(4), mount.mounting.world_from_cyclopean_at(np.eye(4)), pivot
+    return pose_fusion.fuse([_sighted(seen, there, mount.rig, doubt, mount.alone is None)], doubt)
+
+
+def _sighted(
+    seen: tuple[Array, Array],
+    there: tuple[Array, Array, Array | None],
+    rig: StereoRig,
+    doubt: Doubt,
+    one_moment: bool,
+) -> Sighting:
+    """seen: cyclopean_from_part and its covariance; there: world_from_tool, world_from_cyclopean and the pivot of fixed
+    cameras. What is in a fit of a moved pair already does not count again: the arm's errors, and no offset of one eye
+    against another. The arm moves no fixed cameras."""
+    world_from_tool, world_from_cyclopean, pivot = there
+    carrier = world_from_tool if pivot is None else frames.rigid(np.eye(3), pivot)
     return pose_fusion.sighting(
         carrier,
-        frames.inverse(carrier) @ look.world_from_cyclopean,
-        fit.cyclopean_from_part,
-        fit.covariance,
+        frames.inverse(carrier) @ world_from_cyclopean,
+        *seen,
         doubt if one_moment and pivot is None else replace(doubt, arm_mm=0.0, arm_deg=0.0),
         float(rig.left.matrix[0, 0]),
         rig.baseline_mm if one_moment else np.inf,

@@ -23,6 +23,7 @@ from daemon.calibration.board_detection import find_board
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.guide import Shown, missing
 from daemon.calibration.hand_eye import LEAST_TURN_DEG, cyclopean_from_board, diversity_deg
+from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import (
     EPIPOLAR_LIMIT_PX,
     LENGTH_LIMIT_MM,
@@ -32,6 +33,7 @@ from daemon.calibration.session import (
     SessionError,
     _board_in_gripper,
     _plan,
+    best_further_view,
     board_at_rest,
     sample_of,
     solve_camera,
@@ -278,23 +280,24 @@ def test_what_is_solved_from_views_is_their_camera_their_pair_and_their_hand_eye
     assert (one.quality.views, one.quality.method) == (len(camera.used), "one camera")
 
 
-def planned(count: int, allowed: Callable[[Array], bool]) -> list[Array]:
+def planned(count: int, allowed: Callable[[Array], bool], mounting_alone: bool) -> list[Array]:
     reach = SimpleNamespace(allows=allowed)
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=reach))
     session: Any = SimpleNamespace(calibration=CALIBRATION, board=BOARD, supervisor=supervisor, held=False)
-    return _plan(session, views_of_the_board(1)[0], count)
+    return _plan(session, reach, views_of_the_board(1)[0], count, mounting_alone)
 
 
+@pytest.mark.parametrize("mounting_alone", [False, True])
 @pytest.mark.parametrize(("count", "reached", "enough"), [(12, 12, True), (12, 8, True), (12, 7, False), (4, 3, False)])
 def test_a_tour_of_too_few_poses_is_refused_and_none_is_of_one_pose_over_and_over(
-    count: int, reached: int, enough: bool
+    count: int, reached: int, enough: bool, mounting_alone: bool
 ) -> None:
     left = iter(range(reached))
     if not enough:
         with pytest.raises(SessionError, match=f"the arm reaches only {reached} poses around the board"):
-            planned(count, lambda _: next(left, None) is not None)
+            planned(count, lambda _: next(left, None) is not None, mounting_alone)
         return
-    poses = planned(count, lambda _: next(left, None) is not None)
+    poses = planned(count, lambda _: next(left, None) is not None, mounting_alone)
     assert len({pose.tobytes() for pose in poses}) == reached
     assert diversity_deg(poses) > LEAST_TURN_DEG
 
@@ -315,18 +318,35 @@ FIXED = replace(CALIBRATION, tool_from_cyclopean=None, world_from_cyclopean=OVER
 GRIPPER_DOWN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([600.0, -10.0, -120.0]))
 
 
-def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view() -> None:
+@pytest.mark.parametrize("mounting_alone", [False, True])
+def test_before_fixed_cameras_the_arm_turns_the_board_and_keeps_it_in_their_view(mounting_alone: bool) -> None:
     supervisor = SimpleNamespace(mover=SimpleNamespace(reach=SimpleNamespace(allows=lambda _: True)))
     session: Any = SimpleNamespace(calibration=FIXED, board=BOARD, supervisor=supervisor, held=True)
     first = held_view(GRIPPER_DOWN)
     np.testing.assert_allclose(board_at_rest(first, BOARD, FIXED), HELD, atol=0.05)
-    poses = _plan(session, first, 16)
+    poses = _plan(session, supervisor.mover.reach, first, 16, mounting_alone)
     assert diversity_deg(poses) > LEAST_TURN_DEG
     middles = [frames.apply(frames.inverse(OVER) @ pose @ HELD, BOARD.points_mm().mean(axis=0)) for pose in poses]
     assert np.ptp([z for _, _, z in middles]) > 80.0
     for x, y, z in middles:
         assert 0.8 * 420.0 < z < 1.2 * 420.0
         assert max(abs(x), abs(y)) < 0.21 * 420.0
+
+
+def test_of_a_few_poses_that_differ_little_the_further_view_that_helps_most_is_tilted_and_helps() -> None:
+    views = views_of_the_board(9)
+    reach: Any = SimpleNamespace(allows=lambda _: True)
+    few, many = (best_further_view(some, BOARD, CALIBRATION, ArmError(), reach) for some in (views[:3], views))
+    assert few is not None
+    assert many is not None
+    assert few.after_mm < 0.8 * few.before_mm
+    assert many.before_mm < few.before_mm
+    assert many.after_mm < many.before_mm
+    assert many.before_mm - many.after_mm < few.before_mm - few.after_mm
+    assert few.tilt_deg > 15.0
+    assert 200.0 < few.away_mm < 450.0
+    nowhere: Any = SimpleNamespace(allows=lambda _: False)
+    assert best_further_view(views, BOARD, CALIBRATION, ArmError(), nowhere) is None
 
 
 def test_the_guard_knows_the_board_in_the_gripper_with_its_rim() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,14 +14,17 @@ import pytest
 import yaml
 
 from daemon import frames
+from daemon.arm import InWorld, OnHand
 from daemon.calibration.file import load_calibration
 from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import CalibrationSession
 from daemon.commands import calibrating, every_command
-from daemon.commands.calibrating import arm_line
+from daemon.commands.calibrating import arm_line, grasp_lines
 from daemon.console.interpreter import CommandError, CommandResult, Interpreter
 from daemon.errors import FacetdError
+from daemon.pick.following import CameraMount
 from daemon.pick.pose_fusion import Doubt
+from daemon.pick.settings import Settings
 from daemon.store.calibrations import Calibrations
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
@@ -118,6 +122,21 @@ def test_an_arm_that_is_worse_than_the_configuration_has_it_is_told_with_the_lin
     assert written == {"pick": {"doubt": {"arm_mm": 0.31, "arm_deg": 0.02}}}
 
 
+@pytest.mark.parametrize("fixed", [False, True])
+def test_what_calibration_and_arm_leave_at_a_grasp_is_told_beside_what_a_grasp_needs(fixed: bool) -> None:
+    known = load_calibration(ETC / "calibration.yaml")
+    settings = Settings(doubt=Doubt(hand_eye_mm=0.2, hand_eye_deg=0.03))
+    at = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 0.0, 150.0]))
+    mounting = InWorld(at, np.eye(4), at[:3, 3]) if fixed else OnHand(known.tool_from_cyclopean)
+    told = grasp_lines(CameraMount(known.rig, mounting), settings)
+    assert len(told) == 1
+    far, middle, near = (float(mm) for mm in re.findall(r"from \d+ mm: ([\d.]+) mm", told[0]))
+    assert far > middle > near > np.sqrt(3) * 0.2
+    assert "1 mm and 1 deg" in told[0]
+    worse = replace(settings, doubt=replace(settings.doubt, hand_eye_mm=1.0))
+    assert grasp_lines(CameraMount(known.rig, mounting), worse)[1].startswith("No look can be sure enough to grasp")
+
+
 @pytest.mark.parametrize("kind", ["stereo", "hand-eye", "verify", "touch"])
 def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     context: Any, monkeypatch: pytest.MonkeyPatch, kind: str
@@ -128,7 +147,7 @@ def test_what_may_be_in_the_hand_is_guarded_before_a_tour_sets_out(
     async def set_out() -> None:
         context.cycle.told.append("set out")
 
-    async def tour(session: CalibrationSession, *_: Any) -> Any:
+    async def tour(session: CalibrationSession, *_: Any, **__: Any) -> Any:
         await session.set_out()
         raise CommandError("far enough")
 
@@ -149,7 +168,7 @@ def test_the_last_way_down_to_the_touch_test_is_a_small_straight_one(
         limits=SimpleNamespace(table_z_mm=-300.0), gripper=SimpleNamespace(tip_mm=10.0)
     )
 
-    async def tour(*_: Any) -> Any:
+    async def tour(*_: Any, **__: Any) -> Any:
         return [None]
 
     monkeypatch.setattr(calibrating, "view_tour", tour)
