@@ -116,7 +116,8 @@ class Supervisor:
         try:
             async with asyncio.timeout(AT_REST_S):
                 rests = await asyncio.shield(self._asking)
-        except Exception:
+        except Exception as error:
+            self._latch_others(error)
             return False
         finally:
             self._heard_before = None
@@ -360,11 +361,15 @@ class Supervisor:
             self._report(Interruption.ERROR, text, self.fault_cause)
 
     def _report(self, event: Interruption, fault: str | None, cause: FaultCause) -> None:
-        if fault is not None and fault not in self._told:
+        if fault is not None:
+            self._report_fault(fault, cause)
+        self._tell(lambda: self._interrupted(event))
+
+    def _report_fault(self, fault: str, cause: FaultCause) -> None:
+        if fault not in self._told:
             self._told.add(fault)
             fields = {"code": cause.code, "findings": cause.findings, "text": fault, "while": self._doing}
             self._tell(lambda: self.mover.cell.log.record("fault", cycle=self.mover.cycle, **fields))
-        self._tell(lambda: self._interrupted(event))
 
     def _tell(self, telling: Callable[[], None]) -> None:
         """Whoever hears of a stop may fail."""
@@ -381,11 +386,19 @@ class Supervisor:
             raise
         except Exception as error:
             cause = cause_of(error)
-            stops = moves or (cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted)
-            if stops and self.fault is None and not self._ending:  # what being ended makes of it is no fault
+            if self._ending:  # what being ended makes of it is no fault
+                self._latch_others(error)
+            elif self.fault is None and (moves or (cause.code is CauseCode.OTHER_TERMINAL and self.permit.granted)):
                 text = f"{type(error).__name__}: {error}"
                 await self.stop_arm(Interruption.ERROR, text, text, cause)
             raise
+
+    def _latch_others(self, error: Exception) -> None:
+        """Of an error that nobody hears: that others type on the line is a fault all the same."""
+        cause, text = cause_of(error), f"{type(error).__name__}: {error}"
+        if cause.code is CauseCode.OTHER_TERMINAL:
+            self.latch(_on_top_of(self.fault, text))
+            self._report_fault(text, cause)
 
     def _done(self, task: asyncio.Task[Any]) -> None:
         self._task, self._doing = None, ""

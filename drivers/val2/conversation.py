@@ -109,6 +109,10 @@ class Conversation:
         self._over: LinkError | None = None
         self.typed_whole = False
         """Whether the present command's line end has gone out: from then on it may have been carried out."""
+        self.line_may_hold_rest = True
+        """Whether what was typed before, up to where the prompt was found, may still stand in front of the next line,
+        until that is answered: a controller that cannot cancel lines, and happened to print a prompt just then, looks
+        as if it had."""
 
     def hear(self, event: LineEvent) -> None:
         """Take what came."""
@@ -176,6 +180,7 @@ class Conversation:
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
+                self.line_may_hold_rest = False
                 return _answer(command, gathered, self.clock() - began_s, self.dialect)
 
     async def next_event(self, timeout_s: float, otherwise: str) -> LineEvent:
@@ -227,6 +232,7 @@ class Conversation:
         characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
         neither prompt nor question; ProcessorHalted.
         """
+        self.line_may_hold_rest = True
         said: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):

@@ -395,7 +395,7 @@ class Link:
             if not self.dialect.break_after_move:
                 await self._still(talk, 0.0, any_place=True)
             else:
-                await self._open_session.past_a_rest(lambda: talk.ask("DO BREAK", (), self.dialect.resync_s))
+                await self._open_session.past_a_rest(talk, lambda: talk.ask("DO BREAK", (), self.dialect.resync_s))
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
 

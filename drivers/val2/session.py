@@ -58,9 +58,6 @@ class LineSession:
         self.path, self.dialect, self.clock = path, dialect, clock
         self.question: str | None = None
         """What the controller asks and nobody has answered yet."""
-        self.line_may_hold_rest = True
-        """Whether what was typed before the prompt was found may still stand in front of the next line: a controller
-        that cannot cancel lines, and happened to print a prompt just then, looks as if it had."""
         self.lost = False
         """Whether the port is gone, or was closed."""
         self.traffic = 0
@@ -150,7 +147,6 @@ class LineSession:
     async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[LineEvent]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose
         line it is; where a stop has taken it meanwhile not a byte is typed into the stop."""
-        self.line_may_hold_rest = True
         events = await talk.resynchronise(attempts)
         last = events[-1]
         self.question = last.text if isinstance(last, ControllerQuestion) else None
@@ -195,7 +191,7 @@ class LineSession:
                 await first()
             self._refuse_others(talk.unheard_of_others())
             try:
-                answer = await self.past_a_rest(lambda: talk.ask(text, replies, wait_s, meant, moves))
+                answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
                 said_by_itself = answer.question is not None or answer.errors
                 if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
                     self._refuse_others([line for line in answer.of_text if _is_no_noise(line)])
@@ -214,11 +210,13 @@ class LineSession:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
 
-    async def past_a_rest(self, type_it: Callable[[], Awaitable[ControllerAnswer]]) -> ControllerAnswer:
+    async def past_a_rest(
+        self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]
+    ) -> ControllerAnswer:
         """Type it; once more where this was the first line since the prompt was found, and was refused as a command
         nobody knows: it was not carried out."""
+        may_hold_rest = talk.line_may_hold_rest
         answer = await type_it()
-        may_hold_rest, self.line_may_hold_rest = self.line_may_hold_rest, False
         if may_hold_rest and answer.errors and all(map(_may_be_our_own_noise, answer.errors)):
             answer = await type_it()
         return answer
@@ -277,7 +275,7 @@ class LineSession:
     def _refuse_others(self, heard: Sequence[str]) -> None:
         """Raise Disturbed where something of somebody else's was heard, NoAnswer where it is an answer of ours that
         comes too late; behind what we typed to find the prompt it may answer that."""
-        if heard and not self.line_may_hold_rest:
+        if heard and not self.talk.line_may_hold_rest:
             if self._owed.explain([text.replace(A_PROMPT, ".") for text in heard]):
                 raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
             self._disturbed()

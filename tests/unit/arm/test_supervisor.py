@@ -345,6 +345,40 @@ def test_others_on_the_line_of_an_arm_that_may_move_are_a_fault_whoever_hears_of
     assert (supervisor.fault is not None) is faults
 
 
+def test_others_are_a_fault_though_only_the_question_whether_the_arm_rests_heard_of_them():
+    """Control-C asks it; it was answered by a stop, and nobody was told that somebody else types on the line."""
+    world, supervisor, _ = supervised()
+
+    async def at_rest() -> bool:
+        raise OthersTypeError("typed")
+
+    supervisor.mover.cell.robot.at_rest = at_rest
+    assert not asyncio.run(supervisor.at_rest())
+    assert supervisor.fault == "OthersTypeError: typed"
+    assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
+
+
+def test_others_are_a_fault_though_what_heard_of_them_was_being_stopped():
+    world, supervisor, _ = supervised()
+
+    async def where() -> None:
+        try:
+            await asyncio.sleep(60.0)
+        except asyncio.CancelledError:
+            raise OthersTypeError("typed") from None
+
+    async def story() -> None:
+        job = asyncio.create_task(supervisor.run("where", where(), moves=False))
+        await eventually(lambda: supervisor.busy)
+        await supervisor.abort()
+        with pytest.raises(OthersTypeError):
+            await job
+
+    asyncio.run(story())
+    assert supervisor.fault == "OthersTypeError: typed"
+    assert [record["code"] for record in world.said("fault")] == ["other_terminal"]
+
+
 def test_what_was_held_after_a_resume_was_decided_on_stays_held_and_the_fault_goes_all_the_same():
     _, supervisor, _ = supervised()
     supervisor.latch("stopped by bob")

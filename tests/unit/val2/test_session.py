@@ -251,10 +251,10 @@ def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_i
     async def story() -> None:
         wire = Wire()
         session = wire.session
-        session.line_may_hold_rest = False
+        session.talk.line_may_hold_rest = False
         with pytest.raises(NoAnswer, match="after 3 attempts"):
             await session.find_prompt(session.talk)
-        assert session.line_may_hold_rest
+        assert session.talk.line_may_hold_rest
         wire.answers = [(0.001, b"\r\nAre you sure (Y/N)? ")]
         await session.find_prompt(session.talk)
         assert session.question == "Are you sure (Y/N)?"
@@ -295,7 +295,7 @@ def test_a_line_that_somebody_typed_and_the_controller_refused_is_somebody_elses
 
     async def story() -> None:
         wire = Wire()
-        wire.session.line_may_hold_rest = False
+        wire.session.talk.line_may_hold_rest = False
         wire.hear(heard)
         await asyncio.sleep(0.1)
         with pytest.raises(told) as raised:
@@ -307,12 +307,31 @@ def test_a_line_that_somebody_typed_and_the_controller_refused_is_somebody_elses
     lived(story())
 
 
+def test_once_a_stop_was_answered_a_line_of_others_is_noticed_though_the_prompt_had_just_been_sought() -> None:
+    """Until the next command of facetd's own it was taken for the answer to what the search had typed."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.answers = [(0.001, PROMPT)]
+        await wire.session.find_prompt(wire.session.talk)
+        async with wire.session.preemption() as talk:
+            wire.answers = [(0.001, b"ABORT"), (0.2, b"\r\n.")]
+            await talk.ask("ABORT", (), 1.0)
+        wire.hear(b"SPEED 100\r\n.")
+        await asyncio.sleep(0.1)
+        with pytest.raises(Disturbed, match="SPEED 100"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+
+    lived(story())
+
+
 def test_of_much_noise_a_message_quotes_a_little() -> None:
     """3 kB of it made a fault of many lines, repeated at each command."""
 
     async def story() -> str:
         wire = Wire()
-        wire.session.line_may_hold_rest = False
+        wire.session.talk.line_may_hold_rest = False
         wire.hear(b"".join(b"\r\n" + bytes([65 + k % 26]) * 100 for k in range(30)) + b"\r\n.")
         await asyncio.sleep(0.1)
         with pytest.raises(Disturbed) as raised:
