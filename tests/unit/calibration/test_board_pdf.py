@@ -109,4 +109,4 @@ def test_it_is_written_from_the_shell(tmp_path: Path, capsys: pytest.CaptureFixt
     assert out.read_bytes() == board_pdf(parse_board("9x6", 24.0, ["charuco"]), "a4")
     assert "24 * M / 100" in capsys.readouterr().out
     assert main(["calibrate", "board", "9x6", "24", "--out", str(out / "board.pdf")]) != 0
-    assert "board.pdf: not written: " in capsys.readouterr().err
+    assert "board.pdf: not written: File exists" in capsys.readouterr().err

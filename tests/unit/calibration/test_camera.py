@@ -51,6 +51,18 @@ def test_a_view_in_which_the_board_moved_is_named_and_left_out() -> None:
     assert len(result.used) == 13
 
 
+def test_views_that_all_look_alike_make_no_calibration() -> None:
+    """Almost squarely and from one distance, a longer lens from farther away shows the same."""
+    rng, points, seen = np.random.default_rng(0), BOARD.points_mm(), []
+    for k in range(10):
+        turn = frames.rotation_from_vector(rng.uniform(-0.02, 0.02, 3))
+        away = np.array([*rng.uniform(-20, 20, 2), 330.0]) - points.mean(axis=0)
+        px = TRUE.project(points @ turn.T + away)
+        seen.append((f"pose {k}", SeenBoard(np.arange(len(points)), px + rng.normal(0, 0.05, px.shape), 0.7)))
+    with pytest.raises(StereoError, match=r"too similar: .* focal length .* tilt the board"):
+        calibrate_camera(seen, BOARD, (640, 480))
+
+
 def test_too_few_views_make_no_calibration() -> None:
     with pytest.raises(StereoError, match="5 usable views, 6 are needed"):
         calibrate_camera(views(5), BOARD, (640, 480))

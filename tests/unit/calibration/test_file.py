@@ -44,6 +44,23 @@ def break_it(path: Path, old: str, new: str) -> str:
     return message
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        example(hand_eye=False),
+        replace(example(), tool_from_cyclopean=pose(-75.0, 0.3001)),
+        replace(example(), tool_from_cyclopean=None, world_from_cyclopean=example().hand_eye),
+        replace(example(), rig=rig(centres_px=((322.7, 241.0), (322.7, 241.1)))),
+    ],
+)
+def test_what_an_arm_would_move_by_differs_where_one_number_does(other: Calibration) -> None:
+    """A reload tells by it whether the arm stays enabled."""
+    later = replace(example(), quality=Quality(reprojection_px=0.2))
+    assert same_geometry(example(), later)
+    assert not same_geometry(example(), other)
+    assert not same_geometry(other, example())
+
+
 @pytest.mark.parametrize("hand_eye", [True, False])
 def test_what_is_read_is_what_was_written(tmp_path: Path, hand_eye: bool) -> None:
     want = example(hand_eye)

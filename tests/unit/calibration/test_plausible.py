@@ -58,6 +58,14 @@ def turned_across() -> StereoRig:
     return replace(one, **eyes)
 
 
+def tipped_down() -> StereoRig:
+    """The right camera looks across the left one's axis, side by side with it, as where a rotation was transposed."""
+    about_x, one = np.eye(4), rig()
+    about_x[1:3, 1:3] = [[0.0, -1.0], [1.0, 0.0]]
+    right = replace(one.right, cyclopean_from_camera=one.right.cyclopean_from_camera @ about_x)
+    return replace(one, right=right)
+
+
 def matrix(**cells: float) -> np.ndarray:
     found = rig().left.matrix.copy()
     for name, value in cells.items():
@@ -75,6 +83,7 @@ def matrix(**cells: float) -> np.ndarray:
             turned_across(),
             "the baseline is turned by 90 degrees against a camera's rows: mount the cameras side by side",
         ),
+        (tipped_down(), "the cameras look 90 degrees apart: a rotation that was transposed"),
         (replace(rig(), image_size=(480, 640)), "--size 640x480"),
         (replace(rig(), image_size=(1280, 960)), "of images of some 640x480"),
         (with_left(matrix=matrix(fx=70_000.0, fy=70_000.0)), "field of view of 0.5 degrees"),
