@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm.belief import BeliefSource, VoidingEvent
-from daemon.arm.body import Capsule
+from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import Limits, MoveCommand, hand_above_mm
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
 from daemon.arm.route import OUT_MM
@@ -528,6 +528,19 @@ def test_who_must_come_out_again_asks_for_the_whole_way_before_he_goes_in():
     with pytest.raises(OutOfReachError, match="cannot reach"):
         mover.check_through([NEAR, deep, out])
     assert not world.wire
+
+
+def test_a_way_through_several_places_is_checked_from_each_to_the_next():
+    """Over a post and down behind it: straight from here the last place lies behind the post."""
+    x, y, z = HEAD_DOWN[:3, 3]
+    post = KeepOut("post", (x - 20.0, y + 130.0, -300.0), (x + 20.0, y + 170.0, z + 20.0))
+    mover = mover_in(World(np.random.default_rng(0)), keep_out=(post,))
+    up, over, down = (
+        frames.rigid(HEAD_DOWN[:3, :3], [x, y + by, z + up]) for by, up in ((0, 250), (300, 250), (300, 0))
+    )
+    mover.check_through([up, over, down])
+    with pytest.raises(MoveRefusedError, match="post"):
+        mover.check_through([down])
 
 
 def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_speed():

@@ -140,6 +140,17 @@ def test_markers_in_view_agree_with_the_layout_that_numbers_them_and_no_other(
     assert (_agreeing(ids, middles, columns, rows, not legacy) == len(ids)) is (rows % 2 == 0)
 
 
+def test_eight_corners_of_a_charuco_board_are_enough_and_four_are_not() -> None:
+    board, square_px = Board(4, 6, 10.0, "charuco"), 40
+    whole = np.pad(board.charuco().generateImage((5 * square_px, 7 * square_px)), square_px, constant_values=255)
+    image = cv2.GaussianBlur(whole, (0, 0), 0.7)
+    image[square_px * 7 // 2 + square_px :] = 255
+    assert len(find_board(image, board).corner_ids) == 8
+    image[square_px * 5 // 2 + square_px :] = 255
+    with pytest.raises(BoardError, match="only 4 of its corners in view, 8 are needed"):
+        find_board(image, board)
+
+
 def test_a_corner_that_glare_covers_is_left_out_and_the_others_stay() -> None:
     board = Board(9, 6, 16.0)
     image = picture(board)
