@@ -51,6 +51,8 @@ USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 OVER_MM, TOUCH_ABOVE_MM = 60.0, 2.0
 """How high over the corner the finger tips stop, and where they then are: that last way is straight, and slow."""
+WORTH_A_POSE = 0.95
+"""A further pose is named where it leaves less than this share of the error."""
 ARM_WORSE = 3.0
 """So many times as far off its word as the configuration says, an arm is told to be. The poses of a tour are far apart
 and tilted; looks at one part are near each other, and what errs with the pose errs alike in them."""
@@ -261,11 +263,13 @@ def _hand_eye_lines(result: HandEyeResult, further: FurtherView | None) -> list[
         f"a pose left out is off by {np.median(result.left_out_mm):.2f} mm, at most {max(result.left_out_mm):.2f}",
     ]
     if further is not None:
-        lines.append(
-            f"  one more pose would help most with the board {further.away_mm:.0f} mm away and tilted by "
-            f"{further.tilt_deg:.0f} degrees: chance would leave {further.after_mm:.2f} mm at a part, "
-            f"not {further.before_mm:.2f}"
+        left = f"chance leaves {further.before_mm:.2f} mm at a part"
+        helps = (
+            f"one more pose helps most with the board {further.away_mm:.0f} mm away and tilted by "
+            f"{further.tilt_deg:.0f} degrees: {further.after_mm:.2f} mm"
         )
+        worth = further.after_mm < WORTH_A_POSE * further.before_mm
+        lines.append(f"  {left}; {helps if worth else 'more poses would hardly help'}")
     return lines + ([f"  warning: {result.warning}"] if result.warning else [])
 
 
@@ -273,11 +277,11 @@ def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
     """What calibration and arm leave at a grasp from each stand-off, beside what a grasp needs."""
     stops = settings.stops
     least = [(mm, least_error(mount, mm, settings.doubt)) for mm in stops.stand_offs_mm]
-    each = "; ".join(
-        f"from {mm:g} mm: {error.predicted_mm:.2f} mm, {error.predicted_deg:.2f} deg" for mm, error in least
+    each = ", ".join(
+        f"{error.predicted_mm:.2f} mm and {error.predicted_deg:.2f} deg from {mm:g} mm" for mm, error in least
     )
     lines = [
-        f"At a grasp, calibration and arm alone leave {each}. A grasp needs {stops.enough_mm:g} mm and "
+        f"Error at a grasp by calibration and arm alone: {each}. A grasp needs {stops.enough_mm:g} mm and "
         f"{stops.enough_deg:g} deg (pick.stops)."
     ]
     _, nearest = least[-1]

@@ -130,7 +130,7 @@ def test_what_calibration_and_arm_leave_at_a_grasp_is_told_beside_what_a_grasp_n
     mounting = InWorld(at, np.eye(4), at[:3, 3]) if fixed else OnHand(known.tool_from_cyclopean)
     told = grasp_lines(CameraMount(known.rig, mounting), settings)
     assert len(told) == 1
-    far, middle, near = (float(mm) for mm in re.findall(r"from \d+ mm: ([\d.]+) mm", told[0]))
+    far, middle, near = (float(mm) for mm in re.findall(r"([\d.]+) mm and [\d.]+ deg from", told[0]))
     assert far > middle > near > np.sqrt(3) * 0.2
     assert "1 mm and 1 deg" in told[0]
     worse = replace(settings, doubt=replace(settings.doubt, hand_eye_mm=1.0))
