@@ -35,15 +35,17 @@ def fit_poses(
     model_covariance: Array,
     used: Flags,
     tau_mm: float,
+    start: tuple[Array, Array] | None = None,
 ) -> Fits:
     """Fit B models of matched corners to the seen ones, each corner weighed by its own predicted error.
 
     seen_mm (K, 3) in the cyclopean frame with covariance (K, 3, 3); model_mm (B, K, 3) their counterparts in the part
     frame with covariance (B, K, 3, 3); used (B, K) which of them count (at least three each, not on a line); tau_mm:
-    how far a real part may deviate from the taught one. Source: Kabsch's closed form, then Gauss-Newton on the weighted
+    how far a real part may deviate from the taught one; start: as rough_fit has rotations and shifts, where that was
+    asked already. Source: Kabsch's closed form, then Gauss-Newton on the weighted
     residuals, weighed anew at each step.
     """
-    rotation, shift = closed_form(seen_mm, seen_covariance, model_mm, used)
+    rotation, shift = start or closed_form(seen_mm, seen_covariance, model_mm, used)
     whiten = normal = np.zeros(0)
     use = used.astype(float)
     for _ in range(STEPS):

@@ -72,10 +72,11 @@ def fitted(
     if not ways:
         return ()
     seen_mm, covariance, corners, spread, used = _matched(seen, metric, ways)
-    rms = rough_fit(seen_mm, covariance, corners, used)[2]
+    rotation, shift, rms = rough_fit(seen_mm, covariance, corners, used)
     unsure = SURE * float(np.sqrt(seen.covariance_mm2.reshape(-1, 9)[:, ::4].sum(1).mean()))
     near = np.flatnonzero(rms <= max(ROUGH_MM, unsure)).tolist() or [int(rms.argmin())]
-    fits = fit_poses(seen_mm, covariance, corners[near], spread[near], used[near], tolerance_mm)
+    start = rotation[near], shift[near]
+    fits = fit_poses(seen_mm, covariance, corners[near], spread[near], used[near], tolerance_mm, start)
     found = [_hypothesis(ways[k], fits, i) for i, k in enumerate(near)]
     return tuple(sorted(found, key=lambda h: (-h.explained, h.chi2)))
 
