@@ -76,7 +76,7 @@ STOPS = [
 @pytest.mark.parametrize(("act", "fault", "what"), STOPS)
 def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_what_it_was(act, fault, what):
     world, supervisor, heard = supervised()
-    error = asyncio.run(interrupted(world, supervisor, lambda: act(supervisor)))
+    error = lived(interrupted(world, supervisor, lambda: act(supervisor)))
     assert isinstance(error, RefusedError)
     assert supervisor.fault == fault
     assert world.wire[-1][0] == "abort"
@@ -89,14 +89,14 @@ def test_every_stop_ends_the_job_with_an_abort_as_the_last_word_and_then_says_wh
 def test_the_fault_stands_and_the_place_is_forgotten_before_the_arm_is_told_to_stop(act, fault, what):
     world, supervisor, _ = supervised()
     standing = []
-    asyncio.run(supervisor.mover.rest())
+    lived(supervisor.mover.rest())
 
     def hook(name: str) -> None:
         if name == "abort":
             standing.append((supervisor.fault, supervisor.mover.belief.at, len(world.said("fault"))))
 
     world.before = hook
-    asyncio.run(act(supervisor))
+    lived(act(supervisor))
     assert standing == [(fault, None, 0)], "the fault, then the stop, then the report"
 
 
@@ -108,7 +108,7 @@ def test_a_burst_of_stops_is_told_once_for_each_who_stopped_and_a_later_one_agai
         await asyncio.gather(*(supervisor.stop(f"by {who}") for who in ("ann", "bob") * 100))
         await supervisor.stop("by ann")
 
-    asyncio.run(burst())
+    lived(burst())
     assert [record["text"] for record in world.said("fault")] == ["stopped by ann", "stopped by bob", "stopped by ann"]
     assert [name for name, _ in world.wire] == ["abort"] * 2
 
@@ -122,7 +122,7 @@ def test_an_arm_that_is_being_stopped_is_told_no_further_move():
             await asyncio.sleep(0)
 
     supervisor.mover.cell.robot.abort = slow_abort
-    asyncio.run(interrupted(world, supervisor, supervisor.stop))
+    lived(interrupted(world, supervisor, supervisor.stop))
     names = [name for name, _ in world.wire]
     assert names[names.index("abort") :] == ["abort"]
 
@@ -135,7 +135,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
             raise OSError("the cable came out")
 
         with pytest.raises(OSError, match="cable"):
-            asyncio.run(supervisor.run("work", broken(), moves))
+            lived(supervisor.run("work", broken(), moves))
         assert (supervisor.fault == "OSError: the cable came out") is moves
         assert [name for name, _ in world.wire] == ["abort"] * moves
         assert [what for what, _ in heard] == [Interruption.ERROR] * moves
@@ -144,7 +144,7 @@ def test_an_error_in_a_job_that_moves_stops_the_arm_and_one_in_a_job_that_only_l
 def test_a_refusal_in_a_job_is_no_fault():
     world, supervisor, heard = supervised(enabled=False)
     with pytest.raises(MoveRefusedError):
-        asyncio.run(supervisor.run("travel", travelling(supervisor)))
+        lived(supervisor.run("travel", travelling(supervisor)))
     assert (supervisor.fault, world.wire, heard) == (None, [], [])
 
 
@@ -156,7 +156,7 @@ def test_an_abort_that_is_not_answered_is_a_fault_that_sends_to_the_emergency_st
             raise OSError("no answer")
 
     world.before = dead
-    asyncio.run(supervisor.abort())
+    lived(supervisor.abort())
     assert "press the emergency stop" in supervisor.fault
     assert [what for what, _ in heard] == [Interruption.ERROR]
 
@@ -183,12 +183,12 @@ def test_one_job_at_a_time_and_nothing_is_switched_under_it():
         await task
         assert supervisor.status()["doing"] is None
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
     world, supervisor, heard = supervised()
-    asyncio.run(supervisor.stop())
+    lived(supervisor.stop())
     with pytest.raises(RefusedError, match="`resume`"):
         supervisor.may_move()
     supervisor.resume()
@@ -205,7 +205,7 @@ def test_resume_clears_a_fault_and_waits_until_the_arm_is_stopped():
         early()
         await stopping
 
-    asyncio.run(interrupted(world, supervisor, stop_and_resume))
+    lived(interrupted(world, supervisor, stop_and_resume))
     supervisor.resume()
 
 
@@ -226,7 +226,7 @@ def test_a_pause_is_told_when_a_move_meets_it_and_its_end_when_it_goes_on():
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
 
 
@@ -244,7 +244,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
         with pytest.raises(OperatorRefusedError, match="to and fro: joints to"):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert (world.wire, supervisor.fault) == ([], None)
 
 
@@ -269,7 +269,7 @@ def test_neither_step_on_nor_step_off_is_a_yes_to_the_move_that_waits():
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said():
@@ -290,7 +290,7 @@ def test_a_pause_holds_also_the_move_that_waited_for_a_yes_when_it_was_said():
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(asyncio.wait_for(story(), 10.0))
+    lived(asyncio.wait_for(story(), 10.0))
     assert [what for what, _ in heard] == [Interruption.PAUSE, Interruption.RESUME, Interruption.ABORT]
 
 
@@ -318,7 +318,7 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
         assert await supervisor.run("pick", work()) == "done"
         assert await left[0] == "went on"
 
-    asyncio.run(story())
+    lived(story())
 
 
 class OthersTypeError(FacetdError):
@@ -341,7 +341,7 @@ def test_others_on_the_line_of_an_arm_that_may_move_are_a_fault_whoever_hears_of
         raise error("typed")
 
     with pytest.raises(FacetdError, match="typed"):
-        asyncio.run(supervisor.run("where", where(), moves=False))
+        lived(supervisor.run("where", where(), moves=False))
     assert (supervisor.fault is not None) is faults
 
 
@@ -402,7 +402,7 @@ def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
             supervisor.between_jobs("this")
         await task
 
-    asyncio.run(story())
+    lived(story())
 
 
 async def endless(world: World) -> None:
@@ -419,7 +419,7 @@ def test_what_an_operator_tells_the_controller_himself_is_refused_where_the_arm_
     supervisor.dry(way == "dry")
     supervisor.hold.step(True)
     with pytest.raises(RefusedError):
-        asyncio.run(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
+        lived(asyncio.wait_for(supervisor.by_hand("CAL", lambda: endless(world)), 1.0))
     assert world.wire == []
 
 
@@ -436,7 +436,7 @@ def test_every_stop_ends_what_an_operator_told_the_controller_and_status_shows_i
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
     assert supervisor.fault == fault
 
@@ -458,7 +458,7 @@ def test_what_an_operator_tells_the_controller_is_held_and_confirmed_like_a_move
         with pytest.raises(RefusedError, match="not enabled"):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert world.wire == []
 
 
@@ -469,7 +469,7 @@ def test_an_error_in_what_an_operator_told_the_controller_stops_the_arm():
         raise OSError("*Envelope error*")
 
     with pytest.raises(OSError, match="Envelope"):
-        asyncio.run(supervisor.by_hand("CAL", broken))
+        lived(supervisor.by_hand("CAL", broken))
     assert [name for name, _ in world.wire] == ["abort"]
     assert "Envelope" in str(supervisor.fault)
 
@@ -490,7 +490,7 @@ def test_after_a_stop_and_after_words_of_others_nobody_knows_where_the_arm_is_an
         else:
             await supervisor.by_hand("DO READY", lambda: asyncio.sleep(0))
 
-    asyncio.run(story())
+    lived(story())
     assert (mover.belief.at, mover.here, mover.belief.closed) == (None, None, None)
 
 
@@ -516,7 +516,7 @@ def test_a_move_that_was_held_is_given_up_where_the_arm_was_moved_meanwhile(way)
         with pytest.raises(NotAtTargetError, match="somebody else moved the arm"):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == ["abort"]
 
 
@@ -540,7 +540,7 @@ def test_a_pause_said_while_it_is_asked_where_the_arm_is_after_a_wait_holds_what
         supervisor.resume()
         await task
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == [work]
 
 
@@ -563,7 +563,7 @@ def test_in_a_dry_run_a_move_that_was_held_goes_on_from_where_the_arm_would_be()
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert world.said("move")
     assert not world.said("refusal")
 
@@ -595,7 +595,7 @@ def test_neither_resume_nor_enable_is_heard_while_the_answer_to_a_stop_is_awaite
             await asyncio.wait({job})
             assert isinstance(job.exception(), RefusedError)
 
-    asyncio.run(story())
+    lived(story())
     assert supervisor.fault == "stopped by ann"
     supervisor.resume()
 
@@ -627,9 +627,9 @@ def test_an_enable_that_races_a_disable_ends_disabled():
 
 def test_a_stop_that_came_while_somebody_was_asked_about_an_older_fault_stands():
     _, supervisor, _ = supervised()
-    asyncio.run(supervisor.stop("by ann"))
+    lived(supervisor.stop("by ann"))
     seen = supervisor.stops
-    asyncio.run(supervisor.stop("by ann"))
+    lived(supervisor.stop("by ann"))
     with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile"):
         supervisor.resume(seen)
     assert supervisor.fault == "stopped by ann"
@@ -700,7 +700,7 @@ def test_the_arm_is_told_to_stop_until_it_was_seen_at_rest_and_the_alarm_sounds_
         assert supervisor.fault == "stopped by cat", "an alarm that is over keeps no later fault from standing"
         supervisor.resume()
 
-    asyncio.run(story())
+    lived(story())
     assert len(told) == 14
     assert [fault["text"] for fault in world.said("fault")][1:] == ["stopped by cat"], "the alarm, once"
     assert len(world.said("rest")) == 1
@@ -731,7 +731,7 @@ def test_a_refused_stop_is_told_at_once_and_not_after_the_time_that_a_lost_one_h
         assert await supervisor.stop() is not None
         assert asyncio.get_running_loop().time() - began < 0.3
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
@@ -758,7 +758,7 @@ def test_nothing_moves_while_a_stop_that_leaves_no_fault_is_under_way():
         await supervisor.mover.rest()
         await supervisor.mover.go(MoveCommand(NEAR, False, 50.0, "a test"))
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == ["move"]
 
 
@@ -794,7 +794,7 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
         supervisor.enable(supervisor.stops)
         assert supervisor.enabled
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_opened():
@@ -815,7 +815,7 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
         with pytest.raises(RefusedError, match="`enable`"):
             await supervisor.by_hand("CAL", lambda: endless(world))
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == ["move"]
 
 
@@ -833,7 +833,7 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
         supervisor.resume()
         assert not supervisor.enabled
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
@@ -845,7 +845,7 @@ def test_a_stop_that_is_seen_to_work_gives_no_leave_back():
         robot.permit.stop_seen = 2
 
     world.before = hook
-    asyncio.run(supervisor.stop())
+    lived(supervisor.stop())
     supervisor.resume()
     assert not supervisor.enabled
 
@@ -866,7 +866,7 @@ def test_an_arm_enabled_by_hand_only_takes_what_an_operator_tells_the_controller
         with pytest.raises(RefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert [name for name, _ in world.wire] == ["foreign", "abort"]
     assert not supervisor.by_hand_only
 
@@ -884,7 +884,7 @@ def test_what_is_told_by_hand_waits_for_a_yes_of_its_own():
         with pytest.raises(OperatorRefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert world.wire == []
 
 
@@ -933,7 +933,7 @@ def test_what_the_controller_says_counts_as_long_as_it_is_asked_whether_the_arm_
         supervisor.mover.cell.robot.at_rest = slow
         assert await supervisor.at_rest()
 
-    asyncio.run(story())
+    lived(story())
     assert counted == [0, 1, 2]
     assert supervisor.heard_asking == 0
 
@@ -964,7 +964,7 @@ def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():
             await task
         assert await supervisor.at_rest()
 
-    asyncio.run(story())
+    lived(story())
     assert asked == [False]
 
 
@@ -1011,7 +1011,7 @@ def test_what_begins_while_the_arm_is_asked_whether_it_rests_counts_against_it(b
         await supervisor.stop()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_an_error_of_a_job_that_nobody_waits_for_any_more_is_nobodys_unhandled_error():
@@ -1036,7 +1036,7 @@ def test_an_error_of_a_job_that_nobody_waits_for_any_more_is_nobodys_unhandled_e
         gc.collect()
         await asyncio.sleep(0)
 
-    asyncio.run(story())
+    lived(story())
     assert unhandled == []
 
 
@@ -1065,7 +1065,7 @@ def test_a_stop_is_tried_once_while_a_line_is_open_and_one_that_is_not_taken_is_
         robot.permit.stop_seen = 2
         await supervisor.prove_stop()
 
-    asyncio.run(story())
+    lived(story())
     assert len(tried) == 1
     assert (supervisor.fault, world.wire, list(heard)) == (None, [], [])
 
@@ -1078,7 +1078,7 @@ def test_an_error_in_a_job_replaces_no_fault_that_stands_already():
         raise OSError("the cable came out")
 
     with pytest.raises(OSError, match="cable"):
-        asyncio.run(supervisor.run("work", broken()))
+        lived(supervisor.run("work", broken()))
     assert supervisor.fault == "cameras: no pair"
     assert (world.wire, world.said("fault")) == ([], [])
 
@@ -1093,7 +1093,7 @@ def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed(
         supervisor._stopping._telling.cancel()
         assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_the_end_waits_for_rest_beyond_the_alarm(soon):
@@ -1105,7 +1105,7 @@ def test_the_end_waits_for_rest_beyond_the_alarm(soon):
         assert supervisor.stopping
         await supervisor.rested()
 
-    asyncio.run(story())
+    lived(story())
     assert len(told) == 13
 
 
@@ -1115,7 +1115,7 @@ def test_an_arm_that_may_move_is_told_to_stop_when_it_is_disabled_though_no_job_
     world, supervisor, _ = supervised(enabled=False)
     if let is not None:
         supervisor.enable(grant=let)
-    asyncio.run(supervisor.disable())
+    lived(supervisor.disable())
     assert [name for name, _ in world.wire] == ([] if let is None else ["abort"])
     assert not supervisor.enabled
 
@@ -1138,7 +1138,7 @@ def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
         await supervisor.mover.rest()
         await supervisor.mover.travel(pose, "there", lambda _: 50.0)
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_an_arm_that_fails_to_say_whether_it_rests_once_nobody_waits_any_more_is_nobodys_unhandled_error():
@@ -1184,7 +1184,7 @@ def test_a_daemon_that_ends_takes_no_enable_for_a_move_any_more(enabled):
         with pytest.raises(RefusedError, match="`enable`"):
             supervisor.may_move()
 
-    asyncio.run(story())
+    lived(story())
     assert "move" not in [name for name, _ in world.wire]
 
 
@@ -1203,7 +1203,7 @@ def test_who_asks_to_move_while_the_arm_is_being_stopped_is_told_so():
         await stopping
         supervisor.may_move()
 
-    asyncio.run(story())
+    lived(story())
 
 
 def test_other_limits_and_another_cell_hold_from_the_next_move_on():
@@ -1216,7 +1216,7 @@ def test_other_limits_and_another_cell_hold_from_the_next_move_on():
         await supervisor.mover.rest()
         await supervisor.mover.travel(NEAR, "there", lambda _: 50.0)
 
-    asyncio.run(supervisor.run("travel", one_move()))
+    lived(supervisor.run("travel", one_move()))
     assert [move["speed_pct"] for move in world.said("move")] == [10.0]
 
 
@@ -1230,7 +1230,7 @@ def test_where_the_arm_was_asked_while_a_fault_stood_it_need_not_be_any_more_aft
         assert supervisor.mover.here is not None
         supervisor.resume()
 
-    asyncio.run(story())
+    lived(story())
     assert supervisor.mover.here is None
 
 
@@ -1254,7 +1254,7 @@ def test_who_goes_away_while_his_job_runs_is_gone_and_the_job_goes_on():
         goes_on.set()
         await ended.wait()
 
-    asyncio.run(story())
+    lived(story())
 
 
 @pytest.mark.parametrize(
@@ -1273,7 +1273,7 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
         await act(supervisor)
         await supervisor.rested()
 
-    asyncio.run(story())
+    lived(story())
     assert supervisor.fault == f"{why}; NOT CONFIRMED: no such word: press the emergency stop"
     assert {fault["code"] for fault in world.said("fault")} == {code}
 
@@ -1281,9 +1281,9 @@ def test_a_stop_that_was_not_confirmed_is_told_with_what_it_was_for(act, why, co
 def test_a_stop_said_while_a_fault_stands_does_not_take_its_place():
     """Whoever came to say `resume` was told of a stop, and nothing of the drift that had ended the auto before it."""
     world, supervisor, _ = supervised()
-    asyncio.run(supervisor.fail("calibration", "the right eye has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
+    lived(supervisor.fail("calibration", "the right eye has turned", FaultCause(CauseCode.CAMERA_KNOCKED)))
     for who in ("ann", "bob", "bob"):
-        asyncio.run(supervisor.stop(f"by {who}"))
+        lived(supervisor.stop(f"by {who}"))
     assert supervisor.fault == "calibration: the right eye has turned; then stopped by bob"
     assert [record["text"] for record in world.said("fault")] == [
         "calibration: the right eye has turned", "stopped by ann", "stopped by bob", "stopped by bob",
@@ -1360,7 +1360,7 @@ def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
 
 def test_a_fault_is_recorded_by_the_code_of_its_cause():
     world, supervisor, _ = supervised()
-    asyncio.run(supervisor.fail("cameras", "no pair: none came", CAMERAS))
+    lived(supervisor.fail("cameras", "no pair: none came", CAMERAS))
     assert [(fault["code"], fault["text"]) for fault in world.said("fault")] == [
         ("camera_lost", "cameras: no pair: none came")
     ]
@@ -1378,7 +1378,7 @@ def test_who_fails_when_told_of_a_stop_is_told_to_the_loop():
         asyncio.get_running_loop().set_exception_handler(lambda _, context: told.append(context))
         assert await supervisor.stop() is None
 
-    asyncio.run(story())
+    lived(story())
     assert [str(context["exception"]) for context in told] == ["the journal is gone"]
 
 
@@ -1400,7 +1400,7 @@ def test_what_a_job_that_is_ended_makes_of_its_end_is_no_fault(way):
         with pytest.raises(OSError, match="aborted"):
             await task
 
-    asyncio.run(asyncio.wait_for(story(), 10.0))
+    lived(asyncio.wait_for(story(), 10.0))
     assert supervisor.fault is None
     assert [name for name, _ in world.wire] == ["foreign", "abort"], "told once"
 

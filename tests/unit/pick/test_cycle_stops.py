@@ -13,6 +13,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from daemon.pick.transitions import PickState
 from tests.fakes.fake_cell import World, cycle_of, one_part
+from tests.fakes.in_time import lived
 
 LOST = FaultCause(CauseCode.CAMERA_LOST)
 
@@ -44,7 +45,7 @@ def moves_after_abort(world: World) -> list:
 def test_stop_at_any_moment_stops_the_arm_first_and_leaves_a_fault_standing(moment):
     world = one_part()
     cycle = cycle_of(world)
-    end = asyncio.run(during(world, cycle, moment, 1, cycle.supervisor.stop))
+    end = lived(during(world, cycle, moment, 1, cycle.supervisor.stop))
     assert (end.outcome, end.why) == ("aborted", "stopped by the operator"), "a person's stop is no missed part"
     assert cycle.state == "fault"
     assert "stopped" in cycle.status()["fault"]
@@ -62,7 +63,7 @@ def test_the_arm_is_told_to_stop_before_the_fault_is_logged():
             assert not world.said("fault")
 
     world.before = fail
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     assert end.outcome == "fault"
     assert "the cable came out" in world.said("fault")[0]["text"]
     assert world.wire[-1][0] == "abort"
@@ -82,7 +83,7 @@ def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_
             raise RuntimeError("something broke")
 
     world.before = fail
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     if seen < count:
         assert end.outcome == "picked"
         return
@@ -90,7 +91,7 @@ def test_whatever_raises_ends_in_a_fault_with_the_arm_stopped_and_nothing_moves_
     assert world.wire[-1][0] == "abort"
     sent = len(world.wire)
     with pytest.raises(RefusedError, match="resume"):
-        asyncio.run(cycle.pick())
+        lived(cycle.pick())
     assert len(world.wire) == sent
 
 
@@ -113,7 +114,7 @@ def test_a_pick_that_is_stopped_as_it_is_being_stopped_for_a_fault_has_ended_wit
         await asyncio.gather(*stopping)
         return end
 
-    end = asyncio.run(story())
+    end = lived(story())
     assert (end.outcome, end.why) == ("fault", "RuntimeError: something broke")
     assert [record["outcome"] for record in world.said("cycle_end")] == ["fault"]
     assert (cycle.status()["target"], cycle.status()["failed"]) == (None, 1)
@@ -129,7 +130,7 @@ def test_an_abort_that_is_not_answered_either_sends_the_operator_to_the_emergenc
             raise OSError("no answer")
 
     world.before = fail
-    asyncio.run(cycle.pick())
+    lived(cycle.pick())
     assert "emergency stop" in cycle.status()["fault"]
     assert cycle.state == "fault"
 
@@ -146,7 +147,7 @@ def test_a_move_that_ends_elsewhere_is_a_fault():
         return reading
 
     robot.move = short
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     assert end.outcome == "fault"
     assert "WHERE is 2.00 mm" in end.why
 
@@ -154,18 +155,18 @@ def test_a_move_that_ends_elsewhere_is_a_fault():
 def test_after_resume_the_next_pick_goes_and_nothing_went_by_itself():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.stop))
+    lived(during(world, cycle, "moving", 2, cycle.supervisor.stop))
     world.before = lambda name: None
     sent = len(world.wire)
     cycle.supervisor.resume()
     assert (cycle.state, len(world.wire)) == ("idle", sent)
-    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert lived(cycle.pick()).outcome == "picked"
 
 
 def test_abort_gives_the_pick_up_without_a_fault():
     world = one_part()
     cycle = cycle_of(world)
-    end = asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.abort))
+    end = lived(during(world, cycle, "moving", 2, cycle.supervisor.abort))
     assert (end.outcome, cycle.state, cycle.status()["fault"]) == ("aborted", "idle", None)
     assert not moves_after_abort(world)
 
@@ -180,7 +181,7 @@ def test_a_fault_that_was_aborted_meanwhile_still_stands_and_is_cleared_by_one_r
         cycle.supervisor.resume()
         return before, (cycle.state, cycle.status()["fault"])
 
-    before, after = asyncio.run(story())
+    before, after = lived(story())
     assert before == ("fault", "stopped by the operator")
     assert after == ("idle", None)
 
@@ -188,12 +189,10 @@ def test_a_fault_that_was_aborted_meanwhile_still_stands_and_is_cleared_by_one_r
 def test_disable_in_mid_pick_stops_the_arm_and_a_device_that_fails_leaves_its_code():
     world = one_part()
     cycle = cycle_of(world)
-    assert asyncio.run(during(world, cycle, "moving", 2, cycle.supervisor.disable)).outcome == "aborted"
+    assert lived(during(world, cycle, "moving", 2, cycle.supervisor.disable)).outcome == "aborted"
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(
-        during(world, cycle, "moving", 2, lambda: cycle.supervisor.fail("camera_lost", "left camera is gone", LOST))
-    )
+    lived(during(world, cycle, "moving", 2, lambda: cycle.supervisor.fail("camera_lost", "left camera is gone", LOST)))
     assert cycle.status()["fault"] == "camera_lost: left camera is gone"
 
 
@@ -229,7 +228,7 @@ def test_stop_while_paused_is_heard():
         await cycle.supervisor.stop()
         return await task
 
-    assert asyncio.run(story()).outcome == "aborted"
+    assert lived(story()).outcome == "aborted"
     assert [name for name, _ in world.wire] == ["abort"]
 
 
@@ -251,7 +250,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
                 await asyncio.sleep(0)
         return await task, told
 
-    end, told = asyncio.run(story())
+    end, told = lived(story())
     assert end.outcome == "picked"
     assert told[0].startswith("bin, to open the hand, which nobody saw open: joints to ")
     assert told[told.index("open the hand") + 1].startswith("survey 1: joints to ")
@@ -271,7 +270,7 @@ def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
         cycle.supervisor.hold.refuse()
         return await task
 
-    assert asyncio.run(story()).outcome == "aborted"
+    assert lived(story()).outcome == "aborted"
     assert not [name for name, _ in world.wire if name == "move"]
 
 
@@ -288,7 +287,7 @@ def test_no_to_a_move_asked_for_by_hand_is_no_fault():
         with pytest.raises(OperatorRefusedError):
             await task
 
-    asyncio.run(story())
+    lived(story())
     assert cycle.status()["fault"] is None
 
 
@@ -296,7 +295,7 @@ def test_dry_does_everything_but_the_bytes():
     world = one_part()
     cycle = cycle_of(world)
     cycle.supervisor.dry(True)
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     assert end.outcome == "dry"
     assert not world.wire
     assert world.said("move")
@@ -310,10 +309,10 @@ def test_a_dry_pick_with_a_full_hand_puts_nothing_down_and_says_so():
     world.held = "pyramid"
     cycle.holding(True)
     cycle.supervisor.dry(True)
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     assert (end.outcome, cycle.status()["holding"], world.wire) == ("dry", True, [])
     cycle.supervisor.dry(False)
-    assert asyncio.run(cycle.pick()).outcome == "emptied"
+    assert lived(cycle.pick()).outcome == "emptied"
     assert world.binned == ["pyramid"]
 
 
@@ -330,7 +329,7 @@ def test_a_second_job_is_refused_while_one_runs_and_says_which():
             cycle.supervisor.dry(True)
         return await task
 
-    assert asyncio.run(story()).outcome == "picked"
+    assert lived(story()).outcome == "picked"
 
 
 def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
@@ -345,7 +344,7 @@ def test_a_pick_goes_on_when_the_one_who_asked_goes_away():
         while cycle.status()["doing"] is not None:
             await asyncio.sleep(0.005)
 
-    asyncio.run(story())
+    lived(story())
     assert world.binned == ["cube"]
 
 
@@ -354,22 +353,22 @@ def test_a_restart_in_mid_cycle_comes_back_in_fault_and_asks_about_the_gripper()
     cycle = cycle_of(world)
     cycle.recover("retreat", closed=True)
     with pytest.raises(RefusedError, match="resume"):
-        asyncio.run(cycle.pick())
+        lived(cycle.pick())
     cycle.supervisor.resume()
     with pytest.raises(RefusedError, match="holding"):
-        asyncio.run(cycle.pick())
+        lived(cycle.pick())
     assert not world.wire
     cycle.holding(True)
     world.held = "pyramid"
-    end = asyncio.run(cycle.pick())
+    end = lived(cycle.pick())
     assert (end.outcome, world.binned) == ("emptied", ["pyramid"])
-    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert lived(cycle.pick()).outcome == "picked"
 
 
 def test_a_stop_with_the_hand_around_a_part_asks_about_the_gripper():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(during(world, cycle, "handed", 2, cycle.supervisor.stop))
+    lived(during(world, cycle, "handed", 2, cycle.supervisor.stop))
     assert cycle.status()["holding"] is None
 
 
@@ -388,7 +387,7 @@ def test_a_stop_while_the_gripper_lets_go_above_the_bin_asks_about_the_gripper(m
         await asyncio.gather(*stops)
         return end
 
-    assert asyncio.run(story()).outcome == "aborted"
+    assert lived(story()).outcome == "aborted"
     assert stops
     assert cycle.status()["holding"] is None
 
@@ -414,7 +413,7 @@ def test_that_a_hand_is_empty_which_this_daemon_never_opened_is_a_word_and_it_op
         begun = len(world.records)
         return [await cycle.pick(), await cycle.pick()], begun
 
-    ends, begun = asyncio.run(story())
+    ends, begun = lived(story())
     assert [end.outcome for end in ends] == (["emptied", "picked"] if said == "yes" else ["picked", "empty"])
     moves = [r for r in world.records[begun:] if r["kind"] == "move"]
     assert moves[0]["purpose"].startswith(first)
@@ -433,7 +432,7 @@ def test_what_a_hand_holds_that_has_closed_is_not_known_until_it_was_looked_at()
             said.append((world.closed, cycle.state, cycle.status()["holding"]))
 
     world.before = note
-    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert lived(cycle.pick()).outcome == "picked"
     assert {holding for closed, state, holding in said if closed and state != "bin"} == {None}
     assert {holding for closed, _, holding in said if not closed} == {False, None}, "not while it opens either"
 
@@ -455,14 +454,14 @@ def test_closing_the_daemon_stops_the_arm_and_ends_its_task():
 def test_an_unknown_place_is_refused_with_the_places_there_are():
     cycle = cycle_of(one_part())
     with pytest.raises(RefusedError, match="home, bin, survey"):
-        asyncio.run(cycle.go("moon"))
+        lived(cycle.go("moon"))
 
 
 def test_a_look_waits_until_the_images_agree_and_the_settling_time_is_logged():
     world = one_part()
     cycle = cycle_of(world)
     cycle.cell.eyes.shaking = 3
-    look = asyncio.run(cycle.look())
+    look = lived(cycle.look())
     assert look.taken.settled_s > 0.05
     said = world.said("look")[0]
     assert said["seconds"]["settled"] == look.taken.settled_s
@@ -475,16 +474,16 @@ def test_images_that_never_agree_are_told_and_are_no_look():
     cycle = cycle_of(world)
     cycle.cell.eyes.shaking = 10_000
     with pytest.raises(Exception, match="still change"):
-        asyncio.run(cycle.look())
+        lived(cycle.look())
     assert not world.said("look")
 
 
 def test_a_look_needs_no_enable_and_moves_nothing():
     world = one_part()
     cycle = cycle_of(world)
-    asyncio.run(cycle.supervisor.disable())
+    lived(cycle.supervisor.disable())
     world.wire.clear()
-    assert [p.recognition.label for p in asyncio.run(cycle.look()).scene.parts] == ["cube"]
+    assert [p.recognition.label for p in lived(cycle.look()).scene.parts] == ["cube"]
     assert not world.wire
 
 
@@ -501,7 +500,7 @@ def test_nothing_is_reckoned_from_a_single_where(job):
         return await where()
 
     cycle.cell.robot.where = one_where
-    asyncio.run({"look": cycle.look, "go": lambda: cycle.go("home"), "pick": cycle.pick}[job]())
+    lived({"look": cycle.look, "go": lambda: cycle.go("home"), "pick": cycle.pick}[job]())
     assert cycle.status()["fault"] is None
 
 
@@ -514,7 +513,7 @@ def test_a_look_at_an_arm_that_goes_on_moving_is_refused():
 
     cycle.cell.robot.rest = moving
     with pytest.raises(OSError, match="not at rest"):
-        asyncio.run(cycle.look())
+        lived(cycle.look())
     assert not world.said("look")
 
 
@@ -537,7 +536,7 @@ def test_a_hand_stopped_in_its_motion_is_one_of_which_nobody_knows_whether_it_ho
             await cycle.hand(closed)
         await asyncio.gather(*stopping)
 
-    asyncio.run(story())
+    lived(story())
     assert cycle.belief.holds_part is None
 
 
@@ -550,11 +549,11 @@ def test_a_hand_that_was_told_nothing_holds_what_it_held(closed, full, why):
     cycle.beliefs.learn(BeliefSource.COMMANDED, holding=full)
     if why == "dry":
         cycle.supervisor.dry(True)
-        asyncio.run(cycle.hand(closed))
+        lived(cycle.hand(closed))
     else:
         cycle.supervisor.latch("stopped")
         with pytest.raises(MoveRefusedError):
-            asyncio.run(cycle.hand(closed))
+            lived(cycle.hand(closed))
     assert (cycle.belief.holds_part, world.wire) == (full, [])
 
 
@@ -577,7 +576,7 @@ def test_a_stop_in_the_last_part_of_an_auto_that_looks_again_waits_for_no_furthe
         await asyncio.gather(*acting)
         return end
 
-    assert asyncio.run(asyncio.wait_for(story(), 5.0)).outcome == "aborted"
+    assert lived(asyncio.wait_for(story(), 5.0)).outcome == "aborted"
     assert cycle.pick_order is None
 
 
@@ -605,7 +604,7 @@ def test_a_pause_on_the_way_to_the_part_or_to_the_bin_holds_the_hand_as_well(pur
                 await asyncio.sleep(0.01)
         return await picking
 
-    assert asyncio.run(asyncio.wait_for(story(), 60.0)).outcome == "picked"
+    assert lived(asyncio.wait_for(story(), 60.0)).outcome == "picked"
 
 
 def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_known_of_it_as_it_was():
@@ -622,5 +621,5 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
         with pytest.raises(OperatorRefusedError):
             await closing
 
-    asyncio.run(asyncio.wait_for(story(), 10.0))
+    lived(asyncio.wait_for(story(), 10.0))
     assert (world.wire, cycle.belief.holds_part) == ([], False)
