@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import replace
 
+import msgspec
 import pytest
 
 from drivers.val2.link import Dialect
@@ -20,6 +21,34 @@ def test_only_waits_that_are_counted_in_characters_shorten_on_a_faster_line() ->
         fast, prompt_silence_s=usual.prompt_silence_s, echo_settle_s=usual.echo_settle_s, poll_s=usual.poll_s
     )
     assert same_waits == usual
+
+
+@pytest.mark.parametrize(
+    ("key", "taken", "refused"),
+    [
+        ("motion_s", 3600.0, 5000.0),  # milliseconds
+        ("prompt_silence_s", 0.006, 0.0),
+        ("echo_settle_s", 10.0, 12.0),
+        ("prompt_late_s", 0.0, -0.1),
+        ("same_place_mm", 10.0, 30.0),  # micrometres
+        ("arrived_deg", 0.001, 0.0),
+        ("unit_mm", 1000.0, 25400.0),
+        ("unit_mm", 0.001, 0.0),
+        ("joint_signs", [1.0, -1.0, 1.0, -1.0, 1.0, -1.0], [1.0, -2.0, 1.0, 1.0, 1.0, 1.0]),
+        ("joint_zeros_deg", [360.0, -360.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 540.0, 0.0, 0.0, 0.0]),
+        ("abort_word", "STOP", "STOP\r"),
+        ("abort_word", "S" * 40, ""),
+        ("power_up_asks", ["OK?"], ["?"]),
+        ("baud", 4_000_000, 40),
+        ("line_end", b"\r\n\r\n", b""),
+    ],
+)
+def test_what_no_controller_can_mean_is_refused_and_the_widest_that_one_can_is_taken(
+    key: str, taken: object, refused: object
+) -> None:
+    msgspec.convert({key: taken}, Dialect, builtin_types=(bytes,))
+    with pytest.raises(msgspec.ValidationError, match=key):
+        msgspec.convert({key: refused}, Dialect, builtin_types=(bytes,))
 
 
 def test_no_wait_falls_below_what_a_busy_machine_keeps_nor_grows() -> None:

@@ -29,6 +29,13 @@ def test_any_two_lines_that_are_typed_into_one_another_are_noticed(
     assert typed_beside(ours.encode(), back)
 
 
+@pytest.mark.parametrize("letter", sorted(set(map(chr, range(0x21, 0x7F))) - {"?"}))
+def test_whichever_letters_somebody_types_they_count(letter: str) -> None:
+    """Of his line's answer nothing came yet; a question is the controller's."""
+    assert typed_beside(b"WHERE", b"W" + SHORTEST_TYPED * letter.encode() + b"\r\nHERE")
+    assert not typed_beside(b"WHERE", b"W" + (SHORTEST_TYPED - 1) * letter.encode() + b"\r\nHERE")
+
+
 def spoiled(line: bytes, at: int, harm: str, instead: int) -> bytes:
     kept = {"flip": [instead], "drop": [], "double": [line[at], line[at]], "insert": [instead, line[at]]}[harm]
     return line[:at] + bytes(kept) + line[at + 1 :]
