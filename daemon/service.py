@@ -59,6 +59,12 @@ AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated"
 """Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that describe the geometry of gripper and cell."""
+ENDING = (
+    *(signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM),
+    *(signal.SIGPROF, signal.SIGIO, signal.SIGPWR, signal.SIGXCPU),
+)
+"""Signals that end a process unless it takes them: the arm is stopped first. Not those of a fault of the program, nor
+the watchdog's, which finds a loop that does not turn."""
 AT_WORK = "the controller was still carrying out a command from before this start; facetd stopped it (ABORT)"
 LOOK_S = 60.0
 """Longest look, fusion or plan, on the slowest computer; after that facetd ends the worker process."""
@@ -277,7 +283,7 @@ class Service:
 
     def _listen_to_signals(self) -> None:
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in ENDING:
             loop.add_signal_handler(number, self.end, f"signal {number.name}")
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
 

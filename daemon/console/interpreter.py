@@ -19,7 +19,7 @@ from daemon.arm import said
 from daemon.console.aliases import JOBS, aliases_of
 from daemon.console.context import ANSWERABLE, CommandContext
 from daemon.console.phrases import is_no, is_yes
-from daemon.console.stop_words import WITHDRAW, means_stop
+from daemon.console.stop_words import WITHDRAW, ends_as_a_stop, means_stop
 from daemon.console.text_layout import by_pages, fold, prose, table
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD, FacetdError, printable
 from daemon.maintenance import journal
@@ -88,6 +88,8 @@ CommandHandler = Callable[[CommandContext, list[str], Frontend], Awaitable[Comma
 Choices = tuple[str, ...] | Callable[[CommandContext], Iterable[str]]
 Further = Callable[[CommandContext, str], Iterable[str]]
 Looks = Callable[[list[str]], bool]
+TAKES_ANY_WORD = ("help", "here", "note", "operator", "place", "teach")
+"""Commands whose words people choose: one that ends in `stop` behind them is no stop."""
 HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
@@ -211,7 +213,7 @@ class Interpreter:
 
     async def interpret(self, text: str, frontend: Frontend) -> CommandResult:
         """Run one line. Errors that an operator can cause are not raised: they are returned as a CommandResult."""
-        if means_stop(text):
+        if self.means_stop(text):
             return await self._stop(text, frontend)
         try:
             words = shlex.split(text, comments=True)
@@ -263,7 +265,23 @@ class Interpreter:
         ones."""
         words = text.split()
         command = self._meant(words)
-        return means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
+        return self.means_stop(text) or (command is not None and command.name in WITHDRAW and len(words) == 1)
+
+    def means_stop(self, text: str) -> bool:
+        """Whether a line stops the arm: also where `stop` was typed behind half of another line (`go hostop`), unless
+        that is a name, or the command takes any word."""
+        return means_stop(text) or (ends_as_a_stop(text) and not self._is_known(text.split()))
+
+    def _is_known(self, words: list[str]) -> bool:
+        command = self._meant(words)
+        if command is None or len(words) < 2:
+            return False
+        if command.name in TAKES_ANY_WORD:
+            return True
+        try:
+            return words[-1] in {*command.offered(self.context), *command.further(self.context, words[1])}
+        except ANSWERABLE:
+            return False
 
     @property
     def stops(self) -> int:

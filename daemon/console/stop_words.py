@@ -10,6 +10,8 @@ WITHDRAW = ("disable", "abort")
 """Commands that withdraw the arm's permission to move, or end the pick."""
 SHORTEST_STOP = 3
 """Letters of a stop word that no other command begins with."""
+STOP_MARKS = "!.,;'\""
+"""What may stand behind a stop typed in haste."""
 LINE_END = re.compile("\r\n|\r|\n")
 """Line ends of terminals, files and clipboards."""
 ESCAPES = re.compile(r"\x1b(\[[0-9;?]*[@-~])?")
@@ -27,6 +29,13 @@ def _line_means_stop(text: str) -> bool:
     letters = re.match("[a-zA-Z]*", word)
     begun = letters[0].lower() if letters else ""
     return len(begun) >= SHORTEST_STOP and any(w.startswith(begun) or begun.startswith(w) for w in STOP_WORDS)
+
+
+def ends_as_a_stop(text: str) -> bool:
+    """Whether the last word of a line ends in `stop`: typed in haste behind half of another line, perhaps. Only who
+    knows every name can tell it from the name of a doorstop."""
+    words = text.split("#")[0].split()
+    return bool(words) and words[-1].rstrip(STOP_MARKS).lower().endswith(STOP_WORDS[0])
 
 
 def withdraws_permission(text: str) -> bool:

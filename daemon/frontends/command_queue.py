@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 from daemon.commands.step_mode import READ_S
 from daemon.console.interpreter import CommandResult, Frontend, Interpreter
-from daemon.console.stop_words import means_stop
 from daemon.errors import DONE, NOT_DONE
 
 T = TypeVar("T")
@@ -83,7 +82,7 @@ class CommandQueue:
     def take(self, text: str, answered: Answered, block: Block = None) -> None:
         """Do a command: a stop, or what is for now, at once; others when those before them are done. block: of several
         lines that were pasted together, each is done after the one before, to the first that is not."""
-        if means_stop(text):
+        if self._interpreter.means_stop(text):
             self.beside(lambda: self._do(self._stop_said(text), answered))
         elif block is not None and block == self._ended_block:
             self._start(_tell_dropped([(text, answered)], NOT_IN_BLOCK))

@@ -335,7 +335,7 @@ class SocketFrontend:
             raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
 
     def _take(self, text: str, message: SocketMessage) -> None:
-        stops = means_stop(text)
+        stops = self._interpreter.means_stop(text)
         if self._queue.busy and not message.waits and not stops and not self._interpreter.at_once(text):
             raise ValueError("the last command is still running")
         if self._queue.crowded and not stops:

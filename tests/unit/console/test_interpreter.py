@@ -273,6 +273,35 @@ def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(co
     assert say(context, "status").status == 0
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["go hostop", "go home stop", "jog z 2STOP!", "hostop", "pick custop", "status stop", "robot monitor x stop."],
+)
+def test_a_stop_typed_behind_half_of_another_line_is_one(context: Any, text: str) -> None:
+    """In five of five tries the line was refused as a position that nobody knows, and the arm went on."""
+    answer = say(context, text, FakeFrontend(may="look"))
+    assert answer.text == "Stopped. Nothing moves until `resume`."
+    assert context.cycle.told == ["stop by tester"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["help stop", "note the belt had to stop", "teach doorstop", "here backstop", "pick cube # stop", "go stopper"],
+)
+def test_a_word_that_ends_in_stop_and_is_asked_for_is_none(context: Any, text: str) -> None:
+    say(context, text)
+    assert "stop by tester" not in context.cycle.told
+
+
+def test_a_name_that_ends_in_stop_is_a_name(context: Any) -> None:
+    say(context, "here backstop")
+    say(context, "go backstop")
+    say(context, "positions drop backstop")
+    assert "stop by tester" not in context.cycle.told
+    say(context, "go backstop")
+    assert "stop by tester" in context.cycle.told
+
+
 @pytest.mark.parametrize("text", ["stop '", 'stop "', "stop\xfc", "st\x00op", "\x1bstop", "STOP!", "sto", "halt\udcff"])
 def test_no_line_is_too_odd_to_stop(context: Any, text: str) -> None:
     answer = say(context, text, FakeFrontend(who="o\ud800dd\x00", may="look"))

@@ -248,7 +248,7 @@ def test_a_stop_at_another_frontend_voids_what_waits_here() -> None:
     assert operator.answers == ["done 1", *voided, "done 4"]
 
 
-@pytest.mark.parametrize("text", ["sto", "STOP!", "stop '", "halt", "\x00stop"])
+@pytest.mark.parametrize("text", ["sto", "STOP!", "stop '", "halt", "\x00stop", "ystop", "go hostop"])
 def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
     async def script(operator: Operator) -> None:
         operator.types("ask sure?")
@@ -257,6 +257,17 @@ def test_a_stop_in_haste_waits_for_nothing_either(text: str) -> None:
         await a_moment()
 
     assert play(script).answers == ["now", "sure?: ''"]
+
+
+def test_a_stop_typed_behind_half_of_a_line_waits_for_nothing() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("go 1")
+        await a_moment()
+        operator.types("go 2stop")
+        await a_moment()
+        assert operator.answers == ["now"]
+
+    play(script)
 
 
 @pytest.mark.parametrize("typed", [("read 1", "read 2", "read 3"), ("read 1", "resume a")])

@@ -183,12 +183,13 @@ def test_a_message_without_end_is_refused(tmp_path: Path) -> None:
     assert answer["done"]["status"] == 2
 
 
-def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_not(tmp_path: Path) -> None:
+@pytest.mark.parametrize("stop", ["stop", "jog z 2stop"])
+def test_stop_is_heard_while_another_command_is_being_done_and_a_second_move_is_not(tmp_path: Path, stop: str) -> None:
     def use(path: Path) -> Any:
         with socket.socket(socket.AF_UNIX) as raw, raw.makefile("rwb") as file:
             raw.connect(str(path))
             answers = []
-            for text in ("go home", "pick cube", "stop"):
+            for text in ("go home", "pick cube", stop):
                 file.write(json.dumps({"do": text}).encode() + b"\n")
                 file.flush()
                 time.sleep(0.2)

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 import yaml
@@ -121,6 +122,20 @@ def test_it_is_ready_answers_says_its_state_and_ends_cleanly_within_two_seconds(
     assert records.records[-1] | {"why": "signal SIGTERM"} == records.records[-1]
     assert check_wire(run) == []
     assert not (daemon.folder / "facetd.sock").exists()
+
+
+@pytest.mark.parametrize("name", ["TERM", "INT", "QUIT", "USR1", "USR2", "ALRM", "VTALRM", "PROF", "IO", "PWR", "XCPU"])
+def test_no_signal_that_ends_a_process_ends_the_daemon_before_the_arm_is_stopped(name: str) -> None:
+    """A `kill -USR1`, which many programs take for something harmless, ended it with the arm on its way."""
+
+    async def lives() -> str:
+        service, ended = Service(Path("unread.yaml"), simulated=True), asyncio.get_running_loop().create_future()
+        with patch.object(service, "end", ended.set_result):
+            service._listen_to_signals()
+            os.kill(os.getpid(), signal.Signals[f"SIG{name}"])
+            return await asyncio.wait_for(ended, 10.0)
+
+    assert asyncio.run(lives()) == f"signal SIG{name}"
 
 
 def test_a_signal_while_the_arm_moves_stops_the_arm_first(daemon: Daemon) -> None:
