@@ -32,6 +32,8 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.config import Config, Matrix4
+from daemon.pick.grasp import TwoFingers
+from daemon.pick.suction import SuctionCup
 from daemon.store.yamlfile import Document, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
@@ -274,4 +276,8 @@ def truth(config: Config) -> Path:
     key = "hand" if told.world_from_cyclopean is None else "world"
     if key != mounting(config):
         raise config.document.error(("cameras",), f"expected `mounting: {key}`, as {path} has the cameras there")
+    kind = TwoFingers if told.suction is None else SuctionCup
+    if not isinstance(config.values.pick.gripper, kind):
+        word = kind.__struct_config__.tag
+        raise config.document.error(("pick", "gripper"), f"expected `kind: {word}`, as {path} has that gripper")
     return path

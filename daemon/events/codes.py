@@ -111,6 +111,8 @@ class CauseCode(StrEnum):
         "clean part and pads; a lower pick.gripper.friction selects squarer grasps")
     GRIPPER = ("gripper", "gripper", "grasp",
         "check that the fingers open to pick.gripper.opening_mm and close (air, valve); then `calibrate touch`")
+    SENSOR_DISAGREES = ("sensor_disagrees", "gripper's sensor disagrees", "grasp",
+        "look into the gripper, say what it holds (`holding`), then `resume`; test the sensor with `signal`")
     LOOK_AFTER_LIFT = ("look_after_lift", "look after the lift", "images",
         "count the parts in the bin; the image after the lift shows what facetd took for the part")
     CUT_OFF = ("cut_off", "cut off", "computer",

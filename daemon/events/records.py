@@ -325,6 +325,13 @@ class GripperSet(CycleRecord, kw_only=True):
     sent: Annotated[Flag, meaning("false: dry")] = None
 
 
+class SensorRead(CycleRecord, kw_only=True):
+    """What the gripper's own sensor said."""
+
+    when: Annotated[Text, meaning("at which step of the pick")] = None
+    held: Annotated[Flag, meaning("a part is in the gripper")] = None
+
+
 class MoveRefused(CycleRecord, kw_only=True):
     """The guard refused a move."""
 
@@ -458,6 +465,7 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
     "moved": MoveEnded,
     "held_back": MoveTakenBack,
     "hand": GripperSet,
+    "sensor": SensorRead,
     "refusal": MoveRefused,
     "fault": FaultRaised,
     "rest": ArmAtRest,

@@ -387,7 +387,15 @@ class PickCycle:
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover
-        return PickContext(cell, mover, recogniser, self.settings, self.observer, placing=self.placing)
+        return PickContext(
+            cell,
+            mover,
+            recogniser,
+            self.settings,
+            self.observer,
+            placing=self.placing,
+            part_held=self.line.part_held,
+        )
 
     async def _look(self, purpose: str) -> Look:
         if self.recogniser is None:

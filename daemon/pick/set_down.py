@@ -17,12 +17,13 @@ from daemon.arm import BeliefSource, MoveRefusedError, OutOfReachError, Reach, R
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
-from daemon.pick.following import Target, at_place, held_pose, mount_of, sighted
+from daemon.pick.following import Target, at_place, held_pose, in_hand, mount_of, sighted
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.next_view import freshest, places_round
 from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
+from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, travel
 from daemon.store.place_status import PlaceStatus
@@ -63,9 +64,9 @@ async def measure(context: PickContext, target: Target, taken: Taken) -> Array |
 
 async def set_down(
     context: PickContext, world: WorldModel
-) -> Literal[PickEvent.SET_DOWN, PickEvent.UNREACHABLE, PickEvent.DRY]:
+) -> Literal[PickEvent.SET_DOWN, PickEvent.UNREACHABLE, PickEvent.LOST, PickEvent.DRY]:
     """Over the place, straight and slowly down to its support, let go, straight back. Where the guard refuses the way,
-    the part goes to the bin, and the place is free again."""
+    the part goes to the bin, and the place is free again; so it is where the part was lost on the way."""
     target, mover = world.the_target(), context.mover
     assert target.way is not None
     assert target.held is not None
@@ -76,6 +77,11 @@ async def set_down(
         _note(context, goal, PlaceStatus.CLAIMED)
     try:
         await travel(context, world, way.over, f"over place {name}")
+        if await _lost(context, target):
+            _note(context, goal, PlaceStatus.FREE, why="the part was lost on the way")
+            why = "the gripper's sensor says that it holds nothing, and the part does not show in it"
+            context.decide(f"{target.label} was lost on the way", why, CauseCode.PART_SLIPPED, label=target.label)
+            return PickEvent.LOST
         mover.check_through([way.at, way.clear], way.contact)
         await mover.travel(way.at, f"down to place {name}", _slowly, straight=True, contact=way.contact)
     except MOVE_ERRORS as error:
@@ -91,9 +97,22 @@ async def set_down(
     _note(context, goal, PlaceStatus.SET)
     world.set_down_at = name
     await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
+    sensor = await sensed(context, "let go")
+    ask_where_they_differ(context, contradiction(target.label, sensor, f"was let go at place {name}", False))
     target.plan = replace(target.plan, way=way)
     await mover.travel(way.clear, f"back from place {name}", _slowly, straight=True)
     return PickEvent.SET_DOWN
+
+
+async def _lost(context: PickContext, target: Target) -> bool:
+    """Whether the gripper holds the part no longer, before it is lowered: its sensor says so, and no look shows it
+    there. Raises SensorDisagreesError where one does."""
+    if await sensed(context, "over its place") is not False:
+        return False
+    taken = await gripper_pair(context, target)
+    shows = taken is not None and await context.cell.compute(in_hand, target, taken, mount_of(context.cell))
+    ask_where_they_differ(context, contradiction(target.label, False, "is in it", shows))
+    return True
 
 
 def _slowly(_: Array) -> float:

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from typing import Literal
 
 from daemon import frames
-from daemon.arm import BeliefSource, NotSettledError, carried_part
+from daemon.arm import BeliefSource, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
 from daemon.pick.gripper import Gripper
-from daemon.pick.looking import Look, Taken, taken_here
+from daemon.pick.looking import Look, Taken
 from daemon.pick.outcome import InGripper, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
+from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
 from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
@@ -57,6 +58,7 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     load = carried_part(corners, f"{target.label} in the gripper")
     context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load)
+    await taken_hold(context)
     return PickEvent.CLOSED
 
 
@@ -82,8 +84,10 @@ async def verify(
 
     mount = mount_of(context.cell)
     held, failed = await context.cell.compute(_judged, target, seen, world.found, context.settings, mount)
+    shown = ("shows in the gripper" if held else "is gone from where it lay") if failed is None else failed[0]
+    sensor = await sensed(context, "lifted")
+    ask_where_they_differ(context, contradiction(target.label, sensor, shown, failed is None))
     if failed is None:
-        shown = "shows in the gripper" if held else "is gone from where it lay"
         world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
         if target.way is not None:
             target.held = await measure(context, target, seen.taken)
@@ -144,16 +148,23 @@ async def over_bin(
     brings counts as picked only where the two together show that the part left the gripper there."""
     target = world.target
     await _to_the_bin(context, world, "bin")
-    before = await _gripper_pair(context, target)
+    before, lost = await gripper_pair(context, target), await sensed(context, "over the bin") is False
     await _open_gripper(context)
     if context.mover.dry:
         world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
         return PickEvent.DRY
+    sensor = await sensed(context, "let go")
     if target is None:
+        ask_where_they_differ(context, contradiction("what it held", sensor, "was let go", False))
         return PickEvent.BINNED
-    after = await _gripper_pair(context, target)
+    after = await gripper_pair(context, target)
     mount, gripper = mount_of(context.cell), context.settings.gripper
     above, opened = await context.cell.compute(_shown_in_gripper, target, before, after, mount, gripper)
+    if opened is not InGripper.PART:
+        ask_where_they_differ(context, contradiction(target.label, sensor, "is in it no longer", False))
+    if lost and above is InGripper.PART:
+        ask_where_they_differ(context, contradiction(target.label, False, "was in it above the bin", True))
+    above = InGripper.EMPTY if lost else above
     world.outcome, world.why = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
     code = CauseCode.RELEASE_UNCONFIRMED if world.outcome is Outcome.RELEASED else DecisionCode.PICKED
@@ -163,19 +174,6 @@ async def over_bin(
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=True)
         return PickEvent.STILL_HELD
     return PickEvent.DROPPED if above is InGripper.EMPTY else PickEvent.BINNED
-
-
-async def _gripper_pair(context: PickContext, target: Target | None) -> Taken | None:
-    """A pair of the gripper that may hold the target, from where the arm is at rest; None where the pictures do not
-    come to rest (a conveyor below)."""
-    cell, reading = context.cell, context.mover.belief.at
-    if target is None or context.mover.dry:
-        return None
-    assert reading is not None
-    try:
-        return await taken_here(cell, reading, cell.clock(), context.settings.settling)
-    except NotSettledError:
-        return None
 
 
 def _shown_in_gripper(

@@ -141,6 +141,12 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(PickState.SET_DOWN, PickEvent.SET_DOWN, PickState.LOOK_AT_PLACE, "lowered to its support, let go, backed off"),
     Row(PickState.SET_DOWN, PickEvent.UNREACHABLE, PickState.BIN, "the guard refused the way to its place"),
+    Row(
+        PickState.SET_DOWN,
+        PickEvent.LOST,
+        PickState.BIN,
+        "lost on the way: the gripper's sensor says so, and no look shows the part in the gripper",
+    ),
     Row(PickState.SET_DOWN, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
     Row(PickState.LOOK_AT_PLACE, PickEvent.SEEN, PickState.HOME, "right, off by so much, or not there"),
     Row(

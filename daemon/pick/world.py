@@ -59,10 +59,14 @@ class SuspectError(FacetdError):
         self.code = SUSPECTS.get(who, CauseCode.LOOKS_DISAGREE)
 
 
+async def no_sensor() -> None:
+    """Of a gripper without a sensor."""
+
+
 @dataclass(frozen=True, eq=False)
 class PickContext:
     """What a pick works with. cycle: its number; order: what is still to be picked, this part included; placing: where
-    parts belong."""
+    parts belong; part_held: what the gripper's sensor says, None: it has none."""
 
     cell: Workcell
     mover: Mover
@@ -72,6 +76,7 @@ class PickContext:
     cycle: int = 0
     order: PickOrder = field(default_factory=lambda: PickOrder(1))
     placing: PlaceTable = field(default_factory=PlaceTable)
+    part_held: Callable[[], Awaitable[bool | None]] = no_sensor
 
     def decide(self, text: str, why: str, code: CauseCode | DecisionCode, **figures: object) -> None:
         """Log a decision: in words, and as a code. figures: label, slip_deg, chi2 where they belong to it."""

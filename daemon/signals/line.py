@@ -128,6 +128,11 @@ class LineSignals:
         finally:
             self.waits_for, self.waits_to_begin = None, False
 
+    async def part_held(self) -> bool | None:
+        """What the gripper's sensor says now; None: it has none. Raises SignalError, and what the line raises."""
+        name = self._by_role.get("part_held")
+        return None if name is None else await self.read(name)
+
     async def brought(self) -> None:
         """A part was brought: part_done goes on until the line takes note, by a change of its cycle start."""
         if self.has("part_done"):

@@ -11,10 +11,10 @@ from msgspec import Meta
 
 from daemon.store.yamlfile import Document
 
-Input = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "reset"]
+Input = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset"]
 Output = Literal["busy", "part_done", "fault"]
 Role = Literal[
-    "permit_pick", "permit_place", "cycle_start", "part_present", "reset", "busy", "part_done", "fault"
+    "permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset", "busy", "part_done", "fault"
 ]  # fmt: skip
 OnStop = Literal["on", "off", "hold"]
 INPUTS: tuple[str, ...] = get_args(Input)
@@ -30,7 +30,8 @@ class SignalSettings:
     """Number of the input or output on this controller. On many controllers outputs count from 1, inputs from 1001."""
     role: Role
     """Inputs: `permit_pick` and `permit_place` let the arm move to pick and to set down; `cycle_start` asks for one
-    part; `part_present` says that a part lies ready; `reset` clears a fault. Outputs: `busy` while a part is picked and
+    part; `part_present` says that a part lies ready; `part_held` is the gripper's own sensor (a vacuum switch, a switch
+    between the fingers): a part is in the gripper; `reset` clears a fault. Outputs: `busy` while a part is picked and
     brought; `part_done` from when a part was brought until the line has taken note; `fault` while a fault is active."""
     level: Literal["high", "low"] = "high"
     """Level at which it counts as on. `low` for an input that is on without current, as a broken wire is."""

@@ -14,19 +14,21 @@ from zlib import crc32
 import numpy as np
 
 from drivers.arrays import Array
+from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.history import DropRecord, GraspRecord, ReleaseRecord
+from drivers.simcell.history import DropRecord, GraspRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
+from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
-from drivers.simcell.truth import load_truth
+from drivers.simcell.truth import Rod, load_truth
 from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
@@ -38,6 +40,9 @@ BOARD_IN_GRIPPER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
 HELD_BOARD_MM = 60.0
 """How far its first square is beside the tool's axis: the fingers hide none."""
 FINGER_ALBEDO = 0.3
+HOLD_CHECKS = 8
+"""So often on a motion, or on what passed of it since the last time, it is asked whether the vacuum still holds: at
+rest nothing changes."""
 HELD_UP = 0.73
 """Of the way from fixed cameras to the table, where a part is held up for teaching."""
 BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -91,10 +96,13 @@ class SimulatedCell:
             self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
         )
         self._machine = self.controller.machine
+        cup = self._settings.suction
+        self.switch = "works" if cup is None else cup.switch
+        """Whether the vacuum switch works, or is stuck on or off."""
+        self._hold_checked_s = 0.0
+        self._machine.before_input = self._vacuum_switch
         safety = self._settings.safety
-        body = ArmSpheres(
-            [*safety.body, *finger_rods(self._settings.gripper)], self.arm.true_geometry, self.arm.joint_offsets_rad
-        )
+        body = ArmSpheres([*safety.body, *self._gripper_rods()], self.arm.true_geometry, self.arm.joint_offsets_rad)
         self.motion_monitor = MotionMonitor(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:
@@ -137,6 +145,7 @@ class SimulatedCell:
     def violations(self) -> tuple[Violation, ...]:
         """Violations found by the motion monitor up to now."""
         with self.server.controller() as controller:
+            self._watch_hold(controller.now_s)
             return self.motion_monitor.violations(controller.now_s)
 
     def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
@@ -218,15 +227,49 @@ class SimulatedCell:
         """A moment of the controller's time on the cameras' clock."""
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
 
+    def _gripper_rods(self) -> list[Rod]:
+        cup = self._settings.suction
+        return finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
+
+    def _vacuum_switch(self) -> None:
+        """Switch the input that the vacuum switch is wired to."""
+        cup, machine = self._settings.suction, self._machine
+        if cup is None:
+            return
+        self._watch_hold(machine.now_s)
+        on = self.switch == "stuck on" or (self.switch == "works" and self.world.held is not None)
+        (machine.inputs.add if on else machine.inputs.discard)(cup.switch_input)
+
+    def _watch_hold(self, now_s: float) -> None:
+        """Have what the vacuum does not hold fall where it was lost on the way since the last time. For who has the
+        controller."""
+        since_s, self._hold_checked_s = self._hold_checked_s, max(now_s, self._hold_checked_s)
+        if self._settings.suction is None or self.world.held is None:
+            return
+        motions = [event.motion for event in self._machine.history if isinstance(event, MotionRecord)]
+        for motion in motions:
+            first_s, last_s = max(motion.started_s, since_s), min(motion.ends_s, now_s)
+            if last_s <= first_s:
+                continue
+            for at_s in np.linspace(first_s, last_s, HOLD_CHECKS):
+                tool = forward(motion.joints_at(at_s) + self.arm.joint_offsets_rad, self.arm.true_geometry)
+                if self.world.why_lost(tool) and (fallen := self.world.lose(tool)) is not None:
+                    self._fell(float(at_s), fallen)
+                    return
+
+    def _fell(self, at_s: float, fallen: tuple[str, float, PartPlace]) -> None:
+        label, fell_mm, where = fallen
+        over_bin, theirs = where is PartPlace.BIN, self._machine.theirs
+        self._machine.history.add(DropRecord(at_s, self._machine.by, label, fell_mm, over_bin, theirs))
+
     def _on_gripper(self, closed: bool) -> None:
         now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
+        self._watch_hold(now_s)
         if closed:
             self.world.close_hand(tool, [self.arm.pose_at(now_s - back_s) for back_s in PATH_CHECKED_S])
         elif (fallen := self.world.open_hand(tool)) is not None:
-            label, fell_mm, where = fallen
-            over_bin, theirs = where is PartPlace.BIN, self._machine.theirs
-            self._machine.history.add(DropRecord(now_s, self._machine.by, label, fell_mm, over_bin, theirs))
+            self._fell(now_s, fallen)
 
     def _on_held(self, held: PlacedPart | None) -> None:
         now_s, by = self.server.now_s(), self._machine.by
@@ -237,6 +280,9 @@ class SimulatedCell:
             self._machine.history.add(GraspRecord(now_s, by, held.label, corners))
 
     def _scene_at(self, real_s: float) -> SimulatedScene:
+        if self._settings.suction is not None:
+            with self.server.controller() as controller:
+                self._watch_hold(controller.now_s)
         tool = self.world_from_tool(real_s)
         parts = [part for part in self.world.parts if part.where in (PartPlace.TABLE, PartPlace.STAND, PartPlace.HAND)]
         albedo = self._settings.lighting.facet_albedo
@@ -249,9 +295,9 @@ class SimulatedCell:
         ]
         carried = tool.tobytes() if self.world.held or self._held_board else b""
         boards = (*self._board, *(replace(b, world_from_solid=tool @ b.world_from_solid) for b in self._held_board))
-        gripper = tuple(
-            RenderedSolid(finger, tool, FINGER_ALBEDO) for finger in fingers(self._settings.gripper, self.world.gap_mm)
-        )
+        cup = self._settings.suction
+        shown = fingers(self._settings.gripper, self.world.gap_mm) if cup is None else (cup_shown(cup),)
+        gripper = tuple(RenderedSolid(each, tool, FINGER_ALBEDO) for each in shown)
         teaching = any(part.where is PartPlace.STAND for part in parts)
         state = self.world.changes, carried
         eyes = self._settings.world_from_cyclopean_at(tool)

@@ -24,7 +24,7 @@ PALM_MM = 60.0
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Result of closing the jaws on one part.
+    """Result of taking hold of one part, by jaws or by a suction cup.
 
     held: whether it is between them now; why: the reason. tool_from_part: before and after (4, 4) mm. shift_mm (signed,
     along tool y) and turn_deg: how the jaws moved the part, that is the tool's distance from the ideal grasp line.
@@ -42,7 +42,7 @@ class Grip:
 
 
 @dataclass(frozen=True, eq=False)
-class _Bite:
+class Bite:
     """The volume of a shape between the fingers: corners (N, 3), and the part's outward normals at each."""
 
     corners: Array
@@ -69,7 +69,7 @@ def fingers(gripper: GripperTruth, gap_mm: float) -> tuple[ConvexSolid, ConvexSo
 def reaches(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> bool:
     """Whether any of the part is between the open fingers."""
     half = gripper.opening_mm / 2 + gripper.finger_thickness_mm
-    return len(_within(shape, tool_from_part, _strip(gripper, -half, half)).corners) > 0
+    return len(within(shape, tool_from_part, _strip(gripper, -half, half)).corners) > 0
 
 
 def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: GripperTruth) -> Grip:
@@ -81,12 +81,12 @@ def close_on(shape: PartShape, tool_from_part: Array, up: Array, gripper: Grippe
     if strikes(shape, tool_from_part, gripper):
         return lost("a finger or the palm strikes the part", struck=True)
     between = _strip(gripper, -gripper.opening_mm / 2, gripper.opening_mm / 2)
-    angle = _turn_to_jaws(shape, tool_from_part, _within(shape, tool_from_part, between), up)
+    angle = _turn_to_jaws(shape, tool_from_part, within(shape, tool_from_part, between), up)
     if angle is None or abs(np.degrees(angle)) > gripper.turn_deg:
         return lost("no side of the part lies along the jaws")
-    about = _within(shape, tool_from_part, between).corners.mean(axis=0)
+    about = within(shape, tool_from_part, between).corners.mean(axis=0)
     turned = rigid(np.eye(3), about) @ rigid(turn(up, angle), -turn(up, angle) @ about) @ tool_from_part
-    bite = _within(shape, turned, between)
+    bite = within(shape, turned, between)
     if not len(bite.corners):
         return lost("the part slips out from between the jaws")
     low, high = bite.corners[:, 1].min(), bite.corners[:, 1].max()
@@ -117,16 +117,16 @@ def _palm(gripper: GripperTruth) -> ConvexSolid:
 def strikes(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> bool:
     """Whether an open finger or the palm collides with the part."""
     solids = (*fingers(gripper, gripper.opening_mm), _palm(gripper))
-    return any(len(_within(shape, tool_from_part, region).corners) for region in solids)
+    return any(len(within(shape, tool_from_part, region).corners) for region in solids)
 
 
-def _within(shape: PartShape, tool_from_part: Array, region: ConvexSolid) -> _Bite:
-    """Intersection of the shape with a convex region, in tool coordinates."""
+def within(shape: PartShape, tool_from_part: Array, region: ConvexSolid) -> Bite:
+    """What of the shape is in a convex region, in tool coordinates."""
     bites = [_clip(piece, tool_from_part, region) for piece in shape.pieces]
-    return _Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
+    return Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
 
 
-def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> _Bite:
+def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> Bite:
     """Intersection of two convex solids: points of three planes that are beyond no plane."""
     part_normals = solid.normals @ tool_from_part[:3, :3].T
     normals = np.vstack([part_normals, region.normals])
@@ -137,10 +137,10 @@ def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> _Bi
     points = np.linalg.solve(systems[meeting], offsets[triples[meeting]][..., None])[..., 0]
     points = points[np.all(points @ normals.T <= offsets + 1e-7, axis=1)]
     on = np.abs(points @ part_normals.T - offsets[: len(part_normals)]) < 1e-6
-    return _Bite(points.reshape(-1, 3), tuple(part_normals[row] for row in on))
+    return Bite(points.reshape(-1, 3), tuple(part_normals[row] for row in on))
 
 
-def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: _Bite, up: Array) -> float | None:
+def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: Bite, up: Array) -> float | None:
     """The smallest rotation about up, rad, that aligns a side of the part with the jaws; None where there is no
     side."""
     touched = np.vstack([np.zeros((0, 3)), *bite.normals])
@@ -155,7 +155,7 @@ def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: _Bite, up: Arra
     return float(angle[np.argmin(np.abs(angle))])
 
 
-def _why_it_slips(bite: _Bite, tool_from_part: Array, shape: PartShape, gripper: GripperTruth) -> str:
+def _why_it_slips(bite: Bite, tool_from_part: Array, shape: PartShape, gripper: GripperTruth) -> str:
     """Why the turned part is not held; empty where it is."""
     y = bite.corners[:, 1]
     width = float(y.max() - y.min())

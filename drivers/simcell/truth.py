@@ -173,6 +173,24 @@ class GripperTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bite_mm: Positive
 
 
+class SuctionTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A suction cup in place of the jaws: the middle of its lip at the TCP, its axis along tool z.
+
+    radius_mm of the lip; lip_mm: how far the lip gives; length_mm from the lip to the palm; vacuum_bar below the air's
+    pressure on a tight part; friction coefficient of the lip; density_g_cm3 of the parts. switch_input: number of the
+    controller's input that the vacuum switch is wired to; switch: whether it works or lies.
+    """
+
+    radius_mm: Positive
+    lip_mm: Positive
+    length_mm: Positive
+    vacuum_bar: Positive
+    friction: Positive
+    density_g_cm3: Positive
+    switch_input: Annotated[int, Meta(ge=1, le=9999)]
+    switch: Literal["works", "stuck on", "stuck off"] = "works"
+
+
 class Rod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A round bar of the arm's body: from one end to the other, mm, in the frame it is fixed to.
 
@@ -213,7 +231,8 @@ class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. tool_from_cyclopean: of cameras on the hand; world_from_cyclopean: of fixed ones."""
+    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; tool_from_cyclopean: of cameras on
+    the hand; world_from_cyclopean: of fixed ones."""
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
@@ -226,6 +245,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bin: BinTruth
     gripper: GripperTruth
     safety: Safety = Safety()
+    suction: SuctionTruth | None = None
     tool_from_cyclopean: Matrix4 | None = None
     world_from_cyclopean: Matrix4 | None = None
 

@@ -16,10 +16,13 @@ from drivers.arrays import Array
 from drivers.simcell.gripper import Grip, close_on, reaches, strikes
 from drivers.simcell.parts import PartShape, part_shape
 from drivers.simcell.rigid import apply, inverse, rigid, turn
-from drivers.simcell.truth import Truth
+from drivers.simcell.suction import cup_strikes, holds, suck
+from drivers.simcell.truth import SuctionTruth, Truth
 
 FLOOR_BELOW_TABLE_MM = 700.0
 GRIPPER_REACH_MM = 130.0
+LIFTED_MM = 1.0
+"""Lower than this a part still leans on the table."""
 
 
 class PartPlace(Enum):
@@ -49,15 +52,14 @@ class PlacedPart:
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """One closing of the jaws: the part between them, with its pose before, and the grip; None where there was no
-    part."""
+    """One closing of the gripper: the part in it, with its pose before, and the grip; None where there was no part."""
 
     part: PlacedPart | None
     grip: Grip | None
 
     @property
     def held(self) -> bool:
-        """Whether the jaws then held the part."""
+        """Whether the gripper then held the part."""
         return self.grip is not None and self.grip.held
 
 
@@ -155,12 +157,15 @@ class World:
             self._changed()
 
     def close_hand(self, world_from_tool: Array, path: Sequence[Array] = ()) -> None:
-        """Close the jaws at a pose; the result is the last of `closings`.
+        """Close the jaws, or switch the vacuum on, at a pose; the result is the last of `closings`.
 
         path: poses (4, 4) through which the open gripper came, checked for collisions.
         """
         with self._lock:
             self._record_strikes([*path, world_from_tool])
+            if self._truth.suction is not None:
+                self._suck(world_from_tool, self._truth.suction)
+                return
             tool_from_world = inverse(world_from_tool)
             near = [
                 part
@@ -173,8 +178,25 @@ class World:
             self.closings.append(closing)
             self.gap_mm = closing.grip.width_mm if closing.grip else 0.0
 
+    def why_lost(self, world_from_tool: Array) -> str:
+        """Why the vacuum does not hold what is lifted, with the tool there; empty where it does, or nothing is."""
+        with self._lock:
+            held, cup = self.held, self._truth.suction
+            if held is None or cup is None:
+                return ""
+            lowest = float(apply(world_from_tool @ held.pose, held.shape.hull.vertices)[:, 2].min())
+            if lowest < self._truth.table.height_mm + LIFTED_MM:
+                return ""
+            return holds(held.shape, held.pose, -world_from_tool[2, :3], cup)
+
+    def lose(self, world_from_tool: Array) -> tuple[str, float, PartPlace] | None:
+        """What the gripper holds falls, though nobody opened it. Returns as open_hand does."""
+        with self._lock:
+            return self._drop(self.held, world_from_tool) if self.held else None
+
     def open_hand(self, world_from_tool: Array) -> tuple[str, float, PartPlace] | None:
-        """Open the jaws and drop the held part. Returns its label, its height above the table, its new place."""
+        """Open the jaws, or blow off, and drop the held part. Returns its label, its height above the table, its new
+        place."""
         with self._lock:
             self.gap_mm = self._truth.gripper.opening_mm
             return self._drop(self.held, world_from_tool) if self.held else None
@@ -192,6 +214,19 @@ class World:
         if self.held is not self._held:
             self._held = self.held
             self._on_held(self._held)
+
+    def _suck(self, world_from_tool: Array, cup: SuctionTruth) -> None:
+        if self.held:
+            return
+        tool_from_world = inverse(world_from_tool)
+        near = [p for p in self._reachable() if np.linalg.norm((tool_from_world @ p.pose)[:3, 3]) < GRIPPER_REACH_MM]
+        touched = [(p, grip) for p in near if (grip := suck(p.shape, tool_from_world @ p.pose, cup)) is not None]
+        part, grip = touched[0] if touched else (None, None)
+        if grip is not None and len(touched) > 1:
+            grip = replace(grip, held=False, why="more than one part at the lip")
+        self.closings.append(Closing(part, grip))
+        if part is not None and grip is not None and grip.held:
+            self._set(replace(part, where=PartPlace.HAND, pose=grip.tool_from_part))
 
     def _close_on(self, near: Sequence[PlacedPart], world_from_tool: Array) -> Grip:
         part, tool_from_world = near[0], inverse(world_from_tool)
@@ -240,19 +275,25 @@ class World:
             self.nudge(name, *(5.0 * away))
 
     def _record_strikes(self, path: Sequence[Array]) -> None:
-        gripper = self._truth.gripper
-        outer = gripper.opening_mm / 2 + gripper.finger_thickness_mm
-        tips = np.array([[0.0, side * outer, gripper.tip_mm] for side in (-1, 1)])
+        gripper, cup = self._truth.gripper, self._truth.suction
+        outer, tip = gripper.opening_mm / 2 + gripper.finger_thickness_mm, gripper.tip_mm
+        if cup is not None:
+            outer, tip = cup.radius_mm, -cup.lip_mm
+        tips = np.array([[0.0, side * outer, tip] for side in (-1, 1)])
         if min(apply(pose, tips)[:, 2].min() for pose in path) < self._truth.table.height_mm:
-            self.strikes.append("the fingers run into the table")
+            self.strikes.append("the gripper runs into the table")
         for part in self._reachable():
             if any(self._strikes(part, pose) for pose in path):
-                self.strikes.append(f"{part.name}: a finger or the palm runs into it")
+                self.strikes.append(f"{part.name}: the gripper or the palm runs into it")
 
     def _strikes(self, part: PlacedPart, world_from_tool: Array) -> bool:
         tool_from_part = inverse(world_from_tool) @ part.pose
         near = np.linalg.norm(tool_from_part[:3, 3]) < GRIPPER_REACH_MM + _reach_mm(part.shape)
-        return bool(near) and strikes(part.shape, tool_from_part, self._truth.gripper)
+        if not near:
+            return False
+        if self._truth.suction is not None:
+            return cup_strikes(part.shape, tool_from_part, self._truth.suction)
+        return strikes(part.shape, tool_from_part, self._truth.gripper)
 
     def _free_spots(self, reaches_mm: Sequence[float], rng: np.random.Generator, gap_mm: float) -> list[Array] | None:
         taken = [(part.pose[:2, 3], _reach_mm(part.shape)) for part in self._reachable()]

@@ -19,7 +19,7 @@ from daemon.arm.motion import Mover
 from daemon.arm.mounting import InWorld, OnHand
 from daemon.arm.permit import Grant, MotionPermit
 from daemon.arm.workcell import Reading, Workcell
-from daemon.pick import take
+from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import CameraMount, Target, in_hand, left_hand
 from daemon.pick.grasp import tool_rotation
@@ -329,6 +329,7 @@ def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMo
 
 # Wherever a fake cell is at work; any other is looked at as it is.
 take.in_hand, take.left_hand = truly_in_hand, truly_left_hand
+set_down.in_hand = truly_in_hand
 
 
 def build(world: World) -> Workcell:

@@ -85,7 +85,7 @@ def print_input(machine: Machine, word: str, arguments: str) -> Command:
         raise MonitorError("*Illegal command*")
     if call is None:
         raise MonitorError(SYNTAX_ERROR)
-    yield "-1" if int(call[1]) in machine.inputs else "0"
+    yield "-1" if machine.input_is_on(int(call[1])) else "0"
 
 
 def percent_of_full(text: str) -> float:

@@ -44,6 +44,8 @@ class Machine:
         """Numbers of the digital outputs that are on."""
         self.inputs: set[int] = set()
         """Numbers of the digital inputs that the line has switched on."""
+        self.before_input: Callable[[], None] = lambda: None
+        """Called before an input is read: sensors of the cell switch theirs."""
         self._zero_found_s = 0.0
         """End of CAL's motion."""
         self.by, self.given_s, self.theirs = "", float("-inf"), False
@@ -192,6 +194,11 @@ class Machine:
         self.history.add(
             MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed, self.theirs)
         )
+
+    def input_is_on(self, number: int) -> bool:
+        """Whether a digital input is on now."""
+        self.before_input()
+        return number in self.inputs
 
     # What may befall it
 

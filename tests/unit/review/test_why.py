@@ -32,6 +32,7 @@ from daemon.review.production import production
 from daemon.review.why import _all_moves, _beyond, _text, causes, in_plain_words
 from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
+from daemon.store.yamlfile import kinds_of
 from daemon.vision.health import MEASURES, SAID
 from drivers.camera.controls import KNOWN as CONTROLS
 from drivers.camera.settings import CameraSettings
@@ -522,9 +523,10 @@ def _is_key(key: str) -> bool:
     if key.startswith("arm.dialect."):
         here, names = Dialect, names[1:]
     for name in names:
-        if not is_dataclass(here) or name not in {f.name for f in fields(here)}:
+        kinds = [hints for hints in map(get_type_hints, kinds_of(here).values()) if name in hints]
+        if not kinds and (not is_dataclass(here) or name not in {f.name for f in fields(here)}):
             return False
-        here = get_type_hints(here)[name]
+        here = (kinds[0] if kinds else get_type_hints(here))[name]
     return True
 
 

@@ -320,7 +320,7 @@ def test_another_cell_that_is_read_disables_the_arm():
 def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():
     def act(story: Story) -> None:
         pick_up_to(story, PickState.BIN)
-        pair = take._gripper_pair
+        pair = take.gripper_pair
 
         async def as_it_looks(*about: Any) -> Any:
             taken = await pair(*about)
@@ -328,7 +328,7 @@ def test_a_gripper_that_the_pendant_moves_from_above_the_bin_does_not_open():
             await asyncio.sleep(10.0)
             return taken
 
-        with patch.object(take, "_gripper_pair", as_it_looks):
+        with patch.object(take, "gripper_pair", as_it_looks):
             story.wait(60.0)
 
     proven(act, "dropped", COMPARES_WHERE, parts=True)

@@ -49,7 +49,7 @@ def test_a_struck_part_or_table_is_on_record() -> None:
     world.close_hand(tool(545.0, 0.0, -280.0))
     world.close_hand(tool(700.0, 0.0, -295.0))
     assert len(world.strikes) == 2
-    assert "cube-1: a finger" in world.strikes[0]
+    assert "cube-1: the gripper" in world.strikes[0]
     assert "table" in world.strikes[1]
 
 

@@ -1,0 +1,24 @@
+"""End to end on the simulated cell with a suction cup: a block with a bore is picked, and a sensor that lies is asked
+about."""
+
+import pytest
+
+from tests.fakes.holed import holed_pair
+from tests.fakes.suction_cell import Drawn, picked
+
+pytestmark = pytest.mark.slow
+
+
+def bored() -> Drawn:
+    made = holed_pair("place", 2)[1]
+    return Drawn(made.label, made.drawing, made.shape)
+
+
+def test_a_block_with_a_bore_is_picked_by_suction_beside_the_bore_and_a_lie_of_the_switch_stops_the_arm():
+    end, lies, here = picked(2, bored())
+    assert (end.outcome, lies) == ("picked", "bin"), end.why
+    assert not here.cell.world.strikes
+    assert [record["held"] for record in here.log.said("sensor")] == [True, True, True, False]
+    end, lies, here = picked(2, bored(), "stuck off")
+    assert (end.outcome, lies) == ("fault", "hand"), end.why
+    assert here.log.said("cycle_end")[-1]["code"] == "sensor_disagrees"
