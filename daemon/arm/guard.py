@@ -127,20 +127,12 @@ def _arm_lost(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
     return "it is not known where the arm is: ask `where` first" if standing.at is None else None
 
 
-def _on_the_way(rule: str, standing: ArmState) -> str | None:
-    return next((strike.text for strike in standing.strikes if strike.rule == rule), None)
-
-
-def _no_way(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return _on_the_way("no_way", standing)
-
-
-def _outside_workspace(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
+def _outside_workspace(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
     point = command.world_from_tool[:3, 3]
     for axis, value, low, high in zip("xyz", point, limits.box_low_mm, limits.box_high_mm, strict=True):
         if not low <= value <= high:
             return f"{axis} = {value:.1f} mm is outside {low:g} to {high:g}"
-    return _on_the_way("outside_workspace", standing)
+    return None
 
 
 def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
@@ -150,7 +142,7 @@ def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
     return float(np.where(body.encloses, np.inf, above_mm(ends, body.radius_mm, limits.table_z_mm)).min())
 
 
-def _below_table(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
+def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
     body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
     ends = frames.apply(command.world_from_tool, body.ends_mm)
     gaps = body.above_floor_mm(ends[None], limits.table_z_mm, limits.clearance_mm)[0]
@@ -160,15 +152,7 @@ def _below_table(command: MoveCommand, standing: ArmState, limits: Limits) -> st
             return f"the {body.names[worst]} would be {-gaps[worst]:.1f} mm below what it is to rest on"
         lowest = gaps[worst] + limits.clearance_mm
         return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
-    return _on_the_way("below_table", standing)
-
-
-def _outside_room(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return _on_the_way("outside_room", standing)
-
-
-def _kept_out(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return _on_the_way("kept_out", standing)
+    return None
 
 
 def _step_too_long(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
@@ -198,16 +182,17 @@ def _stale_look(command: MoveCommand, standing: ArmState, limits: Limits) -> str
 
 
 # In this order: the first broken rule is the one named, and later rules may rely on earlier ones.
-RULES: tuple[tuple[str, Rule], ...] = (
+# None: a rule of the way alone, which the sweep has judged.
+RULES: tuple[tuple[str, Rule | None], ...] = (
     ("fault_stands", _fault_stands),
     ("not_enabled", _not_enabled),
     ("not_a_location", _not_a_location),
     ("arm_lost", _arm_lost),
     ("outside_workspace", _outside_workspace),
     ("below_table", _below_table),
-    ("outside_room", _outside_room),
-    ("kept_out", _kept_out),
-    ("no_way", _no_way),
+    ("outside_room", None),
+    ("kept_out", None),
+    ("no_way", None),
     ("step_too_long", _step_too_long),
     ("turn_too_far", _turn_too_far),
     ("too_fast", _too_fast),
@@ -218,7 +203,8 @@ RULES: tuple[tuple[str, Rule], ...] = (
 def refuse(command: MoveCommand, standing: ArmState, limits: Limits) -> Refusal | None:
     """The first rule the command would break, or None when it may go."""
     for name, rule in RULES:
-        text = rule(command, standing, limits)
+        text = None if rule is None else rule(command, standing, limits)
+        text = text or next((strike.text for strike in standing.strikes if strike.rule == name), None)
         if text is not None:
             return Refusal(name, text)
     return None

@@ -62,6 +62,11 @@ class Calibration:
     world_from_cyclopean: Array | None = None
 
     @property
+    def fixed(self) -> bool:
+        """Whether the cameras stand in the world, and not on the hand."""
+        return self.world_from_cyclopean is not None
+
+    @property
     def hand_eye(self) -> Array | None:
         """The pose of the cameras (4, 4) mm, on the tool or in the world; None before the hand-eye calibration."""
         return self.tool_from_cyclopean if self.world_from_cyclopean is None else self.world_from_cyclopean
@@ -109,7 +114,7 @@ def same_geometry(a: Calibration, b: Calibration) -> bool:
                 for array in (camera.matrix, camera.distortion, camera.cyclopean_from_camera)
             ),
             np.zeros(0) if hand_eye is None else hand_eye,
-            np.array([calibration.world_from_cyclopean is None]),
+            np.array([calibration.fixed]),
         ]
 
     return all(map(np.array_equal, numbers(a), numbers(b)))
@@ -208,7 +213,7 @@ def _entry_of_hand_eye(calibration: Calibration) -> _HandEye | None:
     pose = calibration.hand_eye
     if pose is None:
         return None
-    return _HandEye(pose.tolist()) if calibration.world_from_cyclopean is None else _HandEye(None, pose.tolist())
+    return _HandEye(None, pose.tolist()) if calibration.fixed else _HandEye(pose.tolist())
 
 
 def _camera(document: Document, name: str, entry: _CameraEntry) -> Camera:

@@ -164,7 +164,7 @@ def _around(view: BoardView, board: Board, calibration: Calibration) -> tuple[li
     world_from_board = board_in_world(view, board, calibration)
     centre = board.points_mm().mean(axis=0)
     sizes: tuple[Sequence[float], Sequence[tuple[float, float]]] = (DISTANCES_MM, AIMS_MM)
-    if calibration.world_from_cyclopean is not None:
+    if calibration.fixed:
         away_mm = float(frames.apply(frames.inverse(here) @ world_from_board, centre)[2])
         aside_mm = FIXED_ASIDE * away_mm
         sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
@@ -175,7 +175,7 @@ def _around(view: BoardView, board: Board, calibration: Calibration) -> tuple[li
 def _tool_at(look: Array, view: BoardView, calibration: Calibration) -> Array:
     """world_from_tool for cameras at a look (4, 4), or for the board in the gripper as it is before fixed ones."""
     here = calibration.world_from_cyclopean_at(view.world_from_tool)
-    if calibration.world_from_cyclopean is not None:
+    if calibration.fixed:
         return np.asarray(here @ frames.inverse(look) @ view.world_from_tool)
     return np.asarray(look @ frames.inverse(here) @ view.world_from_tool)
 
@@ -220,7 +220,7 @@ def setup_of(views: Sequence[BoardView], board: Board, calibration: Calibration,
         board_at_rest(views[-1], board, calibration),
         board.points_mm(),
         frames.apply(calibration.hand_eye, np.array([0.0, 0.0, away_mm])),
-        calibration.world_from_cyclopean is not None,
+        calibration.fixed,
         arm,
         2 if calibration.alone is None else 1,
     )
@@ -326,7 +326,7 @@ def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) 
 
 def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:
     """Hand-eye calibration from the views. Raises HandEyeError."""
-    held = before.world_from_cyclopean is not None
+    held = before.fixed
     result = calibrate_hand_eye([replace(sample_of(v, board), held=held) for v in views], before.rig)
     quality = Quality(
         reprojection_px=before.quality.reprojection_px,
@@ -457,7 +457,7 @@ def board_at_rest(view: BoardView, board: Board, calibration: Calibration) -> Ar
     """(4, 4) of the board where it is fastened, by one view: in the world, or before fixed cameras on the tool. The
     calibration must have a hand-eye."""
     there = board_in_world(view, board, calibration)
-    return there if calibration.world_from_cyclopean is None else frames.inverse(view.world_from_tool) @ there
+    return frames.inverse(view.world_from_tool) @ there if calibration.fixed else there
 
 
 def sample_of(view: BoardView, board: Board) -> Sample:

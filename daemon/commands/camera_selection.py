@@ -33,7 +33,7 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
     no_more(words, 1, USAGE)
     if context.hardware.kind == "recorded" or context.calibration.alone is not None:
         raise CommandError("this cell has a fixed choice of cameras")
-    if word != "both" and _fixed(context):
+    if word != "both" and context.calibration.fixed:
         raise CommandError(
             f"cameras {word}: a camera that is fixed in the world cannot be moved to see depth", NOT_DONE
         )
@@ -76,7 +76,7 @@ async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] 
         fault.partition(":")[0] not in CAMERA_FAULTS
         or hardware.kind == "recorded"
         or hardware.cameras.alone is not None
-        or _fixed(context)
+        or context.calibration.fixed
     ):
         return None
     wrong = await _ailments(context)
@@ -86,16 +86,12 @@ async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] 
     return OTHER[lost], why
 
 
-def _fixed(context: CommandContext) -> bool:
-    return context.calibration.world_from_cyclopean is not None
-
-
 async def offered(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
     """After a camera's fault: ask whether to go on with the eye that is left, and do so. Gives what is to be told, None
     where there is nothing to; raises CommandError where the operator would not."""
     left = await remaining(context, fault)
     if left is None:
-        knocked = "knocked" in fault and context.hardware.cameras.alone is None and not _fixed(context)
+        knocked = "knocked" in fault and context.hardware.cameras.alone is None and not context.calibration.fixed
         return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if knocked else None
     alone, why = left
     told = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."

@@ -71,7 +71,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "version": version(),
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
-        "mounting": "hand" if context.calibration.world_from_cyclopean is None else "world",
+        "mounting": "world" if context.calibration.fixed else "hand",
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),
         "places": places,

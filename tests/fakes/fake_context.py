@@ -231,7 +231,9 @@ def fake_context(folder: Path, reload: Callable[[], Any] | None = None) -> Any:
         notices=Notices(),
         hardware=SimpleNamespace(kind="real", seed=None, operator=None, cameras=SimpleNamespace(alone=None)),
         run_log=SimpleNamespace(folder=folder),
-        calibration=SimpleNamespace(tool_from_cyclopean=1, world_from_cyclopean=None, hand_eye=1, alone=None),
+        calibration=SimpleNamespace(
+            tool_from_cyclopean=1, world_from_cyclopean=None, fixed=False, hand_eye=1, alone=None
+        ),
         config=SimpleNamespace(
             calibration=folder / "calibration.yaml",
             state=folder / "state",
