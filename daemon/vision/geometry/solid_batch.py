@@ -85,6 +85,6 @@ def thickness(rings_px: Array) -> Array:
     """(...,) area of facets by length of their border, both halved round, of which the corners are seen at (..., S, 2)
     px, the last as often as needed: the width of a long one; negative where it is seen from behind (it then runs
     clockwise)."""
-    x, y = np.moveaxis(rings_px, -1, 0)
-    u, v = np.moveaxis(np.roll(rings_px, -1, -2), -1, 0)
+    after = rings_px.take(np.arange(1, rings_px.shape[-2] + 1), -2, mode="wrap")  # numpy's roll is several times slower
+    x, y, u, v = rings_px[..., 0], rings_px[..., 1], after[..., 0], after[..., 1]
     return np.asarray((y * u - x * v).sum(-1) / np.maximum(np.hypot(u - x, v - y).sum(-1), 1e-9))

@@ -141,7 +141,8 @@ def expected(
     placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one another."""
     px, slope = corners_in(view.eye.camera, poses, laid.corners_mm)
     begins = laid.first_corners[:, None, None]
-    thick = np.pad(thickness(px[laid.rings + begins]), [(0, 0), (0, 1)], constant_values=-np.inf)
+    thick = np.full((len(poses), laid.rings.shape[1] + 1), -np.inf)
+    thick[:, :-1] = thickness(px[laid.rings + begins])
     thick_px = thick[np.arange(len(poses))[:, None, None], laid.beside]
     facing = (thick_px >= thin_px[1]).sum(2)
     clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(2))
