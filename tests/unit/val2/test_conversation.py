@@ -12,7 +12,7 @@ from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditio
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, Interleaved, NoAnswer, Preempted, ProcessorHalted
 from drivers.val2.owed import OwedAnswers
-from drivers.val2.wire import ControllerQuestion, Prompt, Reader, is_halted
+from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, is_halted
 from tests.fakes.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
@@ -108,6 +108,17 @@ def test_a_line_whose_echo_is_not_what_was_typed_is_never_ended(spoilt: bytes) -
     assert isinstance(error, NoAnswer if spoilt == b"WHER" else Garbled)
     assert b"\r" not in line.typed
     assert not line.talk.typed_whole
+
+
+def test_an_emergency_stop_said_into_an_echo_is_heard_by_whoever_finds_the_prompt_again() -> None:
+    async def story() -> list[str]:
+        line = Line({})
+        line.echoes = lambda data: b"WHE\r\n*Emergency stop*\r\n." if data == b"WHERE" else data
+        with pytest.raises(Garbled):
+            await line.talk.ask("WHERE", (), 5.0)
+        return [event.text for event in line.talk.unheard() if isinstance(event, Error)]
+
+    assert lived(story()) == ["*Emergency stop*"]
 
 
 def test_a_character_that_doubles_a_little_later_is_still_noticed_and_one_after_that_time_is_not_waited_for() -> None:
