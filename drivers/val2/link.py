@@ -158,7 +158,8 @@ class Link:
         )
         self.stopped_on_opening = False
         try:
-            await self._come_to_a_still_arm(self._session)
+            with self._session.being_opened():
+                await self._come_to_a_still_arm(self._session)
         except BaseException:
             self._let_go()
             raise
@@ -373,7 +374,7 @@ class Link:
             if confirms(session.question or ""):
                 await session.decline()
             if session.question is None:
-                async with session.turn() as talk:
+                async with session.turn(opens=True) as talk:
                     await self._see_that_it_rests(talk)
             return
         except Preempted:  # a stop that waited for the line comes first, and sees the arm at rest

@@ -6,8 +6,8 @@ What the commands are, and what of their answers says where the arm is, is link.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 
 from drivers.val2 import commands
 from drivers.val2.conversation import A_PROMPT, ControllerAnswer, Conversation, LinePermit
@@ -73,6 +73,8 @@ class LineSession:
         self._turn = asyncio.Lock()
         self._may_go_on = asyncio.Event()
         self._may_go_on.set()
+        self._opened = asyncio.Event()
+        self._opened.set()
         self._silence: asyncio.TimerHandle | None = None
         self._listener: Callable[[bytes], None] | None = None
         self._port = open_port(path, dialect, self._hear, self._lost)
@@ -87,12 +89,26 @@ class LineSession:
         )
         self._port.close()
 
+    @contextmanager
+    def being_opened(self) -> Iterator[None]:
+        """Whoever comes meanwhile waits for their turn, but for who opens: what they typed would stand amid that."""
+        self._opened.clear()
+        try:
+            yield
+        finally:
+            self._opened.set()
+
     @asynccontextmanager
-    async def turn(self, moves: bool = False, answers_question: bool = False) -> AsyncIterator[Conversation]:
+    async def turn(
+        self, moves: bool = False, answers_question: bool = False, opens: bool = False
+    ) -> AsyncIterator[Conversation]:
         """The line for oneself. Who waited through a pre-emption gets Preempted, and so does a motion asked for in one.
+        opens: it is the turn of who opens the line.
 
         Raises ControllerError while the controller asks something else, or reported an error while nobody listened.
         """
+        if not opens:
+            await self._opened.wait()
         talk = self.talk
         if moves and not self._may_go_on.is_set():
             raise Preempted("an abort is under way")
@@ -167,7 +183,7 @@ class LineSession:
 
     async def decline(self) -> None:
         """No to what somebody before us began; typed twice where something stood in the line before it."""
-        async with self.turn(answers_question=True) as talk:
+        async with self.turn(answers_question=True, opens=True) as talk:
             for _ in range(2):
                 answer = await talk.ask("N", (), self.dialect.resync_s)
                 self.question = answer.question

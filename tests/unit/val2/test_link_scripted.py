@@ -114,6 +114,25 @@ def test_a_question_that_is_asked_again_after_the_first_no_is_declined_a_second_
     assert lived(story(2)) == (["N", "N"], "Are you sure (Y/N)?")
 
 
+def test_who_comes_while_the_line_is_opened_types_nothing_amid_that() -> None:
+    """A WHERE behind the key that cancels made the prompt to it an echo that was none; the arm was stopped for it, and
+    what an operator asked for just then ended with the fault `an abort is under way`."""
+
+    async def story() -> list[str]:
+        port = Scripted(usual)
+        link = linked(port)
+        opening = asyncio.ensure_future(link.open())
+        await asyncio.sleep(0.0)
+        assert not opening.done()
+        where = asyncio.ensure_future(link.where())
+        hand = asyncio.ensure_future(link.open_hand())
+        await opening
+        await asyncio.gather(where, hand)
+        return port.lines
+
+    assert lived(story()) == ["DO BREAK", "WHERE", "DO OPENI"]
+
+
 def test_of_two_readings_that_agree_an_abort_gives_the_later() -> None:
     async def story() -> tuple[float, ...]:
         port = Scripted(lambda line, nth: table(500.0 + 0.01 * nth) if line == "WHERE" else PROMPT)
