@@ -22,6 +22,7 @@ from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
+from daemon.commands.placing import report_moved
 from daemon.commands.signals import last_word, serve_the_line
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
@@ -171,6 +172,7 @@ class Service:
             context.cycle.use(context.trainer.in_use)
             context.worker.prepare(context.trainer.in_use)
             context.troubles.report("calibration", None)
+            report_moved(context)
             answered = who
         except FacetdError as error:
             if disabled:
@@ -237,6 +239,7 @@ class Service:
         journal.starting("opening the operators' connections")
         await self._open_frontends(context)
         context.use_model("start", trainer.model_store.current)
+        report_moved(context)
         watch = Watchdog(context)
         self.in_background(self._guarded(watch.run()), "watch")
         self.in_background(self._guarded(serve_the_line(context)), "signals")

@@ -3,7 +3,7 @@
 Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
 """
 
-from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
+from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, HeldPart, Reading, VoidingEvent
 from daemon.arm.body import (
     Capsule,
     FixtureBox,
@@ -16,7 +16,7 @@ from daemon.arm.body import (
 )
 from daemon.arm.guard import Limits, MoveCommand, SupportContact
 from daemon.arm.hold import Waiting
-from daemon.arm.motion import Arrival, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
+from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
 from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.paths import speed_pct
@@ -70,6 +70,7 @@ __all__ = [
     "Grant",
     "HandBody",
     "HeldBackError",
+    "HeldPart",
     "InWorld",
     "Interruption",
     "KeepOut",
@@ -78,6 +79,7 @@ __all__ = [
     "MotionPermit",
     "MoveCommand",
     "MoveRefusedError",
+    "MovedByOthersError",
     "Mover",
     "NotSentError",
     "NotSettledError",

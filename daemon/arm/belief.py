@@ -48,6 +48,16 @@ class Belief(Generic[T]):
 
 
 @dataclass(frozen=True, eq=False)
+class HeldPart:
+    """The part that the gripper closed around: label; tool_from_part (4, 4) mm as it was grasped, with its covariance
+    (6, 6)."""
+
+    label: str
+    tool_from_part: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
 class CellBelief:
     """All that is believed; None: unknown.
 
@@ -55,8 +65,8 @@ class CellBelief:
     turned: where the last joint-interpolated move ended, its shoulder, elbow and wrist turned as the controller turns
     them for the next, also where a pendant has turned them over since;
     tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is; holding: whether a part is
-    in it; load: what of that part is guarded, capsules in the tool's frame. The monitor speed is no belief: each move
-    sends its own.
+    in it; held: which part facetd grasped, and how; load: what of that part is guarded, capsules in the tool's frame.
+    The monitor speed is no belief: each move sends its own.
     """
 
     position: Belief[Reading] | None = None
@@ -65,6 +75,7 @@ class CellBelief:
     tool: Belief[Array] | None = None
     closed: Belief[bool] | None = None
     holding: Belief[bool] | None = None
+    held: Belief[HeldPart] | None = None
     load: Belief[tuple[Capsule, ...]] | None = None
 
     @property
@@ -127,7 +138,7 @@ class VoidingEvent(StrEnum):
 
 PLACE = frozenset({"position", "planned"})
 CONTROLLER = PLACE | {"tool", "closed"}
-GRIPPER = frozenset({"closed", "holding", "load"})
+GRIPPER = frozenset({"closed", "holding", "held", "load"})
 VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.MOVE_BEGUN: PLACE,
     VoidingEvent.GRIPPER_CLOSES: GRIPPER,
@@ -156,7 +167,7 @@ def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
     if belief.load is not None and belief.load.source is BeliefSource.ASSUMED:
         unknown -= {"load"}
     if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
-        unknown |= {"holding"}
+        unknown |= {"holding", "held"}
     elif change is VoidingEvent.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
         belief = replace(belief, holding=replace(belief.holding, source=BeliefSource.ASSUMED))
     return replace(belief, **dict.fromkeys(unknown))
@@ -200,6 +211,8 @@ def _plain(value: object) -> object:
     match value:
         case Reading():
             return value.world_from_tool[:3, 3].round(2).tolist()
+        case HeldPart():
+            return value.label
         case np.ndarray():
             return value[:3, 3].round(2).tolist()
         case tuple():

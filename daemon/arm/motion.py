@@ -359,7 +359,7 @@ class Mover:
         if closed:
             self.beliefs.learn(BeliefSource.COMMANDED, closed=True)
         else:
-            self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, load=None)
+            self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, held=None, load=None)
             self._log_hand(closed)
         return True
 

@@ -14,6 +14,7 @@ from typing import Any
 from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
 from daemon.commands.moving import tell_end
+from daemon.commands.placing import report_moved
 from daemon.console.context import CommandContext
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
@@ -45,6 +46,7 @@ class CycleObserver:
         context = self._context
         self._note_truth(end)
         tell_end(context, end)
+        report_moved(context)
         context.roll_if_due()
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # by somebody: what the fault asked for is done by now

@@ -14,14 +14,18 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.phrases import at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
-from daemon.pick.placing import flattened
+from daemon.pick.placing import flattened, spot_of
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
-from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus
+from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus, PlaceStatusError
 from daemon.vision.geometry import Polyhedron
 
-USAGE = "place show [NAME|PART] | check [NAME] | teach NAME PART | clear NAME|all | drop NAME"
+USAGE = "place show [NAME|PART] | check [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
 ACTS = ("show", "check", "teach", "clear", "drop")
+HERE = "here"
+"""Instead of a part: the one in the gripper, where the arm is."""
+MOST_TOLD = 3
+"""So many places are named in a line about what has moved."""
 
 
 def _names(context: CommandContext) -> list[str]:
@@ -59,6 +63,7 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
     place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
     place check tray    the same for every place of a pattern that is not free; show and clear take its name as well
     place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
+    place teach nest here   facetd grasped the part, and holds it where it belongs: jog, or guide the arm there, first
     place clear nest    you have emptied it: parts are brought there again (all: every place)
     place drop nest     delete it
     A part without a place goes to the bin. Fixtures and patterns are written into places.yaml, then `reload`.
@@ -66,7 +71,9 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
     if words and context.hardware.operator is not None and words[0] in context.hardware.operator.labels:
         raise CommandError(f"to hold a part before the cameras: `show {' '.join(words)}`", NOT_UNDERSTOOD)
     act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
-    return await HANDLERS[act](context, words[1:], frontend)
+    result = await HANDLERS[act](context, words[1:], frontend)
+    report_moved(context)
+    return result
 
 
 async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
@@ -156,32 +163,43 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     no_more(words, 2, USAGE)
     if len(words) < 2:
         raise CommandError(f"{'PART' if words else 'NAME'} is missing: {USAGE}", NOT_UNDERSTOOD)
-    name, label = words[0], one_of(words, 1, context.parts, "part", USAGE)
+    name = words[0]
+    held = words[1] == HERE and HERE not in context.parts
+    label = HERE if held else one_of(words, 1, (*context.parts, HERE), "part", USAGE)
     placing = context.cycle.placing
     if not NAME.fullmatch(name) or name == "all" or name in placing.places.file.patterns:
         raise CommandError(
             f"{name}: a place's name is small letters, digits and _, as in nest_2, and no pattern's", NOT_UNDERSTOOD
         )
-    shape = _shape(context, label)
     old = placing.places.file.places.get(name)
     asked = old is not None and frontend.asks
     if asked and not await yes_or_no(frontend, f"There is a place {name}. Replace its pose? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
-    pose = await with_questions(context, context.cycle.locate(label), frontend)
-    if context.cycle.status()["dry"]:
-        return CommandResult("Dry run: planned, nothing taught.")
+    if held:
+        label, pose = await context.cycle.held_here()
+    else:
+        _shape(context, label)
+        pose = await with_questions(context, context.cycle.locate(label), frontend)
+        if context.cycle.status()["dry"]:
+            return CommandResult("Dry run: planned, nothing taught.")
+    shape = _shape(context, label)
     pose = flattened(pose, shape, context.config.values.pick.limits.table_z_mm)
     frame = np.eye(4)
     if old is not None and old.fixture is not None:
         frame = placing.places.file.fixtures[old.fixture].world_from_fixture
     rows = tuple(tuple(float(v) for v in row) for row in (frames.inverse(frame) @ pose).round(6))
     entry = _entry(old, label, rows)
+    # Its status first: a kill before the file is written leaves no place that counts as free.
+    spot = spot_of(entry, shape, pose)
+    if held:
+        placing.statuses.put(name, PlaceStatus.CLAIMED, why="the gripper held a part there", spot=spot)
+    else:
+        placing.statuses.put(name, PlaceStatus.RIGHT, 0.0, 0.0, "it lay there as the place was taught", spot)
     await _written(context, frontend, with_place(placing.places, name, entry))
-    context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)
-    context.cycle.placing.statuses.put(name, PlaceStatus.RIGHT, 0.0, 0.0, "it lay there as the place was taught")
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
+    lies = "is in the gripper" if held else "lies"
     return CommandResult(
-        f"{name} is where the {label} lies, {_at(middle)}. When you take it away: `place clear {name}`.",
+        f"{name} is where the {label} {lies}, {_at(middle)}. When you take it away: `place clear {name}`.",
         {"place": name, "world_from_part": pose.tolist()},
     )
 
@@ -248,6 +266,19 @@ def destinations(context: CommandContext, label: str) -> str:
     if len(own) == 1:
         return f"to place {own[0].name}, {'free' if free else 'not free'}"
     return f"to {len(own)} places, {free} free"
+
+
+def report_moved(context: CommandContext) -> None:
+    """Report the places that are to be looked at as they have moved, or lie where something was left; once each."""
+    try:
+        moved = context.cycle.placing.moved()
+    except PlaceStatusError as error:
+        context.troubles.report("places", str(error))
+        return
+    text = "; ".join(f"place {name}: {why}" for name, why in list(moved.items())[:MOST_TOLD])
+    more = f"; and {len(moved) - MOST_TOLD} more" if len(moved) > MOST_TOLD else ""
+    advice = "the next pick looks there first; or `place check`, or `place clear` where nothing lies"
+    context.troubles.report("places", f"{text}{more}: {advice}" if moved else None)
 
 
 def counted(context: CommandContext) -> dict[str, int]:

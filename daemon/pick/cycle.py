@@ -237,6 +237,12 @@ class PickCycle:
         self._must_be_empty()
         return await self.supervisor.run(f"locate {label}", self._locate(label))
 
+    async def held_here(self) -> tuple[str, Array]:
+        """The label of the part that facetd grasped and has in the gripper, and where that part is, world_from_part
+        (4, 4) mm: by WHERE, the same before and after a look, and by the part's edges in the look. Nothing moves, and
+        nothing needs to be enabled: people may have guided the arm. RefusedError where it is not known."""
+        return await self.supervisor.run("measure the part in the gripper", self._held_here(), moves=False)
+
     async def look_at_places(self, goals: Sequence[Goal]) -> None:
         """Look at places, one after the other, and keep what each shows. RefusedError when it may not start, or a part
         is in the gripper."""
@@ -330,7 +336,7 @@ class PickCycle:
         if answer:
             self.beliefs.learn(BeliefSource.OPERATOR, holding=True)
         elif self.belief.holds_part is not False or self.belief.empty_unproven:
-            self.beliefs.learn(BeliefSource.OPERATOR, holding=False, load=None)
+            self.beliefs.learn(BeliefSource.OPERATOR, holding=False, held=None, load=None)
 
     # Inside.
 
@@ -412,6 +418,11 @@ class PickCycle:
         assert self.recogniser is not None
         await self._set_out_to_look()
         return await set_down.locate(self._context(self.recogniser), WorldModel([]), label)
+
+    async def _held_here(self) -> tuple[str, Array]:
+        if self.recogniser is None:
+            raise RefusedError("there is no model: teach and train first")
+        return await set_down.held_here(self._context(self.recogniser))
 
     async def _look_at_places(self, goals: Sequence[Goal]) -> None:
         assert self.recogniser is not None

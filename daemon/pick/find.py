@@ -27,7 +27,7 @@ from daemon.pick.next_view import (
     places_round,
     strange,
 )
-from daemon.pick.placing import AT_PLACE_MM, deviation
+from daemon.pick.placing import deviation
 from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
@@ -47,6 +47,7 @@ from daemon.pick.world import (
     travel,
 )
 from daemon.store.place_file import BIN
+from daemon.store.place_status import AT_PLACE_MM
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.health import cause_of_nothing
 from daemon.vision.look import outlines

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting, EyeName, InWorld, Workcell
+from daemon.arm import CameraMounting, EyeName, HeldPart, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.gripper import Gripper
@@ -204,24 +204,49 @@ def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) ->
     """How the target is in the gripper; None where its edges do not show, or one camera took both pictures, so that
     nothing says how far away the part is.
 
-    Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's.
+    Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's. Edges
+    are sought no farther off than these errors allow: the fingers' edges run along the part's, a few mm beside them.
     """
-    if mount.alone is not None or target.estimate is None:
+    grasped = grasped_part(target, doubt)
+    return None if grasped is None else held_by_edges(target.shape, grasped, taken, mount, doubt)
+
+
+def grasped_part(target: Target, doubt: Doubt) -> HeldPart | None:
+    """How the target is in the gripper as it was grasped, with what the approach and the arm may have erred by; None
+    where it was not measured."""
+    if target.estimate is None:
         return None
-    grasped = target.tool_from_part
+    tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
+    covariance = frames.transport_covariance(tool_from_world, target.estimate.covariance) + doubt.arm()
+    return HeldPart(target.label, target.tool_from_part, covariance)
+
+
+def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: CameraMount, doubt: Doubt) -> HeldPose | None:
+    """How a part that was grasped so is in the gripper: see held_pose."""
+    if mount.alone is not None:
+        return None
+    grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
-    fit = by_edges(target.shape, taken, frames.inverse(tool_from_cyclopean) @ grasped, REACH_MM)
+    hand_eye = frames.lever_covariance(grasped, doubt.shared()[:6, :6], np.eye(4))
+    reach_mm = farthest_mm(shape, grasped, held.covariance + hand_eye)
+    fit = by_edges(shape, taken, frames.inverse(tool_from_cyclopean) @ grasped, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part
-    tool_from_world = frames.inverse(target.plan.grasp.world_from_tool)
-    left = frames.transport_covariance(tool_from_world, target.estimate.covariance) + doubt.arm()
     there = frames.transport_covariance(tool_from_cyclopean, fit.covariance)
     there = there + frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4))
     apart = frames.difference(seen, grasped)
-    chi2 = float(apart @ np.linalg.solve(left + there, apart))
-    pose, _ = frames.fuse([grasped, seen], [left, there])
+    chi2 = float(apart @ np.linalg.solve(held.covariance + there, apart))
+    pose, _ = frames.fuse([grasped, seen], [held.covariance, there])
     return HeldPose(seen, pose, chi2)
+
+
+def farthest_mm(shape: Polyhedron, b_from_part: Array, covariance: Array) -> float:
+    """How far a corner may be from where a pose has it that errs by a covariance (6, 6) in b, as long as its chi-square
+    is at most CHI_SQUARE_6."""
+    motion = frames.point_motion(shape.corners_mm @ b_from_part[:3, :3].T)
+    largest = np.linalg.eigvalsh(motion @ covariance @ motion.transpose(0, 2, 1))[:, -1].max()
+    return float(np.sqrt(pose_fusion.CHI_SQUARE_6 * largest))
 
 
 def came_back_empty(taken: Taken, mount: CameraMount, gripper: Gripper) -> bool:

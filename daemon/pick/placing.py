@@ -20,8 +20,8 @@ from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, path
 from daemon.arrays import Array
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
-from daemon.store.place_file import CellPlaces, Fixture, Place, about_vertical, pattern_of
-from daemon.store.place_status import FILLABLE, UNSEEN, PlaceStatus, PlaceStatuses
+from daemon.store.place_file import CellPlaces, Fixture, Manner, Place, about_vertical, pattern_of
+from daemon.store.place_status import FILLABLE, UNSEEN, PlaceSpot, PlaceStatus, PlaceStatuses
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import turns_onto_themselves
 
@@ -35,8 +35,6 @@ UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
 """A half turn about x: what Polyhedron.laid_flat lays face up comes to lie on that face."""
 TOUCH_MM = 0.1
 """Parts of a pattern that touch one another by no more than rounding do not overlap."""
-AT_PLACE_MM = 40.0
-"""A part whose middle is seen this near to that of a place lies at it, and not beside it."""
 
 
 class PartPlaceError(ValueError):
@@ -63,6 +61,11 @@ class Goal:
     def corners(self) -> Array:
         """(N, 3) world mm."""
         return frames.apply(self.poses[0], self.shape.corners_mm)
+
+    @property
+    def spot(self) -> PlaceSpot:
+        """Where its status is kept of."""
+        return spot_of(self.place.manner, self.shape, self.poses[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +112,15 @@ def goal_of(place: Place, shape: Polyhedron) -> Goal:
         raise PartPlaceError(f"{place.part} would not lie flat there: was it taught anew since? teach the place again")
     level_mm = float(heights[0])
     return Goal(place, shape, tuple(pose @ motion for motion in motions), level_mm)
+
+
+def spot_of(manner: Manner, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:
+    """Where a part lies, as the status of a place keeps it."""
+    corners = frames.apply(world_from_part, shape.corners_mm)
+    middle = corners.mean(axis=0)
+    reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())
+    turn = world_from_part[:3, :3]
+    return PlaceSpot(manner.part, middle, turn, reach_mm, manner.tolerance_mm, manner.tolerance_deg)
 
 
 def _on_side(place: Place, shape: Polyhedron) -> Array:
@@ -261,6 +273,7 @@ class PlaceTable:
         tight = too_tight(goals)
         self.goals = {name: goal for name, goal in goals.items() if name not in tight}
         self.unusable = unusable | tight
+        self.statuses.know({name: goal.spot for name, goal in goals.items()})
 
     def has(self, label: str) -> bool:
         """Whether parts of this label go to places, and not to the bin."""
@@ -282,5 +295,12 @@ class PlaceTable:
         return [goal for name, goal in self.goals.items() if self.status(name) not in FILLABLE]
 
     def unseen(self) -> list[Goal]:
-        """Goals that a pick which was cut off has left to be looked at. Raises PlaceStatusError."""
+        """Goals that are to be looked at first: a pick that was cut off has left them, or they have moved. Raises
+        PlaceStatusError."""
         return [goal for name, goal in self.goals.items() if self.status(name) in UNSEEN]
+
+    def moved(self) -> dict[str, str]:
+        """Why each place is to be looked at that has moved since its status was kept, or lies where something was left.
+        Raises PlaceStatusError."""
+        states = {name: self.statuses.of(name) for name in self.goals}
+        return {name: state.why for name, state in states.items() if state.status is PlaceStatus.TO_LOOK_AT}

@@ -13,20 +13,29 @@ from typing import Literal
 import numpy as np
 
 from daemon import frames
-from daemon.arm import BeliefSource, MoveRefusedError, OutOfReachError, Reach, RefusedError, carried_part
+from daemon.arm import (
+    BeliefSource,
+    InWorld,
+    MovedByOthersError,
+    MoveRefusedError,
+    OutOfReachError,
+    Reach,
+    RefusedError,
+    carried_part,
+)
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
-from daemon.pick.following import Target, at_place, held_pose, in_hand, mount_of, sighted
+from daemon.pick.following import Target, at_place, held_by_edges, held_pose, in_hand, mount_of, sighted
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.next_view import freshest, places_round
-from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceDeviation, deviation, set_down_of
+from daemon.pick.placing import Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
 from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, travel
-from daemon.store.place_status import PlaceStatus
+from daemon.store.place_status import AT_PLACE_MM, PlaceStatus
 from daemon.vision.refine import Fit
 
 LOWER_PCT = 10.0
@@ -139,10 +148,15 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
 
 
 async def look_at_unseen(context: PickContext, world: WorldModel) -> None:
-    """Look at every place that a pick which was cut off has left: what lies there is kept, and a place that shows
-    nothing is free."""
+    """Look at every place that a pick which was cut off has left, or that has moved: what lies there is kept, and a
+    place that shows nothing is free. One that cannot be looked at stays as it is: nothing is brought there."""
     for goal in context.placing.unseen():
-        await look_at(context, world, goal)
+        try:
+            await look_at(context, world, goal)
+        except MOVE_ERRORS as error:
+            raise_if_closed(error)
+            text = f"place {goal.place.name} is to be looked at: left alone"
+            context.decide(text, str(error), CauseCode.NO_WAY_TO_PLACE, label=goal.place.part)
 
 
 async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceStatus:
@@ -176,6 +190,34 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     if not sightings and not context.mover.dry:
         raise RefusedError(f"the edges of the {label} do not show clearly: improve the light, or turn it")
     return fuse(sightings, context.settings.doubt).world_from_part if sightings else pose
+
+
+async def held_here(context: PickContext) -> tuple[str, Array]:
+    """The label of the part in the gripper and where it is, world_from_part (4, 4) mm, from where the arm rests: see
+    PickCycle.held_here. Raises RefusedError where it is not known."""
+    cell, held = context.cell, context.mover.belief.held
+    if held is None or context.mover.belief.holds_part is False:
+        raise RefusedError("facetd has grasped no part that is in the gripper: `pick` one, and `stop` it on its way")
+    label, shape = held.value.label, context.recogniser.shape(held.value.label)
+    lay_it = "lay it where it belongs, and `place teach NAME PART`"
+    if shape is None:
+        raise RefusedError(f"the {label} in the gripper is no longer taught: {lay_it}")
+    if cell.alone is not None or isinstance(cell.mounting, InWorld):
+        raise RefusedError(f"only both cameras on the gripper see how it holds a part: {lay_it}")
+    before = await context.mover.rest()
+    seen = await context.lit_look(before, f"{label} in the gripper")
+    try:
+        await context.mover.still_there(f"the place of the {label} is to be taught")
+    except MovedByOthersError as moved:
+        raise RefusedError(f"{moved}: keep the arm still, then repeat") from None
+    found = await cell.compute(held_by_edges, shape, held.value, seen.taken, mount_of(cell), context.settings.doubt)
+    if found is None:
+        raise RefusedError(
+            f"the edges of the {label} do not show clearly in the gripper: improve the light, or {lay_it}"
+        )
+    if found.chi2 > CHI_SQUARE_6:
+        raise RefusedError(f"the {label} is not held as it was grasped: {lay_it}")
+    return label, before.world_from_tool @ found.pose
 
 
 async def _go_round(

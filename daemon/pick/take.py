@@ -10,7 +10,16 @@ from daemon import frames
 from daemon.arm import BeliefSource, carried_part
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
-from daemon.pick.following import CameraMount, Target, came_back_empty, in_hand, left_hand, mount_of, still_there
+from daemon.pick.following import (
+    CameraMount,
+    Target,
+    came_back_empty,
+    grasped_part,
+    in_hand,
+    left_hand,
+    mount_of,
+    still_there,
+)
 from daemon.pick.gripper import Gripper
 from daemon.pick.looking import Look, Taken
 from daemon.pick.outcome import InGripper, released
@@ -57,7 +66,8 @@ async def closing(context: PickContext, world: WorldModel) -> Literal[PickEvent.
     await context.mover.hand(closed=True, hand_s=context.settings.hand_time_s(closed=True))
     corners = frames.apply(target.tool_from_part, target.shape.corners_mm)
     load = carried_part(corners, f"{target.label} in the gripper")
-    context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load)
+    held = grasped_part(target, context.settings.doubt)
+    context.mover.beliefs.learn(BeliefSource.COMMANDED, load=load, held=held)
     await taken_hold(context)
     return PickEvent.CLOSED
 

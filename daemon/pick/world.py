@@ -33,11 +33,12 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import Observer, Skipped, tell
-from daemon.pick.placing import AT_PLACE_MM, PlaceTable
+from daemon.pick.placing import PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent
+from daemon.store.place_status import AT_PLACE_MM
 
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError

@@ -3,11 +3,17 @@
 One owner (`PlaceStatuses`), one file in the state folder. It is written whole and synced before anything follows from
 it: before a part is carried to a place it is claimed, before the gripper opens it is set. A daemon that is killed at
 any line therefore finds a place that it may have filled as one that it must look at, never as a free one.
+
+A status is of a spot, not of a name: the file keeps where the place was. A place that has moved since by more than its
+tolerance, or that lies where something was left that no place answers for any more, is to be looked at before it is
+used. That is worked out at each reading from what is on the disk and where the places are now, so that it does not
+matter who edited places.yaml when.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -15,14 +21,21 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
+from daemon import frames
+from daemon.arrays import Array
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
 
 FILE = "place-status.json"
 """Its name in the state folder."""
-LARGEST_BYTES = 1_000_000
+LARGEST_BYTES = 4_000_000
+MOST_LEFT = 1000
+"""So many spots at which something was left are kept, the latest."""
+AT_PLACE_MM = 40.0
+"""A part whose middle is seen this near to that of a place lies at it, and not beside it."""
 
 
 class PlaceStatus(StrEnum):
@@ -42,12 +55,14 @@ class PlaceStatus(StrEnum):
     """A part was set down there, and the look after it did not show it."""
     EMPTIED = "emptied by hand"
     """An operator said so."""
+    TO_LOOK_AT = "to be looked at"
+    """Nothing is known of where the place is now: it has moved, or something was left there. Never on the disk."""
 
 
 FILLABLE = frozenset({PlaceStatus.FREE, PlaceStatus.EMPTIED})
 """A part may be brought there."""
-UNSEEN = frozenset({PlaceStatus.CLAIMED, PlaceStatus.SET})
-"""Left by a pick that was cut off: looked at before anything is brought there."""
+UNSEEN = frozenset({PlaceStatus.CLAIMED, PlaceStatus.SET, PlaceStatus.TO_LOOK_AT})
+"""Looked at before anything is brought there."""
 LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.FREE: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
     PlaceStatus.EMPTIED: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
@@ -56,12 +71,26 @@ LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.RIGHT: frozenset({PlaceStatus.OFF, PlaceStatus.FREE}),
     PlaceStatus.OFF: frozenset({PlaceStatus.RIGHT, PlaceStatus.FREE}),
     PlaceStatus.MISSING: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
+    PlaceStatus.TO_LOOK_AT: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
 }
 """Which status may follow which; an operator's word (EMPTIED), and the status that a place has already, always may."""
 
 
 class PlaceStatusError(FileError):
     """The status of a place cannot be read or kept: nothing is set down."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceSpot:
+    """Where the part of a place lies. part: its label; middle_mm: (3,) world mm, mean of its corners; turn: (3, 3)
+    world_from_part; reach_mm: of its farthest corner from its middle; tolerance_mm, tolerance_deg: the place's."""
+
+    part: str
+    middle_mm: Array
+    turn: Array
+    reach_mm: float
+    tolerance_mm: float = 1.0
+    tolerance_deg: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -75,17 +104,37 @@ class PlaceState:
     at: str = ""
 
 
-class _State(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+Point = tuple[float, float, float]
+
+
+class _Spot(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A spot on the disk; turn_deg: rotation vector."""
+
+    part: Annotated[str, Meta(max_length=200)]
+    middle_mm: Point
+    turn_deg: Point
+    reach_mm: Annotated[float, Meta(ge=0, le=1e6)]
+
+
+class _State(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, frozen=True):
+    """A status on the disk. number: counts the writings, so that the later of two is known; spot: where the place was
+    then, None where an earlier release wrote it."""
+
     status: PlaceStatus
     off_mm: Annotated[float, Meta(ge=0, le=1e6)] | None = None
     off_deg: Annotated[float, Meta(ge=0, le=360)] | None = None
     why: Annotated[str, Meta(max_length=500)] = ""
     at: Annotated[str, Meta(max_length=40)] = ""
+    number: Annotated[int, Meta(ge=0)] = 0
+    spot: _Spot | None = None
 
 
-class _StatusFile(msgspec.Struct, forbid_unknown_fields=True):
+class _StatusFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """left: what was at places that have moved or are gone, and may still lie there."""
+
     v: int
     places: dict[str, _State]
+    left: tuple[_State, ...] = ()
 
 
 class PlaceStatuses:
@@ -93,50 +142,148 @@ class PlaceStatuses:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
-        self._states: dict[str, PlaceState] | None = None
+        self._kept: _StatusFile | None = None
+        self._spots: Mapping[str, PlaceSpot] = {}
+
+    def know(self, spots: Mapping[str, PlaceSpot]) -> None:
+        """Take where the places are now, by name. Of a place without a spot what is on the disk counts."""
+        self._spots = spots
 
     def of(self, name: str) -> PlaceState:
         """What is known of a place. Raises PlaceStatusError."""
-        return self._all().get(name, PlaceState())
+        file, now = self._file(), self._spots.get(name)
+        state = file.places.get(name)
+        if now is None:
+            return PlaceState() if state is None else _told(state)
+        if state is not None and (moved := _moved(state, now)):
+            return PlaceState(PlaceStatus.TO_LOOK_AT, why=moved, at=state.at)
+        since = -1 if state is None else state.number
+        for left in self._left(file):
+            if left.number > since and _overlap(left, now):
+                part = "something" if left.spot is None else left.spot.part
+                why = f"a place that is no longer there was {left.status} here: {part} may lie here"
+                return PlaceState(PlaceStatus.TO_LOOK_AT, why=why, at=left.at)
+        return PlaceState() if state is None else _told(state)
 
     def put(
-        self, name: str, status: PlaceStatus, off_mm: float | None = None, off_deg: float | None = None, why: str = ""
+        self,
+        name: str,
+        status: PlaceStatus,
+        off_mm: float | None = None,
+        off_deg: float | None = None,
+        why: str = "",
+        spot: PlaceSpot | None = None,
     ) -> PlaceState:
-        """Write a status down, synced. Raises PlaceStatusError, and then the one before holds; ValueError where the
-        status cannot follow the one before."""
-        before = self.of(name).status
-        if status not in (before, PlaceStatus.EMPTIED) and status not in LEADS_TO[before]:
+        """Write a status down, synced. spot: where the place is from now on, as it is being taught; any status may come
+        then. Raises PlaceStatusError, and then the one before holds; ValueError where the status cannot follow the one
+        before."""
+        before, file = self.of(name).status, self._file()
+        follows = spot is not None or status in (before, PlaceStatus.EMPTIED, *LEADS_TO[before])
+        if status is PlaceStatus.TO_LOOK_AT or not follows:
             raise ValueError(f"place {name}: {status} cannot follow {before}")
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        state = PlaceState(status, off_mm, off_deg, why[:500], now)
-        self._write({**self._all(), name: state})
-        return state
+        now, at = spot or self._spots.get(name), datetime.now(UTC).isoformat(timespec="seconds")
+        left, old = list(file.left), file.places.get(name)
+        if old is not None and now is not None and _moved(old, now):
+            left.append(old)
+        if now is not None:
+            left = [each for each in left if not _answered(each, now)]
+        number = 1 + max((each.number for each in (*file.places.values(), *file.left)), default=0)
+        state = _State(status, off_mm, off_deg, why[:500], at, number, None if now is None else _kept(now))
+        self._write({**file.places, name: state}, left)
+        return _told(state)
 
     def forget(self, names: set[str]) -> None:
-        """Drop the status of places that the file of places no longer has. Raises PlaceStatusError."""
-        self._write({name: state for name, state in self._all().items() if name not in names})
+        """Drop the status of places that the file of places no longer has; what may lie there is kept as left. Raises
+        PlaceStatusError."""
+        file = self._file()
+        gone = [state for name, state in file.places.items() if name in names]
+        self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *gone])
 
-    def _all(self) -> dict[str, PlaceState]:
-        if self._states is None:
-            self._states = self._read()
-        return self._states
+    def _left(self, file: _StatusFile) -> Iterator[_State]:
+        """What may lie where no place of today answers for it: of places that are gone, and of those that moved."""
+        yield from file.left
+        for name, state in file.places.items():
+            now = self._spots.get(name)
+            if state.status not in FILLABLE and (now is None or _moved(state, now)):
+                yield state
 
-    def _read(self) -> dict[str, PlaceState]:
+    def _file(self) -> _StatusFile:
+        if self._kept is None:
+            self._kept = self._read()
+        return self._kept
+
+    def _read(self) -> _StatusFile:
         if not os.path.lexists(self.path):
-            return {}
+            return _StatusFile(2, {})
         try:
             file = msgspec.json.decode(read_file(self.path, LARGEST_BYTES), type=_StatusFile)
         except FileError as error:
             raise PlaceStatusError(str(error)) from None
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
-            text = "damaged: look at every place, delete the file, and set each with `place check` or `place clear`"
-            raise PlaceStatusError(f"{self.path}: {text}") from None
-        return {name: PlaceState(s.status, s.off_mm, s.off_deg, s.why, s.at) for name, s in file.places.items()}
+            raise self._damaged() from None
+        if any(s.status is PlaceStatus.TO_LOOK_AT for s in (*file.places.values(), *file.left)):
+            raise self._damaged()
+        return file
 
-    def _write(self, states: dict[str, PlaceState]) -> None:
-        told = {name: _State(s.status, s.off_mm, s.off_deg, s.why, s.at) for name, s in states.items()}
+    def _damaged(self) -> PlaceStatusError:
+        text = "damaged: look at every place, delete the file, and set each with `place check` or `place clear`"
+        return PlaceStatusError(f"{self.path}: {text}")
+
+    def _write(self, places: dict[str, _State], left: list[_State]) -> None:
+        kept = [each for each in left if each.status not in FILLABLE and each.spot is not None][-MOST_LEFT:]
+        file = _StatusFile(2, places, tuple(kept))
         try:
-            write_atomically(self.path, msgspec.json.encode(_StatusFile(1, told)))
+            write_atomically(self.path, msgspec.json.encode(file))
         except OSError as error:
             raise PlaceStatusError(f"{self.path}: not kept: {error.strerror or error}") from None
-        self._states = states
+        self._kept = file
+
+
+def _told(state: _State) -> PlaceState:
+    return PlaceState(state.status, state.off_mm, state.off_deg, state.why, state.at)
+
+
+def _kept(spot: PlaceSpot) -> _Spot:
+    turn = np.degrees(frames.vector_from_rotation(spot.turn))
+    return _Spot(spot.part, _point(spot.middle_mm), _point(turn), round(spot.reach_mm, 4))
+
+
+def _point(values: Array) -> Point:
+    x, y, z = (round(float(each), 4) for each in values)
+    return x, y, z
+
+
+def _moved(state: _State, now: PlaceSpot) -> str:
+    """How a place lies otherwise than when its status was kept, in words; empty: as it did, within its tolerance."""
+    before, was = state.spot, f"it was {state.status}"
+    if before is None:
+        return f"{was} under an earlier release, which did not keep where"
+    if before.part != now.part:
+        return f"{was} with {before.part}, and is now for {now.part}"
+    away_mm = float(np.linalg.norm(now.middle_mm - np.array(before.middle_mm)))
+    if away_mm > now.tolerance_mm:
+        return f"{was} {away_mm:.1f} mm from where it is now"
+    turned = frames.rotation_from_vector(np.radians(before.turn_deg))
+    turned_deg = float(np.degrees(frames.angle_between(turned, now.turn)))
+    return f"{was} turned by {turned_deg:.1f} degrees from how it is now" if turned_deg > now.tolerance_deg else ""
+
+
+def _overlap(left: _State, now: PlaceSpot) -> bool:
+    """Whether what was left at a spot may reach to another."""
+    if left.spot is None:
+        return False
+    return _apart_mm(left.spot, now) < max(left.spot.reach_mm + now.reach_mm, AT_PLACE_MM) + _beside_mm(left)
+
+
+def _answered(left: _State, now: PlaceSpot) -> bool:
+    """Whether a look at a place shows what was left at a spot."""
+    return left.spot is not None and _apart_mm(left.spot, now) + _beside_mm(left) < AT_PLACE_MM + now.tolerance_mm
+
+
+def _beside_mm(left: _State) -> float:
+    """How far from a spot what was left there may lie."""
+    return AT_PLACE_MM if left.status is PlaceStatus.OFF else 0.0
+
+
+def _apart_mm(left: _Spot, now: PlaceSpot) -> float:
+    return float(np.linalg.norm(np.array(left.middle_mm) - now.middle_mm))

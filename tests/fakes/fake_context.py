@@ -108,6 +108,10 @@ class FakeCycle:
         self.told.append(f"locate {label}")
         return self.located
 
+    async def held_here(self) -> Any:
+        self.told.append("held here")
+        return "cube", self.located
+
     async def look_at_places(self, goals: Any) -> None:
         self.told.append(f"look at {', '.join(goal.place.name for goal in goals)}")
 

@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 
 from daemon import frames
-from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceTable, goal_of
+from daemon.pick.placing import Goal, PlaceTable, goal_of
 from daemon.store.place_file import FILE, Manner, Place, load_places
-from daemon.store.place_status import FILLABLE, PlaceStatus, PlaceStatuses
+from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.world import PartPlace, PlacedPart, World
 from tests.fakes.outlive import Beside, Ways

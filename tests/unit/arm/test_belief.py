@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm.belief import VOIDS, Belief, Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent, voided
+from daemon.arm.belief import VOIDS, Belief, Beliefs, BeliefSource, CellBelief, HeldPart, Reading, VoidingEvent, voided
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover
@@ -20,6 +20,7 @@ from tests.fakes.fake_cell import HEAD_DOWN, World, build, permitted
 
 FACTS = [field.name for field in fields(CellBelief)]
 LOAD = (Capsule("a part", "tool", (0.0, 0.0, 0.0), (0.0, 0.0, 30.0), 20.0),)
+HELD = HeldPart("cube", np.eye(4), np.eye(6))
 READING = Reading(np.eye(4), np.zeros(6))
 NEAR = frames.perturb(HEAD_DOWN, np.array([30.0, 0, 0, 0, 0, 0]))
 
@@ -33,6 +34,7 @@ def everything(holding: bool = True) -> CellBelief:
         "tool": np.eye(4),
         "closed": holding,
         "holding": holding,
+        "held": HELD,
         "load": LOAD,
     }
     return CellBelief(**{name: Belief(value, BeliefSource.COMMANDED, 1.0) for name, value in values.items()})
@@ -49,15 +51,15 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
     ("change", "lost"),
     [
         (VoidingEvent.MOVE_BEGUN, PLACE),
-        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding", "load"}),
-        (VoidingEvent.GRIPPER_OPENS, {"closed", "holding"}),
+        (VoidingEvent.GRIPPER_CLOSES, {"closed", "holding", "held", "load"}),
+        (VoidingEvent.GRIPPER_OPENS, {"closed", "holding", "held"}),
         (VoidingEvent.STOPPED, CONTROLLER),
         (VoidingEvent.FAULT_CLEARED, CONTROLLER),
         (VoidingEvent.RECONNECTED, CONTROLLER | {"turned"}),
         (VoidingEvent.RESTARTED, set(FACTS)),
         (VoidingEvent.OPERATOR_TYPED, CONTROLLER),
         (VoidingEvent.TURN_TYPED, {"turned"}),
-        (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "load"}),
+        (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "held", "load"}),
         (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
         (VoidingEvent.OTHERS_TYPED, set(FACTS)),
     ],
@@ -82,7 +84,7 @@ def test_whatever_changes_follow_one_another_nothing_becomes_known_by_them(chang
     for change in changes:
         before, belief = unknown(belief), voided(belief, change)
         assert before <= unknown(belief)
-        assert not (unknown(belief) - before - VOIDS[change] - {"holding"})
+        assert not (unknown(belief) - before - VOIDS[change] - {"holding", "held"})
 
 
 def test_an_opening_gripper_that_is_believed_empty_stays_empty():
@@ -142,11 +144,13 @@ def test_what_did_not_begin_is_undone_but_nothing_that_was_learnt_or_voided_mean
 def mover_in(world: World) -> Mover:
     mover = permitted(Mover(build(world), Limits(), Arrival()))
     asyncio.run(mover.rest())
-    mover.beliefs.learn(BeliefSource.COMMANDED, tool=np.eye(4), closed=True, holding=True, load=LOAD)
+    mover.beliefs.learn(BeliefSource.COMMANDED, tool=np.eye(4), closed=True, holding=True, held=HELD, load=LOAD)
     return mover
 
 
-@pytest.mark.parametrize(("closes", "lost"), [(True, {"closed", "holding", "load"}), (False, {"closed", "holding"})])
+@pytest.mark.parametrize(
+    ("closes", "lost"), [(True, {"closed", "holding", "held", "load"}), (False, {"closed", "holding", "held"})]
+)
 def test_while_the_gripper_works_and_after_it_failed_nobody_knows_what_it_holds(closes, lost):
     world = World(np.random.default_rng(0))
     mover, during = mover_in(world), []
@@ -212,7 +216,14 @@ def supervised() -> Supervisor:
     supervisor = Supervisor(build(World(np.random.default_rng(0))), Limits(), Arrival(), lambda _: None)
     supervisor.enable()
     supervisor.mover.beliefs.learn(
-        BeliefSource.COMMANDED, position=READING, turned=READING, tool=np.eye(4), closed=False, holding=True, load=LOAD
+        BeliefSource.COMMANDED,
+        position=READING,
+        turned=READING,
+        tool=np.eye(4),
+        closed=False,
+        holding=True,
+        held=HELD,
+        load=LOAD,
     )
     return supervisor
 

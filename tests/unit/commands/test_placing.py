@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.commands import every_command
+from daemon.commands import every_command, placing
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.pick.placing import PlaceTable
 from daemon.store.place_file import FILE, PatternEntry, PlaceEntry, load_places, with_place, write_places
@@ -94,6 +94,52 @@ def test_a_place_is_taught_where_the_part_lies_flat_on_the_table(context: Any) -
     assert "place clear slot" in answer.text
 
 
+def test_a_place_is_taught_by_the_part_in_the_gripper(context: Any) -> None:
+    """It is not filled yet, and not free either: the part is above it."""
+    context.cycle.located = frames.rigid(np.eye(3), np.array([450.0, 100.0, -274.6]))
+    answer = say(context, "place teach slot here")
+    assert answer.status == 0, answer.text
+    assert context.cycle.told == ["held here"]
+    place = context.cycle.placing.places.named("slot")
+    assert place.part == "cube"
+    assert place.frame_from_part[:3, 3] == pytest.approx([450.0, 100.0, -275.0], abs=0.01)
+    assert context.cycle.placing.statuses.of("slot").status is PlaceStatus.CLAIMED
+    assert "slot is where the cube is in the gripper" in answer.text
+
+
+def test_a_place_that_moved_is_told_and_to_be_looked_at(context: Any) -> None:
+    statuses, path = context.cycle.placing.statuses, context.config.places_file
+    for status in (PlaceStatus.CLAIMED, PlaceStatus.SET, PlaceStatus.RIGHT):
+        statuses.put("nest", status)
+    moved = tuple((*row[:3], row[3] + 30.0 * (k == 0)) for k, row in enumerate(POSE))
+    write_places(path, with_place(load_places(path), "nest", PlaceEntry(part="cube", pose=moved)))  # type: ignore[arg-type]
+    asyncio.run(context.reload("x"))
+    answer = say(context, "place show nest")
+    assert "to be looked at, it was seen right 30.0 mm from where it is now" in " ".join(answer.text.split())
+    assert "place nest: it was seen right 30.0 mm from where it is now" in context.troubles.active["places"]
+    assert "place check" in context.troubles.active["places"]
+    assert sorted(say(context, "place check").data["places"]) == ["nest", "other"], "both were meant for one spot"
+    say(context, "place clear all", FakeFrontend(answers=["y"]))
+    assert "places" not in context.troubles.active
+
+
+def test_a_kill_while_a_place_is_taught_leaves_no_place_that_counts_as_free(
+    context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context.cycle.located = np.array(POSE)
+    path = context.config.places_file
+
+    def killed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(placing, "write_places", killed)
+    with pytest.raises(KeyboardInterrupt):
+        say(context, "place teach slot cube")
+    write_places(path, with_place(load_places(path), "slot", PlaceEntry(part="cube", pose=POSE)))
+    asyncio.run(context.reload("x"))
+    assert context.cycle.placing.statuses.of("slot").status is PlaceStatus.RIGHT
+
+
 def test_a_place_that_is_taught_again_keeps_its_manner(context: Any) -> None:
     entry = PlaceEntry(part="cube", pose=POSE, tolerance_mm=0.4, approach_mm=90.0)
     asyncio.run(context.reload("x"))
@@ -167,6 +213,7 @@ def test_parts_say_where_they_go_and_status_counts_places(context: Any) -> None:
         ("place check shelf", "shelf: no such place"),
         ("place clear", "place or pattern is missing"),
         ("place teach slot", "PART is missing"),
+        ("place teach slot here now", "now: one word too many"),
         ("place teach Slot cube", "a place's name is small letters"),
         ("place teach all cube", "a place's name is small letters"),
         ("place teach slot bracket", "bracket: no such part"),

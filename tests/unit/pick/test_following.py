@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following
-from daemon.pick.following import CameraMount, came_back_empty, fitted, held_pose, in_hand, left_hand
+from daemon.pick.following import CameraMount, came_back_empty, farthest_mm, fitted, held_pose, in_hand, left_hand
 from daemon.pick.looking import Taken
-from daemon.pick.pose_fusion import Doubt
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact
 from daemon.vision.refine import Fit
@@ -25,6 +27,7 @@ from drivers.simcell.cell import SimulatedCell
 from drivers.simcell.parts import part_shape
 from drivers.simcell.rigid import rigid, turn
 from drivers.simcell.world import PartPlace
+from tests.fakes.fake_cell import shape_of
 from tests.fakes.solids import CUBE, measured, pose
 
 ETC = folders.HOUSE / "etc"
@@ -162,16 +165,17 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     doubt = Doubt(0.0, 0.0, 0.0, 0.0, 0.0)
     fit = Fit(frames.inverse(tool_from_cyclopean) @ seen, tight, 0.1, 9)
     found: list[Any] = []
-    monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, reach: found.append(near) or fit)
+    monkeypatch.setattr(following, "by_edges", lambda shape, taken, near, reach: found.append((near, reach)) or fit)
     target: Any = SimpleNamespace(
-        shape=None, tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
+        label="cube", shape=shape_of("cube"), tool_from_part=grasped_at, estimate=SimpleNamespace(covariance=loose),
         plan=SimpleNamespace(grasp=SimpleNamespace(world_from_tool=np.eye(4))),
     )  # fmt: skip
     look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)))
     mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
     held = held_pose(target, look, mount, doubt)
     assert held is not None
-    np.testing.assert_allclose(found[0], frames.inverse(tool_from_cyclopean) @ grasped_at)
+    np.testing.assert_allclose(found[0][0], frames.inverse(tool_from_cyclopean) @ grasped_at)
+    assert found[0][1] == pytest.approx(farthest_mm(target.shape, grasped_at, loose))
     np.testing.assert_allclose(held.seen, seen, atol=1e-9)
     assert held.chi2 == pytest.approx(mm**2 / 1.01 + np.radians(deg) ** 2 / 1.01e-4, rel=0.05)
     shift, turned = frames.size(frames.difference(held.pose, grasped_at))
@@ -182,3 +186,17 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     assert held_pose(target, look, replace(mount, alone="left"), doubt) is None
     target.estimate = None
     assert held_pose(target, look, mount, doubt) is None
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).filter(any), st.floats(0.1, 2.0), st.floats(0.05, 1.0))
+def test_edges_are_sought_as_far_off_as_a_pose_may_err_and_no_farther(
+    direction: list[float], mm: float, deg: float
+) -> None:
+    """Of all motions of the same chi-square none takes a corner farther, and one takes it nearly as far."""
+    shape, near = shape_of("cube"), frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0]))
+    sigmas = np.array([mm] * 3 + [np.radians(deg)] * 3)
+    reach_mm = farthest_mm(shape, near, np.diag(sigmas**2))
+    motion = sigmas * np.array(direction) / np.linalg.norm(direction) * np.sqrt(CHI_SQUARE_6)
+    moved = frames.point_motion(shape.corners_mm) @ motion
+    assert np.linalg.norm(moved, axis=1).max() <= reach_mm * (1 + 1e-9)
+    assert reach_mm >= mm * np.sqrt(CHI_SQUARE_6)

@@ -16,7 +16,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm import BeliefSource, RefusedError, carried_part
+from daemon.arm import BeliefSource, HeldPart, RefusedError, carried_part
 from daemon.arm.guard import Refusal
 from daemon.arm.motion import MoveRefusedError
 from daemon.events.pick_order import PickOrder
@@ -24,13 +24,13 @@ from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import HeldPose
 from daemon.pick.looking import Look
-from daemon.pick.placing import AT_PLACE_MM, Goal, PlaceTable, goal_of
+from daemon.pick.placing import Goal, PlaceTable, goal_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickState
 from daemon.store.place_file import CellPlaces, Manner, Place
-from daemon.store.place_status import FILLABLE, PlaceStatus, PlaceStatuses
+from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import cycle_of, one_part, shape_of
 
@@ -289,6 +289,72 @@ def test_where_a_part_lies_is_found_by_looks_that_show_its_edges(
     np.testing.assert_allclose(pose[:3, 3], story.fake.lying["cube"][:3, 3], atol=3.0)
     with pytest.raises(RefusedError, match="0 parts show as pyramid"):
         asyncio.run(story.cycle.locate("pyramid"))
+
+
+def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    story = Story(tmp_path)
+    fake, beliefs, here = story.fake, story.cycle.beliefs, story.cycle.held_here
+    grasped = frames.rigid(np.eye(3), np.array([0.0, 0.0, 20.0]))
+    chi2, seen = 1.0, frames.rigid(np.eye(3), np.array([0.3, 0.0, 20.2]))
+
+    def refused(why: str) -> None:
+        with pytest.raises(RefusedError, match=why):
+            asyncio.run(here())
+
+    refused("facetd has grasped no part that is in the gripper")
+    beliefs.learn(BeliefSource.COMMANDED, holding=True, held=HeldPart("cube", grasped, np.eye(6)))
+    refused("the edges of the cube do not show clearly in the gripper")
+    monkeypatch.setattr(set_down, "held_by_edges", lambda *_: HeldPose(seen, seen, chi2))
+    fake.records.clear()
+    label, pose = asyncio.run(here())
+    assert label == "cube"
+    np.testing.assert_allclose(pose, fake.at @ seen, atol=1e-9)
+    assert not fake.said("move")
+    chi2 = CHI_SQUARE_6 + 1.0
+    refused("the cube is not held as it was grasped")
+    chi2, asked = 1.0, []
+
+    def nudge(act: str) -> None:
+        asked.append(act)
+        if asked.count("where") == 2:
+            fake.at = fake.at.copy()
+            fake.at[0, 3] += 5.0
+
+    fake.before = nudge
+    refused("keep the arm still, then repeat")
+    fake.before = lambda act: None
+    beliefs.learn(BeliefSource.COMMANDED, held=HeldPart("bolt", grasped, np.eye(6)))
+    refused("the bolt in the gripper is no longer taught")
+    beliefs.learn(BeliefSource.OPERATOR, holding=False, held=None)
+    refused("facetd has grasped no part")
+
+
+def test_a_place_that_has_moved_is_looked_at_before_a_part_is_brought_there(tmp_path: Path) -> None:
+    story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0),))
+    assert story.pick().outcome == "picked"
+    story.fake.lying.clear()
+    story.fake.put("cube", 520, 0, 0.4)
+    moved = (nest(at=(430.0, -180.0, -300.0), tolerance_mm=4.0, tolerance_deg=4.0),)
+    story.cycle = story.new_cycle(moved)
+    assert story.cycle.placing.status("nest") is PlaceStatus.TO_LOOK_AT
+    story.fake.records.clear()
+    story.pick()
+    purposes = [record["purpose"] for record in story.fake.said("look")]
+    assert purposes[0] == "place nest"
+    assert story.statuses()[:2] == ["free", "claimed"]
+
+
+def test_a_place_that_moved_out_of_reach_is_left_alone(tmp_path: Path) -> None:
+    story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0), nest("other", (430.0, 220.0, -300.0))))
+    statuses = story.cycle.placing.statuses
+    statuses.put("other", PlaceStatus.CLAIMED)
+    far = (story.places[0], nest("other", (2430.0, 220.0, -300.0)))
+    story.cycle = story.new_cycle(far)
+    assert story.pick().outcome == "picked"
+    assert story.cycle.placing.status("other") is PlaceStatus.TO_LOOK_AT
+    assert any("left alone" in record["text"] for record in story.fake.said("decision"))
 
 
 @pytest.mark.parametrize(("open_to", "told"), [(2, None), (9, "kept_out: place 2")])
