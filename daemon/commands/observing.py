@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.commands.ascii_sketch import COLUMNS, sketch
-from daemon.commands.placing import counted, destinations
+from daemon.commands.placing import counted, destinations, each_place
 from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
@@ -75,6 +75,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),
         "places": places,
+        "each_place": each_place(context),
         "signals": signal_levels(context),
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),

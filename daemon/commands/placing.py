@@ -196,12 +196,20 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     else:
         placing.statuses.put(name, PlaceStatus.RIGHT, 0.0, 0.0, "it lay there as the place was taught", spot)
     await _written(context, frontend, with_place(placing.places, name, entry))
+    status = context.cycle.placing.statuses.of(name).status
+    _recorded(context, name, label, status, f"taught by {frontend.who}")
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
     lies = "is in the gripper" if held else "lies"
     return CommandResult(
         f"{name} is where the {label} {lies}, {_at(middle)}. When you take it away: `place clear {name}`.",
         {"place": name, "world_from_part": pose.tolist()},
     )
+
+
+def _recorded(context: CommandContext, name: str, label: str, status: PlaceStatus, why: str) -> None:
+    goal = context.cycle.placing.goals.get(name)
+    outline = None if goal is None else goal.outline
+    context.log.record("place", place=name, label=label, status=str(status), why=why, outline=outline)
 
 
 def _at(point: Array) -> str:
@@ -227,7 +235,7 @@ async def _clear(context: CommandContext, words: list[str], frontend: Frontend) 
     for name in names:
         context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)
         label = next(one.part for one in context.cycle.placing.places.places if one.name == name)
-        context.log.record("place", place=name, label=label, status=str(PlaceStatus.EMPTIED), why=f"by {frontend.who}")
+        _recorded(context, name, label, PlaceStatus.EMPTIED, f"by {frontend.who}")
     return CommandResult(f"{plural(len(names), 'place')} emptied by hand: parts are brought there again.")
 
 
@@ -289,6 +297,24 @@ def counted(context: CommandContext) -> dict[str, int]:
         status = str(placing.statuses.of(name).status)
         found[status] = found.get(status, 0) + 1
     return found
+
+
+def each_place(context: CommandContext) -> list[dict[str, object]]:
+    """Every place whose part is taught, as the dashboard draws it: name, part, status, how far off, outline from above
+    (mm, world)."""
+    placing = context.cycle.placing
+    states = {name: placing.statuses.of(name) for name in placing.goals}
+    return [
+        {
+            "name": name,
+            "part": goal.place.part,
+            "status": str(states[name].status),
+            "off_mm": states[name].off_mm,
+            "off_deg": states[name].off_deg,
+            "outline": goal.outline,
+        }
+        for name, goal in placing.goals.items()
+    ]
 
 
 HANDLERS = {"show": _show, "check": _check, "teach": _teach, "clear": _clear, "drop": _drop}

@@ -17,7 +17,7 @@ from daemon.review.space import is_arrival, joints_over, moments_of, space_of, w
 Json = dict[str, Any]
 SHOWN = (
     *("state", "doing", "target", "stop", "fault", "pending", "enabled", "paused", "auto"),
-    *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "up_s"),
+    *("picked", "tried", "failed", "aborted", "cell", "model", "troubles", "each_place", "up_s"),
 )
 """Fields of the daemon's status on the page."""
 STARTED = ("name", "cell", "version", "utc_offset_s", "limits", "config", "arm")

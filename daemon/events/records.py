@@ -435,6 +435,7 @@ class PlaceChanged(CycleRecord, kw_only=True):
     tolerance_mm: Annotated[Number, meaning("how far off it may be", "mm")] = None
     tolerance_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     why: Annotated[Text, meaning("in words")] = None
+    outline: Annotated[Points, meaning("the part's corners at the place from above, anticlockwise, world", "mm")] = None
 
 
 class SignalChanged(EventRecord, kw_only=True):

@@ -63,6 +63,11 @@ class Goal:
         return frames.apply(self.poses[0], self.shape.corners_mm)
 
     @property
+    def outline(self) -> list[list[float]]:
+        """From above: (x, y) world mm of its corners, anticlockwise."""
+        return outline_of(self.corners[:, :2])
+
+    @property
     def spot(self) -> PlaceSpot:
         """Where its status is kept of."""
         return spot_of(self.place.manner, self.shape, self.poses[0])
@@ -112,6 +117,27 @@ def goal_of(place: Place, shape: Polyhedron) -> Goal:
         raise PartPlaceError(f"{place.part} would not lie flat there: was it taught anew since? teach the place again")
     level_mm = float(heights[0])
     return Goal(place, shape, tuple(pose @ motion for motion in motions), level_mm)
+
+
+def outline_of(points: Array) -> list[list[float]]:
+    """The convex hull of (N, 2), anticlockwise. Source: Andrew, Another efficient algorithm for convex hulls in two
+    dimensions, Information Processing Letters 9, 1979."""
+    ordered = sorted({(round(float(x), 1), round(float(y), 1)) for x, y in points})
+
+    def chain(some: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        kept: list[tuple[float, float]] = []
+        for x, y in some:
+            while len(kept) > 1 and _turn(*kept[-2], *kept[-1], x, y) <= 0.0:
+                kept.pop()
+            kept.append((x, y))
+        return kept[:-1]
+
+    return [list(each) for each in (*chain(ordered), *chain(ordered[::-1]))]
+
+
+def _turn(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Positive where a, b, c turn to the left."""
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 def spot_of(manner: Manner, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:

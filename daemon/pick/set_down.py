@@ -347,4 +347,5 @@ def _note(
         tolerance_mm=place.manner.tolerance_mm,
         tolerance_deg=place.manner.tolerance_deg,
         why=why,
+        outline=goal.outline,
     )

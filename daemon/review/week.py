@@ -16,6 +16,7 @@ from daemon.review.digest import Digest
 from daemon.review.measures import number
 from daemon.review.page import WEEK, render, run_time, write_page
 from daemon.review.production import median_of, production, remedies
+from daemon.review.set_downs import placing_figures, set_downs
 from daemon.store.files import write_atomically
 from daemon.store.runs import RunError, list_runs
 
@@ -63,6 +64,7 @@ def week_data(runs: Sequence[Digest], links: Sequence[str]) -> Json:
         "production": done,
         "definition": DEFINITION,
         "remedies": remedies(done),
+        "placing": placing_figures([made for run in runs for made in set_downs(run)]),
         "stop_deg": DriftSettings().stop_deg,
         "runs": [run_json(run) | {"link": link} for run, link in zip(runs, links, strict=True)],
     }

@@ -25,6 +25,9 @@ function draw(now) {
     by("look-name").replaceChildren("Last look", ...(now.look ? [`: ${now.look.purpose}, `, time(now.look.t, offset)] : []));
     by("look").replaceChildren(...(now.look ? [eyes(now.look, (eye) => (now.eyes.includes(eye) ? `/picture/${now.look.seq}/${eye}?run=${encodeURIComponent(now.run)}` : null))] : [el("p", { class: "dim" }, "none yet")]));
   }
+  const places = (daemon && daemon.each_place) || [];
+  by("places").hidden = !places.length;
+  by("places-body").replaceChildren(...[placesDrawing(places)].filter(Boolean));
   const limit = (start.limits || {}).grasp_mm, points = now.approach.map((e) => [e.look, e.mm]);
   by("approach").replaceChildren(...[now.approach.length ? chart(`${now.approach[0].label}: predicted error at the grasp`, [{ name: "", points }],
     { x: "look at the part", y: "mm", limit, xs: points.map((p) => p[0]) }) : el("p", { class: "dim" }, "no part is being approached")].filter(Boolean));

@@ -265,6 +265,28 @@ function lookView(stop) {
     el("details", {}, el("summary", {}, "measures and times"), el("p", { class: "dim" }, measures), el("p", { class: "dim" }, Object.entries(stop.seconds).map(([k, v]) => `${k.replaceAll("_", " ")} ${Math.round(1000 * v)} ms`).join(", "))));
 }
 
+// ---- places: as they were last, how exactly parts came there, and each set-down with its pictures
+if (data.places.last.length) {
+  const every = new Map(data.cycles.flatMap((c) => c.stops.map((s) => [s.seq, s])));
+  const picture = (seq, name) => {
+    if (!known(seq) || !every.has(seq)) return el("div", { class: "eye" }, el("div", { class: "none" }, `${name}: no look`));
+    pictures = pictures || JSON.parse(by("pictures").textContent);
+    return el("div", {}, eyeView(every.get(seq), "left", "l", pictures[`${seq}-left`]), el("small", {}, name));
+  };
+  const bar = (value, limit, unit) => el("div", { class: "deviation" }, el("span", {}, known(value) ? `${number(value)} of ${number(limit)} ${unit}` : `not seen, ${unit}`),
+    el("i", { class: known(value) && value <= limit ? "good" : "bad", style: `width:${known(value) ? Math.min(100, 100 * value / limit) : 0}%` }));
+  const card = (m) => el("figure", { class: "set-down" },
+    el("figcaption", {}, `${m.place}: ${m.label} `, el("span", { class: `o ${m.status === "seen right" ? "picked" : m.status === "set" ? "" : "missed"}` }, m.status), " ", el("a", { href: "#cycle", onclick: () => open(m.cycle) }, `cycle ${m.cycle}`)),
+    el("div", { class: "pair" }, picture(m.before, "before: in the gripper"), picture(m.after, "after: at its place")),
+    bar(m.off_mm, m.tolerance_mm, "mm"), bar(m.off_deg, m.tolerance_deg, "degrees"), m.status === "seen right" ? null : el("p", { class: "warn" }, m.why));
+  const cards = el("div", { class: "set-downs" }), made = data.places.made.slice().reverse();
+  const more = (count) => { cards.append(...made.splice(0, count).map(card)); rest.hidden = !made.length; rest.textContent = `show ${plural(made.length, "earlier set-down")}`; };
+  const rest = el("button", { type: "button", onclick: () => more(24) });
+  by("places").hidden = false;
+  by("places-body").append(el("div", { class: "charts" }, ...[placesDrawing(data.places.last), placingTable(data.places.figures)].filter(Boolean)), cards, rest);
+  more(12);
+}
+
 // ---- events, other looks
 const WARNED = ["fault", "refusal", "gap", "uncounted"];
 const eventRows = data.events.map((e) => el("tr", {},

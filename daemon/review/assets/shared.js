@@ -124,6 +124,34 @@ function eyeView(look, eye, key, source) {
   return box;
 }
 
+// ---- places from above: the outline of each part in its place, in the colour of its status, with a sign for it
+const PLACE_SIGNS = { "seen right": "✓", off: "✗", missing: "✗", set: "?", claimed: "?", "to be looked at": "?" };
+function placesDrawing(places) {
+  const drawn = places.filter((p) => p.outline && p.outline.length);
+  if (!drawn.length) return null;
+  const all = drawn.flatMap((p) => p.outline), side = (k) => [Math.min(...all.map((q) => q[k])), Math.max(...all.map((q) => q[k]))];
+  const [left, right] = side(0), [low, high] = side(1), room = 8 + 0.04 * Math.max(right - left, high - low);
+  const layer = svg("svg", { viewBox: `${left - room} ${-high - room} ${right - left + 2 * room} ${high - low + 2 * room}`, role: "img", class: "places" });
+  for (const p of drawn) {
+    const name = `place ${(PLACE_SIGNS[p.status] || "") === "✓" ? "right" : PLACE_SIGNS[p.status] === "✗" ? "wrong" : PLACE_SIGNS[p.status] ? "unsure" : "empty"}`;
+    const group = svg("g", { class: name }), x = p.outline.reduce((s, q) => s + q[0], 0) / p.outline.length, y = p.outline.reduce((s, q) => s + q[1], 0) / p.outline.length;
+    const size = Math.max(6, Math.min(...[0, 1].map((k) => Math.max(...p.outline.map((q) => q[k])) - Math.min(...p.outline.map((q) => q[k])))) / 3);
+    group.append(svg("title", {}, `${p.name}: ${p.part}, ${p.status}${known(p.off_mm) ? `, ${number(p.off_mm)} mm and ${number(p.off_deg)} degrees off` : ""}`),
+      svg("polygon", { points: p.outline.map(([px, py]) => `${px},${-py}`).join(" ") }),
+      svg("text", { x, y: -y, "text-anchor": "middle", "font-size": size }, PLACE_SIGNS[p.status] || ""),
+      svg("text", { x, y: -y + size, "text-anchor": "middle", "font-size": 0.8 * size }, p.name.split(".").pop()));
+    layer.append(group);
+  }
+  const count = {};
+  for (const p of places) count[p.status] = (count[p.status] || 0) + 1;
+  const told = Object.entries(count).map(([status, n]) => `${n} ${status}${PLACE_SIGNS[status] ? ` ${PLACE_SIGNS[status]}` : ""}`).join(", ");
+  return el("figure", { class: "drawing" }, el("figcaption", {}, "Places from above, x to the right, y up"), layer, el("p", { class: "dim" }, told));
+}
+// How exactly parts came to lie at their places; a pattern before its places.
+const placingTable = (rows) => el("div", { class: "wide" }, el("table", { class: "placing stacked" }, el("thead", {}, el("tr", {}, ...["part", "place", "seen right", "median mm", "95 % mm", "median °", "95 % °"].map((name, k) => el("th", { class: k > 2 ? "num" : null }, name)))),
+  el("tbody", {}, ...rows.map((r) => el("tr", { class: r.place.includes(".") ? "one-of" : null }, el("td", {}, r.part), el("td", {}, r.place), el("td", { class: r.right < r.looked_at ? "o" : null }, `${r.right} of ${r.looked_at}`),
+    ...[["median_mm", "median mm"], ["p95_mm", "95 % mm"], ["median_deg", "median °"], ["p95_deg", "95 % °"]].map(([key, name]) => el("td", { class: "num", "data-name": name }, number(r[key]))))))));
+
 // ---- a line over time: points are [x, y or null], x and y in the chart's own units; where nothing is for longer
 // than `gap` of the width, the line is broken
 function curve(points, [x0, x1], [y0, y1], width, height, gap = Infinity) {

@@ -36,6 +36,11 @@ by("trends").append(...[
   trend("Edge width (focus), median", "px", ["left", "right"].map((eye) => [eye, (r) => r.focus_px[eye]]), 1.5),
 ].filter(Boolean));
 
+if (data.placing.length) {
+  by("placing").hidden = false;
+  by("placing-body").append(placingTable(data.placing));
+}
+
 const columns = ["run", "picked", "per hour", "cycle time", "error mm", "causes of stops", "model"];
 by("table").tHead.append(el("tr", {}, ...columns.map((name) => el("th", {}, name))));
 by("table").tBodies[0].append(...runs.map((r) => el("tr", { onclick: () => { window.location.href = r.link; } },

@@ -101,6 +101,42 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     made.close()
 
 
+def test_a_person_watches_a_tray_fill(port: int, tmp_path: Path, browser: Any, do: Callable[[Any], None]) -> None:
+    made = MadeRun(tmp_path / "20260101T000000Z", pictures=False)
+    made.log.settle()
+    daemon = StatusDaemon(tmp_path / "sock", made.folder)
+    tray = [
+        {"name": f"tray.{k}", "part": "cube", "status": "free", "off_mm": None, "off_deg": None,
+         "outline": [[90.0 * k, 0.0], [90.0 * k + 50, 0.0], [90.0 * k + 50, 50.0], [90.0 * k, 50.0]]}
+        for k in range(1, 13)
+    ]  # fmt: skip
+    do(daemon.open())
+    browser.get(f"http://127.0.0.1:{port}/")
+    until(lambda: "idle" in browser.find_element("tag name", "body").text)
+    assert not browser.find_element("id", "places").is_displayed(), "the cell has no places"
+
+    def drawn() -> Any:
+        return browser.execute_script(
+            "return [...document.querySelectorAll('g.place')].map((g) => g.getAttribute('class'))"
+        )
+
+    daemon.status["each_place"] = tray
+    until(lambda: drawn() == ["place empty"] * 12)
+    daemon.status["each_place"] = [
+        {**tray[0], "status": "seen right"},
+        {**tray[1], "status": "off"},
+        {**tray[2], "status": "to be looked at"},
+        *tray[3:],
+    ]
+    until(lambda: drawn() == ["place right", "place wrong", "place unsure", *["place empty"] * 9])
+    assert "1 seen right ✓" in browser.find_element("id", "places").text
+    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert browser.get_log("browser") == [], "the page's policy lets all of it be drawn"
+    browser.get("about:blank")
+    do(daemon.close())
+    made.close()
+
+
 def test_a_person_sees_the_arm_move_in_space(
     port: int, tmp_path: Path, browser: Any, do: Callable[[Any], None]
 ) -> None:

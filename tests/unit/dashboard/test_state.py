@@ -47,3 +47,13 @@ def test_a_status_that_says_the_same_is_no_change() -> None:
     assert now.version == before
     now.answered(None)
     assert now.version > before
+
+
+def test_a_place_whose_status_changes_is_news() -> None:
+    now = DashboardState()
+    place = {"name": "nest", "part": "cube", "status": "free", "off_mm": None, "off_deg": None, "outline": [[0, 0]]}
+    now.answered({"state": "idle", "each_place": [place]})
+    before = now.version
+    now.answered({"state": "idle", "each_place": [{**place, "status": "seen right"}]})
+    assert now.version > before
+    assert now.json()["daemon"]["each_place"][0]["status"] == "seen right"

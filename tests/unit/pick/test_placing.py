@@ -17,6 +17,7 @@ from daemon.pick.placing import (
     fixture_boxes,
     flattened,
     goal_of,
+    outline_of,
     set_down_of,
     ways_to,
 )
@@ -176,3 +177,19 @@ def test_two_places_for_one_spot_and_layers_over_one_another_are_no_mistake() ->
     table = PlaceTable(CellPlaces(places=(place(name="a"), place(name="b"), lower, upper)))
     table.know({"cube": shape_of("cube")})
     assert not table.unusable
+
+
+@given(st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=3, max_size=20))
+def test_an_outline_holds_all_its_points_and_turns_to_the_left(points: list[tuple[int, int]]) -> None:
+    given_points = np.array(points, float)
+    outline = np.array(outline_of(given_points))
+    along = np.roll(outline, -1, axis=0) - outline
+    for start, edge in zip(outline, along, strict=True):
+        away = given_points - start
+        assert (edge[0] * away[:, 1] - edge[1] * away[:, 0] >= -1e-9).all()
+    assert {tuple(each) for each in outline.tolist()} <= {tuple(each) for each in given_points.tolist()}
+
+
+def test_the_outline_of_a_place_is_that_of_its_part_from_above() -> None:
+    outline = goal_of(place(heading_deg=0.0), shape_of("cube")).outline
+    assert sorted(outline) == [[475.0, -125.0], [475.0, -75.0], [525.0, -125.0], [525.0, -75.0]]
