@@ -23,6 +23,8 @@ FLOOR_BELOW_TABLE_MM = 700.0
 GRIPPER_REACH_MM = 130.0
 LIFTED_MM = 1.0
 """Lower than this a part still leans on the table."""
+TOUCH_MM = 0.1
+"""Parts that touch one another by no more than rounding do not overlap."""
 
 
 class PartPlace(Enum):
@@ -265,9 +267,7 @@ class World:
             part = self._parts[name]
             here = part.pose[:2, 3]
             others = [p for p in self._parts.values() if p.name != name and p.where is PartPlace.TABLE]
-            near = [
-                p for p in others if np.linalg.norm(p.pose[:2, 3] - here) < _reach_mm(p.shape) + _reach_mm(part.shape)
-            ]
+            near = [p for p in others if _overlap(p, part)]
             if not near:
                 return
             away = here - near[0].pose[:2, 3]
@@ -327,3 +327,15 @@ def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
 def _reach_mm(shape: PartShape) -> float:
     """Radius of the vertical cylinder about the centre of mass that contains the part in any pose."""
     return float(np.linalg.norm(shape.hull.vertices - shape.centre_of_mass, axis=1).max())
+
+
+def _overlap(one: PlacedPart, other: PlacedPart) -> bool:
+    """Whether two parts on the table overlap from above, as their hulls: no edge of either has them on its two sides.
+    Source: Gottschalk, Lin, Manocha, OBBTree, SIGGRAPH 1996 (separating axes)."""
+    points = [apply(part.pose, part.shape.hull.vertices)[:, :2] for part in (one, other)]
+    faces = [(at, list(face)) for part, at in zip((one, other), points, strict=True) for face in part.shape.hull.faces]
+    edges = np.concatenate([at[face] - np.roll(at[face], -1, axis=0) for at, face in faces])
+    edges = edges[np.linalg.norm(edges, axis=1) > TOUCH_MM]
+    across = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    a, b = (at @ across.T for at in points)
+    return bool(((a.max(axis=0) > b.min(axis=0) + TOUCH_MM) & (b.max(axis=0) > a.min(axis=0) + TOUCH_MM)).all())

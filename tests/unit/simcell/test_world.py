@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.simcell.parts import STRANGERS, TAUGHT, part_shape
-from drivers.simcell.rigid import apply, rigid, turn
+from drivers.simcell.rigid import apply, inverse, rigid, turn
 from drivers.simcell.world import PartPlace, World, settle
 from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool
 
@@ -103,7 +103,23 @@ def test_a_part_dropped_onto_another_slides_off_it() -> None:
     world.open_hand(tool(595.0, 0.0, -240.0))
     cube, pyramid = world.parts
     assert cube.where is PartPlace.TABLE
-    assert np.linalg.norm(cube.pose[:2, 3] - pyramid.pose[:2, 3]) > 60
+    assert np.linalg.norm(cube.pose[:2, 3] - pyramid.pose[:2, 3]) > 49.0
+
+
+@pytest.mark.parametrize(("apart_mm", "stays"), [(55.0, True), (20.0, False)])
+def test_a_part_that_is_set_down_close_beside_another_stays_where_it_was_set(apart_mm: float, stays: bool) -> None:
+    """Cubes of 50 mm side by side: circles round them overlap, and they do not."""
+    world = World(TRUTH)
+    world.stand("cube", 0, 520.0, 0.0, 0.0)
+    world.close_hand(tool(520.0, 0.0, -280.0))
+    held = world.held
+    assert held is not None
+    world.stand("cube", 0, 400.0, 0.0, 0.0)
+    lying = next(part for part in world.parts if part.name != held.name)
+    there = rigid(np.eye(3), [0.0, apart_mm, 0.0]) @ lying.pose
+    world.open_hand(there @ inverse(held.pose))
+    landed = next(part for part in world.parts if part.name == held.name)
+    assert bool(np.linalg.norm((landed.pose - there)[:2, 3]) < 0.5) is stays
 
 
 def test_a_part_let_go_beyond_the_table_is_on_the_floor() -> None:
