@@ -278,7 +278,7 @@ def test_a_fault_in_the_program_itself_is_an_answer_too_and_the_console_lives(co
     ["go hostop", "go home stop", "jog z 2STOP!", "hostop", "pick custop", "status stop", "robot monitor x stop."],
 )
 def test_a_stop_typed_behind_half_of_another_line_is_one(context: Any, text: str) -> None:
-    """In five of five tries the line was refused as a position that nobody knows, and the arm went on."""
+    """In four of four tries at a console no stop was typed to the controller: the line was refused as no position."""
     answer = say(context, text, FakeFrontend(may="look"))
     assert answer.text == "Stopped. Nothing moves until `resume`."
     assert context.cycle.told == ["stop by tester"]
