@@ -2,8 +2,8 @@
 vacuum switch at its word or lying.
 
 usage: python -m tests.bench.long.suction [COUNT [LIES [FIRST]]]
-COUNT: picks (20); LIES: picks with the switch stuck on, and as many with it stuck off (4); FIRST: the first seed (2,
-even seeds are for tuning).
+COUNT: picks of parts for which there is a grasp as they lie (20); LIES: picks of such with the switch stuck on, and as
+many with it stuck off (4); FIRST: the first seed (2; even seeds are for tuning, and every second one is taken).
 """
 
 from __future__ import annotations
@@ -35,21 +35,22 @@ def pick(seed: int, switch: str = "works") -> tuple[str, str, str]:
 
 def main(count: int, lies: int, first: int) -> None:
     """Print the table."""
-    seeds = range(first, first + 2 * count, 2)
     ends: Counter[str] = Counter()
-    for seed in seeds:
+    held: list[int] = []
+    seed = first
+    while len(held) < count:
         outcome, where, why = pick(seed)
         ends[f"{outcome}, in the {where}" if where else outcome] += 1
+        held += [] if outcome == "unreachable" else [seed]
         if (outcome, where) != ("picked", "bin"):
-            print(f"seed {seed}: {outcome}, in the {where}: {why}")
-    print(f"{count} picks: {'; '.join(f'{n} {what}' for what, n in ends.most_common())}")
-    tried = sum(n for what, n in ends.items() if not what.startswith("unreachable"))
-    print(f"picked {ends['picked, in the bin']} of {tried} for which there was a grasp")
+            print(f"seed {seed}: {outcome}, in the {where}: {why}", flush=True)
+        seed += 2
+    print(f"{ends.total()} parts: {'; '.join(f'{n} {what}' for what, n in ends.most_common())}")
+    print(f"picked {ends['picked, in the bin']} of {len(held)} for which there was a grasp")
     for switch in ("stuck on", "stuck off"):
-        some = [pick(seed, switch) for seed in seeds[:lies]]
-        some = [one for one in some if one[0] != "unreachable"]
+        some = [pick(seed, switch) for seed in held[:lies]]
         asked = sum(outcome == "fault" and "sensor" in why for outcome, _, why in some)
-        print(f"switch {switch}: asked about in {asked} of {len(some)}")
+        print(f"switch {switch}: asked about in {asked} of {len(some)}", flush=True)
 
 
 if __name__ == "__main__":
