@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from types import UnionType
 
+import msgspec
 import pytest
 
 from daemon import ctl, main
@@ -138,9 +139,8 @@ def keys_of(kind: object) -> dict[str, object]:
         for one in typing.get_args(kind):
             found.update(keys_of(one))
         return found
-    if not dataclasses.is_dataclass(kind):
+    if not isinstance(kind, type) or not (dataclasses.is_dataclass(kind) or issubclass(kind, msgspec.Struct)):
         return {}
-    assert isinstance(kind, type)
     return dict(typing.get_type_hints(kind, include_extras=True))
 
 
