@@ -200,10 +200,10 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     _recorded(context, name, label, status, f"taught by {frontend.who}")
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
     lies = "is in the gripper" if held else "lies"
-    return CommandResult(
-        f"{name} is where the {label} {lies}, {_at(middle)}. When you take it away: `place clear {name}`.",
-        {"place": name, "world_from_part": pose.tolist()},
-    )
+    told = f"{name} is where the {label} {lies}, {_at(middle)}. When you take it away: `place clear {name}`."
+    if why := context.cycle.placing.unusable.get(name):
+        told += f"\nIt cannot be used: {why}"
+    return CommandResult(told, {"place": name, "world_from_part": pose.tolist()})
 
 
 def _recorded(context: CommandContext, name: str, label: str, status: PlaceStatus, why: str) -> None:

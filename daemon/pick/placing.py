@@ -114,7 +114,9 @@ def goal_of(place: Place, shape: Polyhedron) -> Goal:
     motions = turns_onto_themselves((shape,), ALIKE_MM)[0].motions if place.manner.equivalents else [np.eye(4)]
     heights = np.sort(frames.apply(pose, shape.corners_mm)[:, 2])
     if heights[min(2, len(heights) - 1)] - heights[0] > FLAT_MM:
-        raise PartPlaceError(f"{place.part} would not lie flat there: was it taught anew since? teach the place again")
+        raise PartPlaceError(
+            f"{place.part} would not lie flat there: teach the place again, with the part on its support"
+        )
     level_mm = float(heights[0])
     return Goal(place, shape, tuple(pose @ motion for motion in motions), level_mm)
 

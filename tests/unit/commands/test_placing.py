@@ -105,6 +105,14 @@ def test_a_place_is_taught_by_the_part_in_the_gripper(context: Any) -> None:
     assert place.frame_from_part[:3, 3] == pytest.approx([450.0, 100.0, -275.0], abs=0.01)
     assert context.cycle.placing.statuses.of("slot").status is PlaceStatus.CLAIMED
     assert "slot is where the cube is in the gripper" in answer.text
+    assert "cannot be used" not in answer.text
+
+
+def test_a_place_taught_in_the_air_by_a_part_that_leans_is_said_to_be_of_no_use(context: Any) -> None:
+    turn = frames.rotation_from_vector(np.array([0.3, 0.0, 0.0]))
+    context.cycle.located = frames.rigid(turn, np.array([450.0, 100.0, -100.0]))
+    answer = say(context, "place teach slot here")
+    assert "It cannot be used: cube would not lie flat there: teach the place again" in answer.text
 
 
 def test_a_place_that_moved_is_told_and_to_be_looked_at(context: Any) -> None:
