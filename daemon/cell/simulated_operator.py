@@ -54,9 +54,7 @@ class SimulatedOperator:
 
     def switch_input(self, number: int, high: bool) -> None:
         """Switch a digital input of the controller."""
-        with self.cell.server.controller() as controller:
-            inputs = controller.machine.inputs
-            (inputs.add if high else inputs.discard)(number)
+        self.cell.switch_input(number, high)
 
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, modulo their number. Returns the view."""

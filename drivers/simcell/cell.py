@@ -99,6 +99,7 @@ class SimulatedCell:
         cup = self._settings.suction
         self.switch = "works" if cup is None else cup.switch
         """Whether the vacuum switch works, or is stuck on or off."""
+        self._closed_by_a_hand = False
         self._hold_checked_s = 0.0
         self._machine.before_input = self._vacuum_switch
         safety = self._settings.safety
@@ -231,13 +232,23 @@ class SimulatedCell:
         cup = self._settings.suction
         return finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
 
+    def switch_input(self, number: int, high: bool) -> None:
+        """Switch a digital input of the controller, as the line does; that of the vacuum by a hand that closes the
+        cup."""
+        cup = self._settings.suction
+        with self.server.controller() as controller:
+            if cup is not None and number == cup.switch_input:
+                self._closed_by_a_hand = high
+            (controller.machine.inputs.add if high else controller.machine.inputs.discard)(number)
+
     def _vacuum_switch(self) -> None:
         """Switch the input that the vacuum switch is wired to."""
         cup, machine = self._settings.suction, self._machine
         if cup is None:
             return
         self._watch_hold(machine.now_s)
-        on = self.switch == "stuck on" or (self.switch == "works" and self.world.held is not None)
+        closed = self._closed_by_a_hand or self.world.held is not None
+        on = self.switch == "stuck on" or (self.switch == "works" and closed)
         (machine.inputs.add if on else machine.inputs.discard)(cup.switch_input)
 
     def _watch_hold(self, now_s: float) -> None:
