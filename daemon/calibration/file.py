@@ -29,9 +29,9 @@ Rows = Sequence[Sequence[float]]
 class Quality(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
     """Quality of a calibration when it was made: rms px, rms mm and degrees; when and how it was made.
 
-    Of fixed cameras hand_eye_mm and hand_eye_deg are their error about about_mm (world); arm_mm and arm_deg, a standard
-    deviation per axis, how far the arm was from where it reported to be: it goes from one calibrated place to another
-    to grasp, and no camera comes with it.
+    hand_eye_mm and hand_eye_deg are over three axes, of fixed cameras about about_mm (world); arm_mm and arm_deg, a
+    standard deviation per axis, how far the arm was from where it reported to be: it goes from one calibrated place to
+    another to grasp, and no camera comes with it.
     """
 
     reprojection_px: float | None = None

@@ -90,11 +90,11 @@ def place_table(config: Config) -> PlaceTable:
 
 
 def doubt_of(quality: Quality, doubt: Doubt) -> Doubt:
-    """The standard deviations from the calibration's quality; where that is missing, the worst that pass
-    verification."""
+    """The standard deviations from the calibration's quality, whose hand-eye is over three axes; where that is missing,
+    the worst that pass verification."""
     return replace(
         doubt,
         pixels=EPIPOLAR_LIMIT_PX if quality.reprojection_px is None else quality.reprojection_px,
-        hand_eye_mm=WORST_MM if quality.hand_eye_mm is None else quality.hand_eye_mm,
-        hand_eye_deg=WORST_DEG if quality.hand_eye_deg is None else quality.hand_eye_deg,
+        hand_eye_mm=WORST_MM if quality.hand_eye_mm is None else quality.hand_eye_mm / sqrt(3),
+        hand_eye_deg=WORST_DEG if quality.hand_eye_deg is None else quality.hand_eye_deg / sqrt(3),
     )
