@@ -57,7 +57,7 @@ class _HoleHeader(msgspec.Struct, forbid_unknown_fields=True):
 
 class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
     facets: list[list[int]]
-    types: list[str]
+    types: list[Annotated[str, Meta(max_length=200)]]
     smooth: list[tuple[int, int]] = []
     covers: list[list[tuple[float, float, float]]] = []
     holes: list[_HoleHeader] = []
@@ -371,6 +371,8 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
         raise ValueError(f"{name}: a facet names a corner that does not exist")
     if len(facets) < 2 or any(len(set(f)) < 3 for f in facets) or len(header.types) != len(facets):
         raise ValueError(f"{name}: fewer than two facets, or one without three corners or a type")
+    if any((corners[list(f)] == corners[[*f[1:], f[0]]]).all(axis=1).any() for f in facets):
+        raise ValueError(f"{name}: a facet with two neighbouring corners at one place")
     if not (np.abs(corners).max(initial=0.0) <= LARGEST_MM and np.abs(covariance).max(initial=0.0) <= LARGEST_MM**2):
         raise ValueError(f"{name}: corners, or their uncertainty, beyond {LARGEST_MM:g} mm")
     if len(corners) and np.linalg.eigvalsh(covariance).min() < -1e-6:

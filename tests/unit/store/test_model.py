@@ -238,7 +238,7 @@ def _first_point(_: dict[str, Any], arrays: dict[str, Any]) -> None:
         (_other_first_part, "its views and its parts have different labels"),
         (_first_corners, "view1: corners, or their uncertainty, beyond"),
         (_first_without, "view0_corners_mm"),
-        (_first_point, "Singular matrix"),
+        (_first_point, "a facet with two neighbouring corners at one place"),
     ],
 )
 def test_of_the_version_before_as_well_what_its_checksum_fits_must_hold_together(
@@ -268,6 +268,14 @@ def _other_part(header: dict[str, Any], _: dict[str, Any]) -> None:
 
 def _flat_facet(header: dict[str, Any], _: dict[str, Any]) -> None:
     header["views"][0]["solid"]["facets"][0] = [0, 1, 1]
+
+
+def _a_side_of_no_length(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["solid"]["facets"][0] = [0, 1, 2, 0]
+
+
+def _endless_type(header: dict[str, Any], _: dict[str, Any]) -> None:
+    header["views"][0]["solid"]["types"][0] = "polygon" + 400 * "9"
 
 
 def _no_corners(_: dict[str, Any], arrays: dict[str, Any]) -> None:
@@ -337,6 +345,8 @@ def _ratios(header: dict[str, Any], _: dict[str, Any]) -> None:
         (_without_metric, "the number of corners is not that of its views and parts"),
         (_other_part, "its views and its parts have different labels"),
         (_flat_facet, "solid: fewer than two facets, or one without three corners"),
+        (_a_side_of_no_length, "a facet with two neighbouring corners at one place"),
+        (_endless_type, "Expected `str` of length <= 200"),
         (_no_corners, "solid: corners, or their uncertainty, beyond"),
         (_below_nothing, "solid: a covariance that is not positive semi-definite"),
         (_fewer_slots, "cube: a view's pattern does not match its facets"),
