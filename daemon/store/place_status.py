@@ -13,7 +13,7 @@ matter who edited places.yaml when.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -144,26 +144,18 @@ class PlaceStatuses:
         self.path = folder / FILE
         self._kept: _StatusFile | None = None
         self._spots: Mapping[str, PlaceSpot] = {}
+        self._states: Mapping[str, PlaceState] | None = None
+        """Of every name, by _kept and _spots; None until it is asked for."""
 
     def know(self, spots: Mapping[str, PlaceSpot]) -> None:
         """Take where the places are now, by name. Of a place without a spot what is on the disk counts."""
-        self._spots = spots
+        self._spots, self._states = spots, None
 
     def of(self, name: str) -> PlaceState:
         """What is known of a place. Raises PlaceStatusError."""
-        file, now = self._file(), self._spots.get(name)
-        state = file.places.get(name)
-        if now is None:
-            return PlaceState() if state is None else _told(state)
-        if state is not None and (moved := _moved(state, now)):
-            return PlaceState(PlaceStatus.TO_LOOK_AT, why=moved, at=state.at)
-        since = -1 if state is None else state.number
-        for left in self._left(file):
-            if left.number > since and _overlap(left, now):
-                part = "something" if left.spot is None else left.spot.part
-                why = f"a place that is no longer there was {left.status} here: {part} may lie here"
-                return PlaceState(PlaceStatus.TO_LOOK_AT, why=why, at=left.at)
-        return PlaceState() if state is None else _told(state)
+        if self._states is None:
+            self._states = _known(self._file(), self._spots)
+        return self._states.get(name, PlaceState())
 
     def put(
         self,
@@ -199,14 +191,6 @@ class PlaceStatuses:
         gone = [state for name, state in file.places.items() if name in names]
         self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *gone])
 
-    def _left(self, file: _StatusFile) -> Iterator[_State]:
-        """What may lie where no place of today answers for it: of places that are gone, and of those that moved."""
-        yield from file.left
-        for name, state in file.places.items():
-            now = self._spots.get(name)
-            if state.status not in FILLABLE and (now is None or _moved(state, now)):
-                yield state
-
     def _file(self) -> _StatusFile:
         if self._kept is None:
             self._kept = self._read()
@@ -236,7 +220,32 @@ class PlaceStatuses:
             write_atomically(self.path, msgspec.json.encode(file))
         except OSError as error:
             raise PlaceStatusError(f"{self.path}: not kept: {error.strerror or error}") from None
-        self._kept = file
+        self._kept, self._states = file, None
+
+
+def _known(file: _StatusFile, spots: Mapping[str, PlaceSpot]) -> dict[str, PlaceState]:
+    """What is known of every place that is on the disk or has a spot now."""
+    moved = {name: _moved(state, spots[name]) for name, state in file.places.items() if name in spots}
+    # What may lie where no place of today answers for it: of places that are gone, and of those that moved.
+    left = [*file.left]
+    left += [s for name, s in file.places.items() if s.status not in FILLABLE and (name not in spots or moved[name])]
+    return {
+        name: _known_at(file.places.get(name), spots.get(name), moved.get(name, ""), left)
+        for name in {**file.places, **spots}
+    }
+
+
+def _known_at(state: _State | None, now: PlaceSpot | None, moved: str, left: Sequence[_State]) -> PlaceState:
+    """What is known of one place; left: what may lie anywhere."""
+    if moved:
+        return PlaceState(PlaceStatus.TO_LOOK_AT, why=moved, at="" if state is None else state.at)
+    since = -1 if state is None else state.number
+    for each in left:
+        if now is not None and each.number > since and _overlap(each, now):
+            part = "something" if each.spot is None else each.spot.part
+            why = f"a place that is no longer there was {each.status} here: {part} may lie here"
+            return PlaceState(PlaceStatus.TO_LOOK_AT, why=why, at=each.at)
+    return PlaceState() if state is None else _told(state)
 
 
 def _told(state: _State) -> PlaceState:
