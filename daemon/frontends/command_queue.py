@@ -102,6 +102,10 @@ class CommandQueue:
         """Control-C; gives what the daemon says."""
         return await self._stopping(self._interrupt(who, self.busy and self._interpreter.moves(self._doing)), who)
 
+    def has_room_for(self, text: str) -> bool:
+        """Whether a command may still be taken: a stop always, another unless too many wait."""
+        return not self.crowded or self._interpreter.means_stop(text)
+
     @property
     def crowded(self) -> bool:
         """Whether more was asked for than anybody types."""

@@ -19,7 +19,7 @@ import serial
 
 from daemon.config import SerialTerminalSettings
 from daemon.console.interpreter import CommandError, CommandResult, Interpreter
-from daemon.console.stop_words import ends_in_stop, means_stop
+from daemon.console.stop_words import ends_in_stop
 from daemon.errors import NOT_UNDERSTOOD
 from daemon.frontends.client import LONGEST_FILE, files_begun
 from daemon.frontends.command_queue import CROWDED, CommandQueue, Interrupt
@@ -195,7 +195,7 @@ class SerialFrontend:
             self._write(ASK_SIZE + self._editor.show_prompt())  # whoever sits down and presses Enter
         elif isinstance(event, str) and not self._unshown and self._queue.answer(event):
             pass
-        elif isinstance(event, str) and self._queue.crowded and not means_stop(event):
+        elif isinstance(event, str) and not self._queue.has_room_for(event):
             self.notice(CROWDED)
         elif isinstance(event, str):
             self._queue.take(event, self._answered)

@@ -338,7 +338,7 @@ class SocketFrontend:
         stops = self._interpreter.means_stop(text)
         if self._queue.busy and not message.waits and not stops and not self._interpreter.at_once(text):
             raise ValueError("the last command is still running")
-        if self._queue.crowded and not stops:
+        if not self._queue.has_room_for(text):
             raise ValueError(CROWDED)
         if not stops and len(message.do.strip().splitlines() if isinstance(message.do, str) else ()) > 1:
             raise ValueError("a command is one line")

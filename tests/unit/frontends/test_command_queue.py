@@ -282,6 +282,8 @@ def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
             operator.turns.take(text, operator.answered)
             await asyncio.sleep(0)
         assert operator.turns.crowded
+        room = {text: operator.turns.has_room_for(text) for text in ("read 9", "stop", "go 2stop")}
+        assert room == {"read 9": False, "stop": True, "go 2stop": True}
         operator.turns.leave()
 
     play(script)
