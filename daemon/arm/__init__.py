@@ -33,7 +33,6 @@ from daemon.arm.shapes import (
     body_like,
     suction_cup,
     two_fingers,
-    with_hand,
 )
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
@@ -113,5 +112,4 @@ __all__ = [
     "speed_pct",
     "suction_cup",
     "two_fingers",
-    "with_hand",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm import paths
-from daemon.arm.body import ArmBody, KeepOut, Point
+from daemon.arm.body import ArmBody, KeepOut, point_of
 from daemon.arrays import Array
 from daemon.vision.geometry import StereoRig
 
@@ -82,12 +82,8 @@ CameraMounting = OnHand | InWorld
 def cameras_box(rig: StereoRig, world_from_cyclopean: Array) -> KeepOut:
     """The upright box around fixed cameras that nothing of the arm may enter."""
     centres = [(world_from_cyclopean @ eye.cyclopean_from_camera)[:3, 3] for eye in (rig.left, rig.right)]
-    return KeepOut(CAMERAS, _point(np.min(centres, axis=0) - CAMERA_MM), _point(np.max(centres, axis=0) + CAMERA_MM))
-
-
-def _point(place: Array) -> Point:
-    x, y, z = (float(value) for value in place)
-    return x, y, z
+    low, high = np.min(centres, axis=0) - CAMERA_MM, np.max(centres, axis=0) + CAMERA_MM
+    return KeepOut(CAMERAS, point_of(low), point_of(high))
 
 
 def in_view(links: Array, body: ArmBody, rig: StereoRig, world_from_cyclopean: Array) -> str | None:

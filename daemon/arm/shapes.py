@@ -73,48 +73,34 @@ CAMERAS_ON_HAND: tuple[Capsule, ...] = (
 )
 """What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
 
-ARM: tuple[Capsule, ...] = (
+ARM_LINKS: tuple[Capsule, ...] = (
     Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
     Capsule("upper arm", "upper_arm", (-340.0, 0.0, 218.5), (0.0, 0.0, 218.5), 135.0),
     Capsule("elbow", "forearm", (0.0, 0.0, -149.0), (0.0, 0.0, 150.0), 88.0),
     Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
     Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
-    *two_fingers().capsules,
-    *CAMERAS_ON_HAND,
 )
-"""A PUMA 560 with the gripper and cameras of etc/. The arm's own: bounds of the robotics toolbox's meshes of it
-(UNIMATE/puma560: link 2 from 228 mm behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135;
-link 3 from 149 behind the elbow, 150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the
-flange 56 mm out). Palm and fingers: those the simulated cell has; the bar: round its own, and the points of
-body_mm."""
-
+"""A PUMA 560 without a hand: bounds of the robotics toolbox's meshes of it (UNIMATE/puma560: link 2 from 228 mm behind
+the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135; link 3 from 149 behind the elbow, 150 x 92 mm,
+tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the flange 56 mm out)."""
 ARM_LENGTHS_MM = 431.8, 150.05, 431.8
-"""a2, d3 and d4 (drivers/puma560.py) of the arm that ARM is of."""
+"""Its a2, d3 and d4 (drivers/puma560.py)."""
+ARM: tuple[Capsule, ...] = (*ARM_LINKS, *two_fingers().capsules, *CAMERAS_ON_HAND)
+"""The same with the gripper and cameras of etc/. Palm and fingers: those the simulated cell has; the bar: round its
+own, and the points of body_mm."""
+BODY_MM: tuple[Point, ...] = (*two_fingers().points_mm, *CAMERA_POINTS_MM)
+"""The points of that gripper and those cameras."""
 
 
-def body_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
-    """ARM of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the shoulder's
-    offset, to its side; as thick as the longest of them asks. The hand stays as it is."""
+def body_like(a2_mm: float, d3_mm: float, d4_mm: float, hand: HandBody) -> tuple[Capsule, ...]:
+    """ARM of an arm of other lengths, a PUMA's shape, with a hand: along each link by that link's length, aside by the
+    shoulder's offset, to its side; as thick as the longest of them asks."""
     a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
     thick = max(a2, abs(side), d4)
     along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}
 
     def scaled(capsule: Capsule) -> Capsule:
-        if capsule.link not in along:
-            return capsule
         start, end = (point_of(np.array(end) * along[capsule.link]) for end in (capsule.from_mm, capsule.to_mm))
         return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
 
-    return tuple(map(scaled, ARM))
-
-
-BODY_MM: tuple[Point, ...] = (*two_fingers().points_mm, *CAMERA_POINTS_MM)
-"""The points of the gripper and the cameras of etc/."""
-
-
-def with_hand(capsules: tuple[Capsule, ...], hand: HandBody) -> tuple[Capsule, ...]:
-    """An arm's capsules with this hand in place of the one of ARM."""
-    usual = two_fingers().capsules
-    first = capsules.index(usual[0])
-    others = [capsule for capsule in capsules if capsule not in usual]
-    return (*others[:first], *hand.capsules, *others[first:])
+    return (*map(scaled, ARM_LINKS), *hand.capsules, *CAMERAS_ON_HAND)

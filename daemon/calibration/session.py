@@ -147,9 +147,10 @@ async def _tour(
 def _plan(session: CalibrationSession, reach: Reach, first: BoardView, count: int, mounting_alone: bool) -> list[Array]:
     """Poses world_from_tool of the tour."""
     here = session.calibration.world_from_cyclopean_at(first.world_from_tool)
-    looks, tools = _around(first, session.board, session.calibration)
+    looks = _around(first, session.board, session.calibration)
     if mounting_alone:
         setup = setup_of([first], session.board, session.calibration, ArmError())
+        tools = _tool_at(np.array(looks), first, session.calibration)
         chosen = [looks[k] for k in most_telling(setup, tools, count, reach.allows, [first.world_from_tool])]
     else:
         chosen = spread_out(looks, count, lambda look: reach.allows(_tool_at(look, first, session.calibration)), here)
@@ -158,8 +159,8 @@ def _plan(session: CalibrationSession, reach: Reach, first: BoardView, count: in
     return [_tool_at(look, first, session.calibration) for look in in_order(chosen, here)]
 
 
-def _around(view: BoardView, board: Board, calibration: Calibration) -> tuple[list[Array], list[Array]]:
-    """Poses around the board as a view shows it: of the cameras before a board at rest, and world_from_tool there."""
+def _around(view: BoardView, board: Board, calibration: Calibration) -> list[Array]:
+    """Poses (4, 4) of the cameras around the board as a view shows it, for a board at rest."""
     here = calibration.world_from_cyclopean_at(view.world_from_tool)
     world_from_board = board_in_world(view, board, calibration)
     centre = board.points_mm().mean(axis=0)
@@ -168,12 +169,11 @@ def _around(view: BoardView, board: Board, calibration: Calibration) -> tuple[li
         away_mm = float(frames.apply(frames.inverse(here) @ world_from_board, centre)[2])
         aside_mm = FIXED_ASIDE * away_mm
         sizes = [share * away_mm for share in FIXED_DISTANCES], [(x * aside_mm, y * aside_mm) for x, y in FIXED_AIMS]
-    looks = looks_at(world_from_board, centre, here[:3, 0], *sizes)
-    return looks, [_tool_at(look, view, calibration) for look in looks]
+    return looks_at(world_from_board, centre, here[:3, 0], *sizes)
 
 
 def _tool_at(look: Array, view: BoardView, calibration: Calibration) -> Array:
-    """world_from_tool for cameras at a look (4, 4), or for the board in the gripper as it is before fixed ones."""
+    """world_from_tool for cameras at looks (..., 4, 4), or for the board in the gripper as it is before fixed ones."""
     here = calibration.world_from_cyclopean_at(view.world_from_tool)
     if calibration.fixed:
         return np.asarray(here @ frames.inverse(look) @ view.world_from_tool)
@@ -196,7 +196,8 @@ def best_further_view(
 ) -> FurtherView | None:
     """For the calibration that the views gave. None where the arm reaches no further pose around the board."""
     setup = setup_of(views, board, calibration, arm)
-    looks, tools = _around(views[-1], board, calibration)
+    looks = _around(views[-1], board, calibration)
+    tools = _tool_at(np.array(looks), views[-1], calibration)
     done = [view.world_from_tool for view in views]
     best = most_telling(setup, tools, 1, reach.allows, done)
     if not best:

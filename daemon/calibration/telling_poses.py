@@ -47,11 +47,11 @@ class Setup:
         return np.asarray(frames.point_motion((self.at_mm - self.mounting[:3, 3])[None])[0])
 
 
-def information(setup: Setup, world_from_tools: Sequence[Array]) -> tuple[Array, Array]:
+def information(setup: Setup, world_from_tools: Sequence[Array] | Array) -> tuple[Array, Array]:
     """(K, 12, 12) information of a view from each pose about mounting and rest, the arm's error of that pose free; (K,)
     whether the whole board is in all pictures there."""
     poses = np.array(world_from_tools).reshape(-1, 4, 4)
-    carried = poses if setup.held else np.linalg.inv(poses)  # from where the board rests to what carries the cameras
+    carried = poses if setup.held else frames.inverse(poses)  # from where the board rests to what carries the cameras
     some = setup.points_mm[:: max(1, len(setup.points_mm) // FEW)]
     placed = frames.apply(setup.rest, some)
     there = np.einsum("kij,pj->kpi", carried[:, :3, :3], placed) + carried[:, None, :3, 3]
@@ -83,7 +83,7 @@ def error_mm(setup: Setup, total: Array) -> Array:
 
 
 def most_telling(
-    setup: Setup, poses: Sequence[Array], count: int, allowed: Callable[[Array], bool], done: Sequence[Array]
+    setup: Setup, poses: Sequence[Array] | Array, count: int, allowed: Callable[[Array], bool], done: Sequence[Array]
 ) -> list[int]:
     """Which of the poses world_from_tool to view from: at most `count` allowed ones, each the one that leaves the least
     error after those done and all chosen before. Calls `allowed` only for a pose that it would choose next."""

@@ -25,7 +25,6 @@ from daemon.arm import (
     body_of,
     in_view,
     plausible,
-    with_hand,
 )
 from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
@@ -248,7 +247,7 @@ def guarded(limits: GuardLimits, arm: ArmGeometry, hand: HandBody) -> GuardLimit
     """The limits with the capsules scaled to this arm and with this hand, where the configuration has the default ones;
     and with its points, where it has those."""
     if limits.capsules == ARM:
-        limits = replace(limits, capsules=with_hand(body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm), hand))
+        limits = replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm, hand))
     if limits.body_mm == BODY_MM:
         limits = replace(limits, body_mm=(*hand.points_mm, *CAMERA_POINTS_MM))
     return limits

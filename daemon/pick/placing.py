@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from daemon import frames
@@ -62,7 +63,7 @@ class Goal:
         """(N, 3) world mm."""
         return frames.apply(self.poses[0], self.shape.corners_mm)
 
-    @property
+    @cached_property
     def outline(self) -> list[list[float]]:
         """From above: (x, y) world mm of its corners, anticlockwise."""
         return outline_of(self.corners[:, :2])
@@ -122,24 +123,11 @@ def goal_of(place: Place, shape: Polyhedron) -> Goal:
 
 
 def outline_of(points: Array) -> list[list[float]]:
-    """The convex hull of (N, 2), anticlockwise. Source: Andrew, Another efficient algorithm for convex hulls in two
-    dimensions, Information Processing Letters 9, 1979."""
-    ordered = sorted({(round(float(x), 1), round(float(y), 1)) for x, y in points})
-
-    def chain(some: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-        kept: list[tuple[float, float]] = []
-        for x, y in some:
-            while len(kept) > 1 and _turn(*kept[-2], *kept[-1], x, y) <= 0.0:
-                kept.pop()
-            kept.append((x, y))
-        return kept[:-1]
-
-    return [list(each) for each in (*chain(ordered), *chain(ordered[::-1]))]
-
-
-def _turn(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Positive where a, b, c turn to the left."""
-    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    """The convex hull of (N, 2), anticlockwise, to a tenth."""
+    rounded = np.round(points, 1)
+    corners = np.ravel(cv2.convexHull(rounded.astype(np.float32), clockwise=False, returnPoints=False)).astype(int)
+    outline: list[list[float]] = rounded[corners].tolist()
+    return outline
 
 
 def spot_of(manner: Manner, shape: Polyhedron, world_from_part: Array) -> PlaceSpot:

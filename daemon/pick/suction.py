@@ -219,7 +219,7 @@ class CupGrasp(PlannedGrasp):
         told = (
             f"by facet {self.facet}, tilted {self.tilt_deg:.0f} degrees, room for a lip of {self.room_mm:.1f} mm radius"
         )
-        return f"{told}, {self.load:.0%} of what the cup holds".replace("%", " %")
+        return f"{told}, {100 * self.load:.0f} % of what the cup holds"
 
     @property
     def figures(self) -> Mapping[str, float]:

@@ -18,7 +18,7 @@ from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_f
 from daemon.review.measures import strips
 from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
-from daemon.review.set_downs import places_json, placing_figures, set_downs
+from daemon.review.set_downs import places_json
 from daemon.review.why import causes, in_plain_words
 
 MOST_CYCLES = 1000
@@ -59,7 +59,7 @@ def page_data(digest: Digest) -> Json:
         "cycles": [cycle_json(c, digest.cycles, digest.going) for c in shown_of(digest).cycles],
         "cycles_left_out": max(0, len(digest.cycles) - MOST_CYCLES),
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
-        "places": places_json(shown_of(digest)) | {"figures": placing_figures(set_downs(digest))},
+        "places": places_json(digest, shown_of(digest)),
         "events": events(digest),
         "states": {IN_STATE.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
     }

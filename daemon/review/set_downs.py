@@ -112,11 +112,10 @@ def _figures(label: str, name: str, some: Sequence[PartSetDown]) -> Json:
     return {"part": label, "place": name, "looked_at": len(some), "right": right, **errors}
 
 
-def places_json(run: Digest) -> Json:
-    """What the page of a run shows of places."""
-    made = set_downs(run)
+def places_json(run: Digest, shown: Digest) -> Json:
+    """What the page of a run shows of places: figures of all of it, each set-down of what is shown."""
     return {
-        "last": last_of_each(run),
-        "made": [asdict(each) for each in made],
-        "figures": placing_figures(made),
+        "last": last_of_each(shown),
+        "made": [asdict(each) for each in set_downs(shown)],
+        "figures": placing_figures(set_downs(run)),
     }

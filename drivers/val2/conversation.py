@@ -171,11 +171,7 @@ class Conversation:
         left = list(replies)
         gathered: list[LineEvent] = []
         while True:
-            try:
-                event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s")
-            except NoAnswer:
-                self._owed.add(command)
-                raise
+            event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s", command)
             gathered.append(event)
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
@@ -183,13 +179,15 @@ class Conversation:
                 self.line_may_hold_rest = False
                 return _answer(command, gathered, self.clock() - began_s, self.dialect)
 
-    async def next_event(self, timeout_s: float, otherwise: str) -> LineEvent:
-        """The next event. Raises NoAnswer(otherwise), Preempted, PortError."""
+    async def next_event(self, timeout_s: float, otherwise: str, owed: str | None = None) -> LineEvent:
+        """The next event. Raises NoAnswer(otherwise), and notes what is owed then; Preempted, PortError."""
         self._check()
         try:
             async with asyncio.timeout(timeout_s):
                 event = await self._inbox.get()
         except TimeoutError:
+            if owed is not None:
+                self._owed.add(owed)
             raise NoAnswer(otherwise) from None
         self._check()
         assert event is not None
@@ -323,11 +321,7 @@ class Conversation:
     async def _hear_echo(self, text: str) -> None:
         wait_s = self.dialect.typing_s + 20.0 * len(text) / self.dialect.baud
         while True:
-            try:
-                event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s")
-            except NoAnswer:
-                self._owed.add(text)
-                raise
+            event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s", text)
             if isinstance(event, Garble):
                 await self._judge_echo(text, event)
                 raise Garbled(
