@@ -127,8 +127,7 @@ class Motion:
     def scatter_at(self, now_s: float) -> Array:
         """(3,) mm."""
         way = self.profile.way(now_s - self.started_s)
-        scatter: Array = (1 - way) * self.scatter_mm[0] + way * self.scatter_mm[1]
-        return scatter
+        return np.asarray((1 - way) * self.scatter_mm[0] + way * self.scatter_mm[1])
 
 
 class SimulatedArm:

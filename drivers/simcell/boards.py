@@ -34,11 +34,6 @@ class BoardPrint:
     square_mm: float = 16.0
     charuco: bool = False
 
-    def inner_corners_mm(self) -> Array:
-        """Inner corners ((columns - 1) * (rows - 1), 3) mm, row by row, board frame."""
-        x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
-        return self.square_mm * np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(float)
-
 
 def rendered_board(board: BoardPrint, world_from_board: Array) -> RenderedSolid:
     """The board as a plate with a white margin of one square. Raises cv2.error for a size ChArUco does not have."""

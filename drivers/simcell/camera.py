@@ -236,5 +236,4 @@ def _vignette(truth: Truth) -> Array32:
     width, height = truth.image_size
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
     squared = (u - (width - 1) / 2) ** 2 + (v - (height - 1) / 2) ** 2
-    shade: Array32 = 1 - np.float32(truth.sensor.vignette) * squared / squared.max()
-    return shade
+    return np.asarray(1 - np.float32(truth.sensor.vignette) * squared / squared.max())

@@ -28,7 +28,7 @@ from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
-from drivers.simcell.truth import Rod, load_truth
+from drivers.simcell.truth import load_truth
 from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
@@ -103,7 +103,8 @@ class SimulatedCell:
         self._hold_checked_s = 0.0
         self._machine.before_input = self._vacuum_switch
         safety = self._settings.safety
-        body = ArmSpheres([*safety.body, *self._gripper_rods()], self.arm.true_geometry, self.arm.joint_offsets_rad)
+        gripper = finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
+        body = ArmSpheres([*safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
         self.motion_monitor = MotionMonitor(self._machine.history, body, safety, self._settings.table)
         self.server: PtyServer | MemoryLine
         if loop is None:
@@ -139,9 +140,9 @@ class SimulatedCell:
         since = 0.0 if real_s is None else real_s - self._clock()
         return self.arm.pose_at(self.server.now_s() + since * self._time_scale)
 
-    def world_from_cyclopean(self, real_s: float | None = None) -> Array:
-        """The true pose of the cameras (4, 4)."""
-        return self._settings.world_from_cyclopean_at(self.world_from_tool(real_s))
+    def world_from_cyclopean(self) -> Array:
+        """The true pose of the cameras (4, 4), now."""
+        return self._settings.world_from_cyclopean_at(self.world_from_tool())
 
     def violations(self) -> tuple[Violation, ...]:
         """Violations found by the motion monitor up to now."""
@@ -227,10 +228,6 @@ class SimulatedCell:
     def _real_s(self, moment_s: float) -> float:
         """A moment of the controller's time on the cameras' clock."""
         return self._clock() + (moment_s - self.server.now_s()) / self._time_scale
-
-    def _gripper_rods(self) -> list[Rod]:
-        cup = self._settings.suction
-        return finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
 
     def switch_input(self, number: int, high: bool) -> None:
         """Switch a digital input of the controller, as the line does; that of the vacuum by a hand that closes the

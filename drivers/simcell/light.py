@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import cv2
@@ -48,14 +48,12 @@ def facet_levels(
         diffuse += level * falling
         halfway, _ = _unit(to_lamp + to_viewer)
         shine += level * np.maximum(_along(halfway, out), 0) ** HIGHLIGHT_POWER * (falling > 0)
-    levels: Array32 = albedo * diffuse + lighting.gloss * shine
-    return levels
+    return albedo * diffuse + lighting.gloss * shine
 
 
 def _along(one: Array32, other: Array32) -> Array32:
     """(N,) scalar products of (N, 3)."""
-    found: Array32 = np.einsum("ij,ij->i", one, other)
-    return found
+    return np.asarray(np.einsum("ij,ij->i", one, other))
 
 
 def _unit(vectors: Array32) -> tuple[Array32, Array32]:
@@ -122,7 +120,10 @@ class CellLight:
 
         body: its index in the last `cast`; a larger one is a body outside of it, in no shadow.
         """
-        lit = self._lit(body, loop, points) if body < len(self._bodies) else None
+        lit = None
+        if body < len(self._bodies):
+            ring = self._bodies[body][list(loop)]
+            lit = self._lit((body, loop), ring, points, lambda number, _: number != body)
         return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
 
     def surface_levels(
@@ -138,29 +139,33 @@ class CellLight:
         """Shade (N, 3) world mm on the surface of a part from a drawing, whose pieces are the bodies `own` of the last
         `cast`. part_of: the number of the face; ring (4, 3): a rectangle round a flat one, None of a curved surface, on
         which the shadows of other bodies are not drawn."""
-        lit = None if ring is None or own.stop > len(self._bodies) else self._lit_plate(own, part_of, ring, points)
+        lit = None
+        if ring is not None and own.stop <= len(self._bodies):
+            out = np.cross(ring[1] - ring[0], ring[2] - ring[1])
+            out /= np.linalg.norm(out)
+
+            def in_the_way(number: int, corners: Array) -> bool:
+                return number not in own or bool(((corners - ring[0]) @ out).max() > ABOVE_MM)
+
+            lit = self._lit((own.start, (-1, part_of)), ring, points, in_the_way)
         return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
 
-    def _lit_plate(self, own: range, part_of: int, ring: Array, points: Array32) -> list[Array32 | None]:
-        key = own.start, (-1, part_of)
+    def _lit(
+        self,
+        key: tuple[int, tuple[int, ...]],
+        ring: Array,
+        points: Array32,
+        in_the_way: Callable[[int, Array], bool],
+    ) -> list[Array32 | None]:
+        """The shares (N,) of each lamp at points (N, 3) of a flat face, whose corners are ring (4, 3) or more.
+
+        in_the_way: whether a body, by its number and its corners, may throw a shadow on it.
+        """
         if key not in self._facets:
-            out = np.cross(ring[1] - ring[0], ring[2] - ring[1])
-            out = out / np.linalg.norm(out)
-            others = [c for k, c in enumerate(self._bodies) if k not in own or ((c - ring[0]) @ out).max() > ABOVE_MM]
+            others = [corners for number, corners in enumerate(self._bodies) if in_the_way(number, corners)]
             patch = patch_under(ring)
             self._facets[key] = patch, [lit_share(patch, lamp, others) for lamp in self.lighting.lamps]
-        return self._shares(*self._facets[key], points)
-
-    def _lit(self, body: int, loop: tuple[int, ...], points: Array32) -> list[Array32 | None]:
-        if (body, loop) not in self._facets:
-            others = [corners for number, corners in enumerate(self._bodies) if number != body]
-            patch = patch_under(self._bodies[body][list(loop)])
-            self._facets[body, loop] = patch, [lit_share(patch, lamp, others) for lamp in self.lighting.lamps]
-        return self._shares(*self._facets[body, loop], points)
-
-    @staticmethod
-    def _shares(patch: Patch, shares: list[Array32 | None], points: Array32) -> list[Array32 | None]:
-        """The shares (N,) of each lamp at points (N, 3)."""
+        patch, shares = self._facets[key]
         if not any(share is not None for share in shares):
             return shares
         places = patch.texels(apply(patch.plane_from_world, points.astype(float))[:, :2]).astype(np.float32)
@@ -212,11 +217,9 @@ def _read(texels: Array32, places: Array32) -> Array32:
     right, down = (inside - np.floor(inside)).T
     upper = texels[row, column] * (1 - right) + texels[row, column + 1] * right
     lower = texels[row + 1, column] * (1 - right) + texels[row + 1, column + 1] * right
-    read: Array32 = upper * (1 - down) + lower * down
-    return read
+    return np.asarray(upper * (1 - down) + lower * down)
 
 
 def _linear(row: Array, x: Array32, y: Array32) -> Array32:
     a, b, c = row.astype(np.float32)
-    product: Array32 = a * x + b * y + c
-    return product
+    return np.asarray(a * x + b * y + c)

@@ -93,14 +93,12 @@ class _Face:
         straight = np.concatenate([rays, np.ones_like(rays[:, :1])], axis=1)
         shares = np.maximum(straight @ self.turning[0].T, np.float32(1e-6))
         found: Array32 = shares @ self.turning[1].T
-        unit: Array32 = found / np.linalg.norm(found, axis=1, keepdims=True)
-        return unit
+        return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
     def points(self, rays: Array32) -> Array32:
         """Intersection (..., 3) mm of (..., 2) rays with the face's plane, camera coordinates."""
         straight = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
-        met: Array32 = straight * self.depth(rays)[..., None]
-        return met
+        return straight * self.depth(rays)[..., None]
 
     def albedo(self, rays: Array32) -> Array32:
         """Albedo (N,) of the face where (N, 2) rays meet it."""
@@ -156,8 +154,7 @@ class PixelRays:
         quad = np.stack(
             [c[rows, columns], c[rows, columns + 1], c[rows + 1, columns], c[rows + 1, columns + 1]], axis=-1
         )
-        rays: Array32 = np.einsum("nck,ks->nsc", quad, self.weights, optimize=True)
-        return rays
+        return np.asarray(np.einsum("nck,ks->nsc", quad, self.weights, optimize=True))
 
 
 def _spread() -> tuple[Array, Array]:
@@ -186,18 +183,14 @@ def radiance(
     paint.fill(image, filled, pixel_rays.centres)
     rows, columns = np.nonzero(crossed)
     rays = pixel_rays.samples(rows, columns)
-    in_pixels = _nearest(faces, rays, lambda face: _inside(face.window, rows, columns))
-    image[rows, columns] = paint.mix(
-        image[rows, columns], in_pixels, rays, lambda face: _inside(face.window, rows, columns)
-    )
+
+    def near(face: _Face) -> NDArray[np.intp]:
+        down, across = face.window
+        inside = (rows >= down.start) & (rows < down.stop) & (columns >= across.start) & (columns < across.stop)
+        return np.flatnonzero(inside)
+
+    image[rows, columns] = paint.mix(image[rows, columns], _nearest(faces, rays, near), rays, near)
     return image
-
-
-def _inside(window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.intp]:
-    down, across = window
-    return np.flatnonzero(
-        (rows >= down.start) & (rows < down.stop) & (columns >= across.start) & (columns < across.stop)
-    )
 
 
 def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_from_camera: Array) -> list[_Face]:

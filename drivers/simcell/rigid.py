@@ -27,16 +27,14 @@ def inverse(b_from_a: Array) -> Array:
 
 def apply(b_from_a: Array, points: Array) -> Array:
     """Transform (..., 3) points from a to b."""
-    moved: Array = points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
-    return moved
+    return points @ b_from_a[:3, :3].T + b_from_a[:3, 3]
 
 
 def turn(axis: ArrayLike, angle_rad: float) -> Array:
     """Rotation (3, 3) by angle_rad about a (3,) axis of any length but zero (Rodrigues)."""
     x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Array = np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross)
-    return rotation
+    return np.asarray(np.eye(3) + np.sin(angle_rad) * cross + (1.0 - np.cos(angle_rad)) * (cross @ cross))
 
 
 def turn_between(start: Array, end: Array) -> Array:

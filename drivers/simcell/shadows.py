@@ -31,8 +31,7 @@ class Patch:
 
     def texels(self, points_mm: Array) -> Array:
         """Column and row (N, 2) of points (N, 2) mm in the plane."""
-        places: Array = (points_mm - self.low_mm) / TEXEL_MM
-        return places
+        return (points_mm - self.low_mm) / TEXEL_MM
 
     def fill(self, canvas: NDArray[np.uint8], outline_mm: Array, value: int) -> None:
         """Write a value to the texels (rows, columns) of canvas covered by the hull of (N, 2) mm."""
@@ -76,8 +75,7 @@ def lit_share(patch: Patch, lamp: Lamp, bodies: Sequence[Array]) -> Array32 | No
 def _projected(corners: Array, spots: Array) -> Array:
     """Project (V, 3) corners from (S, 3) spots onto the plane z = 0: (S, V, 2)."""
     level, up = spots[:, None, :2], spots[:, None, 2:]
-    projected: Array = level + (corners[:, :2] - level) * (up / (up - corners[:, 2:]))
-    return projected
+    return level + (corners[:, :2] - level) * (up / (up - corners[:, 2:]))
 
 
 def _may_reach(patch: Patch, projected: Array) -> bool:
@@ -93,8 +91,7 @@ def _above(corners: Array) -> Array:
         return over
     a, b = np.repeat(over, len(under), axis=0), np.tile(under, (len(over), 1))
     share = (a[:, 2] / (a[:, 2] - b[:, 2]))[:, None]
-    cut: Array = np.vstack([over, a + share * (b - a)])
-    return cut
+    return np.vstack([over, a + share * (b - a)])
 
 
 def _disc(lamp: Lamp) -> Array:
@@ -102,5 +99,4 @@ def _disc(lamp: Lamp) -> Array:
     k = np.arange(SHADOW_RAYS) + 0.5
     radius, angle = lamp.radius_mm * np.sqrt(k / SHADOW_RAYS), np.pi * (1 + 5**0.5) * k
     flat = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(SHADOW_RAYS)])
-    spots: Array = np.asarray(lamp.position_mm) + flat
-    return spots
+    return np.asarray(np.asarray(lamp.position_mm) + flat)

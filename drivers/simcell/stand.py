@@ -191,8 +191,7 @@ def _least_across(edges: Array, baseline: Array, line_of_sight: Array) -> float:
 def _facing(middles: Array, normals: Array, viewer: Array) -> Array:
     """Cosine (F,) between each face's normal and the direction to the viewer."""
     to_viewer = viewer - middles
-    facing: Array = np.sum(normals * to_viewer, axis=1) / np.linalg.norm(to_viewer, axis=1)
-    return facing
+    return np.asarray(np.sum(normals * to_viewer, axis=1) / np.linalg.norm(to_viewer, axis=1))
 
 
 def _least_step(

@@ -54,16 +54,14 @@ def _wood(rng: np.random.Generator, size: int, texel_mm: float) -> Array32:
 def _belt(rng: np.random.Generator, size: int, texel_mm: float) -> Array32:
     across, along = _turned(rng, size, texel_mm)
     pitch = rng.uniform(5, 14)
-    weave: Array32 = np.sin(2 * np.pi * across / pitch) * np.sin(2 * np.pi * along / pitch) + 0.3 * _noise(rng, size)
-    return weave
+    return np.asarray(np.sin(2 * np.pi * across / pitch) * np.sin(2 * np.pi * along / pitch) + 0.3 * _noise(rng, size))
 
 
 def _bands(rng: np.random.Generator, size: int, texel_mm: float) -> Array32:
     across, _ = _turned(rng, size, texel_mm)
     edges = np.cumsum(rng.uniform(8, 45, 400)) - 2000
     levels = rng.uniform(-1, 1, len(edges) + 1).astype(np.float32)
-    painted: Array32 = levels[np.searchsorted(edges, across)] + 0.2 * _noise(rng, size)
-    return painted
+    return levels[np.searchsorted(edges, across)] + 0.2 * _noise(rng, size)
 
 
 def _concrete(rng: np.random.Generator, size: int, texel_mm: float) -> Array32:

@@ -25,8 +25,7 @@ Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
 Six = Annotated[list[float], Meta(min_length=6, max_length=6)]
 Distortion = Annotated[list[float], Meta(min_length=5, max_length=5)]
 Matrix3 = Annotated[list[Vector3], Meta(min_length=3, max_length=3)]
-Row4 = Annotated[list[float], Meta(min_length=4, max_length=4)]
-Matrix4 = Annotated[list[Row4], Meta(min_length=4, max_length=4)]
+Matrix4 = Annotated[list[Four], Meta(min_length=4, max_length=4)]
 
 
 class TruthError(Exception):
@@ -280,5 +279,4 @@ def load_truth(path: Path | str) -> Truth:
 @lru_cache(maxsize=1)
 def _decoded(content: bytes) -> Truth:
     """Decode, with a cache: a daemon reads the same file at each reload."""
-    truth: Truth = msgspec.yaml.decode(content, type=Truth)
-    return truth
+    return msgspec.yaml.decode(content, type=Truth)

@@ -78,14 +78,18 @@ def define(machine: Machine, name: str, value: str) -> None:
     machine.memory.precision_points[name] = precise
 
 
-def print_input(machine: Machine, word: str, arguments: str) -> Command:
-    """SIG(n): -1 while the input is on, else 0. Raises MonitorError where this controller has another word for it."""
-    call = re.fullmatch(r"SIG\((\d{1,4})\)", arguments)
-    if word != machine.manners.reads_inputs_by:
-        raise MonitorError("*Illegal command*")
-    if call is None:
-        raise MonitorError(SYNTAX_ERROR)
-    yield "-1" if machine.input_is_on(int(call[1])) else "0"
+def print_input(word: str) -> Verb:
+    """SIG(n) after `word`: -1 while the input is on, else 0. Other controllers have another word for it."""
+
+    def verb(machine: Machine, arguments: str) -> Command:
+        call = re.fullmatch(r"SIG\((\d{1,4})\)", arguments)
+        if word != machine.manners.reads_inputs_by:
+            raise MonitorError("*Illegal command*")
+        if call is None:
+            raise MonitorError(SYNTAX_ERROR)
+        yield "-1" if machine.input_is_on(int(call[1])) else "0"
+
+    return verb
 
 
 def percent_of_full(text: str) -> float:

@@ -57,7 +57,6 @@ class Controller:
         faults: Faults | None = None,
         cold: bool = False,
     ) -> None:
-        """See Machine."""
         self.machine = Machine(arm, manners, on_hand, faults, cold)
         self.arm, self.faults = arm, self.machine.faults
         self.lines: deque[str] = deque(maxlen=KEPT_LINES)
@@ -175,7 +174,8 @@ class Controller:
         self.lines.append(line.text)
         self._muted = self.faults.mute_answers > 0
         self.faults.mute_answers -= self._muted
-        self._emit_delayed()
+        delayed, self._delayed = self._delayed, None
+        self._emit(bytes(delayed or b""))
         if self.faults.late_answers > 0:
             self.faults.late_answers -= 1
             self._delayed = bytearray()
@@ -189,11 +189,6 @@ class Controller:
             self._ahead.clear()
         else:
             self._ahead.append(line)
-
-    def _emit_delayed(self) -> None:
-        delayed, self._delayed = self._delayed, None
-        if delayed:
-            self._emit(bytes(delayed))
 
     def _take_second_end(self) -> None:
         """The second of a pair of line ends: an empty line, answered by another prompt."""

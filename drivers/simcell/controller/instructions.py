@@ -167,10 +167,6 @@ def _signal(machine: Machine, arguments: str) -> None:
         (machine.outputs.add if value > 0 else machine.outputs.discard)(abs(int(value)))
 
 
-def _type(machine: Machine, arguments: str) -> Command:
-    return print_input(machine, "TYPE", arguments)
-
-
 INSTRUCTIONS: dict[str, Verb] = {
     "ABOVE": _configure(above=True),
     "APPRO": _to_pose(_approached),
@@ -194,5 +190,5 @@ INSTRUCTIONS: dict[str, Verb] = {
     "SET": _set,
     "SIGNAL": _signal,
     "SPEED": _program_speed,
-    "TYPE": _type,
+    "TYPE": print_input("TYPE"),
 }

@@ -185,10 +185,6 @@ def _list_locations(machine: Machine) -> Command:
         yield f"{name:<10}" + _row(np.degrees(joints))
 
 
-def _list_values(machine: Machine, arguments: str) -> Command:
-    return print_input(machine, "LISTR", arguments)
-
-
 def _tool(machine: Machine, arguments: str) -> Command:
     yield from come_to_rest(machine)
     machine.arm.tool = machine.place(arguments) if arguments else np.eye(4)
@@ -230,7 +226,7 @@ MONITOR_COMMANDS: dict[str, Verb] = {
     "EXECUTE": _execute,
     "HERE": _here,
     "LISTL": bare(_list_locations),
-    "LISTR": _list_values,
+    "LISTR": print_input("LISTR"),
     "PANIC": bare(_panic),
     "POINT": _point,
     "SPEED": set_speed,
