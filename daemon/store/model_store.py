@@ -69,8 +69,7 @@ class StoredView:
 
     def images(self) -> tuple[Image, Image]:
         """Left and right, (H, W) grey, of a view that is not a drawing. Raises FileError, ModelStoreError."""
-        left, right = (_read_image(self.folder, f"{camera}.png") for camera in ("left", "right"))
-        return left, right
+        return _read_image(self.folder, "left.png"), _read_image(self.folder, "right.png")
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,9 @@ class ModelStore:
 
     def add_view(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
         """Store a view, whole or not at all, under the next free number. Raises ModelStoreError."""
-        images = {f"{camera}.png": cv2.imencode(".png", pixels)[1].tobytes() for camera, pixels in
-                  (("left", left), ("right", right))}  # fmt: skip
-        return self._add(label, images, note)
+        pair = {"left.png": left, "right.png": right}
+        files = {name: cv2.imencode(".png", pixels)[1].tobytes() for name, pixels in pair.items()}
+        return self._add(label, files, note)
 
     def add_mesh(self, label: str, kind: Literal["stl", "obj"], content: bytes, note: dict[str, Any]) -> StoredView:
         """Store a drawing, whole or not at all, under the next free number. Raises ModelStoreError."""

@@ -68,8 +68,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     if kind.hasobject or math.prod(shape) * kind.itemsize != len(content) - stream.tell():
         raise ArchiveError("an array of objects, or not of its declared size")
     stream.seek(0)
-    found: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    return found
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def one_line(error: Exception) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -23,7 +23,7 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Direction, Length
-from daemon.store.files import write_atomically
+from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError
 from daemon.store.yamlfile import Document, Key, read
 
@@ -234,10 +234,10 @@ def load_places(path: Path) -> CellPlaces:
         place = _place(document, file, name, entry)
         places += [] if name in corners else [place]
     for name, pattern in file.patterns.items():
-        grid = _pattern(document, file, name, pattern)
-        places += grid.places
-        if grid.residual is not None:
-            residuals.append(grid.residual)
+        of_pattern, residual = _pattern(document, file, name, pattern)
+        places += of_pattern
+        if residual is not None:
+            residuals.append(residual)
     if len(places) > MOST_PLACES:
         raise document.error((), f"expected at most {MOST_PLACES} places, found {len(places)}")
     fixtures = tuple(Fixture(name, entry) for name, entry in file.fixtures.items())
@@ -261,10 +261,8 @@ def without_place(places: CellPlaces, name: str) -> PlacesFile:
 
 def write_places(path: Path, file: PlacesFile) -> None:
     """Write the file anew; comments in it are lost. Raises FileError."""
-    try:
+    with failing_as(FileError, f"{path}: not kept"):
         write_atomically(path, yaml.safe_dump(_plain(file), sort_keys=False).encode())
-    except OSError as error:
-        raise FileError(f"{path}: not kept: {error.strerror or error}") from None
 
 
 def about_vertical(heading_deg: float) -> Array:
@@ -329,12 +327,9 @@ def _place(document: Document, file: PlacesFile, name: str, entry: PlaceEntry) -
     return Place(name, entry, frame, None, entry.side_down, entry.point_mm, entry.heading_deg)
 
 
-class _Grid(NamedTuple):
-    places: list[Place]
-    residual: Residual | None
-
-
-def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntry) -> _Grid:
+def _pattern(
+    document: Document, file: PlacesFile, name: str, entry: PatternEntry
+) -> tuple[list[Place], Residual | None]:
     keys: tuple[Key, ...] = ("patterns", name)
     frame = _frame(document, file, keys, entry)
     first = _corner_pose(document, file, name, "first", entry.first)
@@ -359,7 +354,7 @@ def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntr
         pose[2, 3] += layer * (entry.layer_mm or 0.0)
         named[layer, row, column] = f"{name}.{number}"
         places.append(Place(f"{name}.{number}", entry, frame, pose, on_top_of=named.get((layer - 1, row, column))))
-    return _Grid(places, residual)
+    return places, residual
 
 
 def _corner_pose(document: Document, file: PlacesFile, name: str, key: str, corner: Matrix | str) -> Array:
@@ -411,23 +406,3 @@ def _cells(entry: PatternEntry) -> Iterator[tuple[int, int, int]]:
             back = entry.order == "snake" and row % 2 == 1
             columns = range(entry.columns - 1, -1, -1) if back else range(entry.columns)
             yield from ((layer, row, column) for column in columns)
-
-
-__all__ = [
-    "FILE",
-    "CellPlaces",
-    "Fixture",
-    "FixtureEntry",
-    "Manner",
-    "PatternEntry",
-    "Place",
-    "PlaceEntry",
-    "PlacesFile",
-    "Residual",
-    "about_vertical",
-    "load_places",
-    "pattern_of",
-    "with_place",
-    "without_place",
-    "write_places",
-]

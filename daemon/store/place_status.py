@@ -26,8 +26,8 @@ from msgspec import Meta
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, read_file
+from daemon.store.files import failing_as, write_atomically
+from daemon.store.outside import JSON_ERRORS, FileError, read_file
 
 FILE = "place-status.json"
 """Its name in the state folder."""
@@ -203,7 +203,7 @@ class PlaceStatuses:
             file = msgspec.json.decode(read_file(self.path, LARGEST_BYTES), type=_StatusFile)
         except FileError as error:
             raise PlaceStatusError(str(error)) from None
-        except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+        except JSON_ERRORS:
             raise self._damaged() from None
         if any(s.status is PlaceStatus.TO_LOOK_AT for s in (*file.places.values(), *file.left)):
             raise self._damaged()
@@ -216,10 +216,8 @@ class PlaceStatuses:
     def _write(self, places: dict[str, _State], left: list[_State]) -> None:
         kept = [each for each in left if each.status not in FILLABLE and each.spot is not None][-MOST_LEFT:]
         file = _StatusFile(2, places, tuple(kept))
-        try:
+        with failing_as(PlaceStatusError, f"{self.path}: not kept"):
             write_atomically(self.path, msgspec.json.encode(file))
-        except OSError as error:
-            raise PlaceStatusError(f"{self.path}: not kept: {error.strerror or error}") from None
         self._kept, self._states = file, None
 
 

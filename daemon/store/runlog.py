@@ -217,11 +217,8 @@ class RunLog:
     def _write_gap(self) -> None:
         with self._lock:
             run, lost = self._run, self._lost
-            gap = {
-                **self._head(run.take_number(), "gap"),
-                "lost": lost,
-                "why": self.trouble or "the disk did not keep up",
-            }
+            why = self.trouble or "the disk did not keep up"
+            gap = {**self._head(run.take_number(), "gap"), "lost": lost, "why": why}
         run.lines.append(encode(gap))
         with self._lock:
             self._lost -= lost

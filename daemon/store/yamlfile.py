@@ -76,7 +76,8 @@ class Document:
         """
         data = _value(self.data, at) or {} if at else self.data
         if data is None:
-            raise ConfigError(f"{self.path}: expected {_plain_name(kind)}, found an empty file")
+            expected = PLAIN["object"] if _field_types(kind) else getattr(kind, "__name__", str(kind))
+            raise ConfigError(f"{self.path}: expected {expected}, found an empty file")
         data = _without_empty_sections(data, kind)
         for keys, known in _unknown_keys(data, kind, ()):
             raise self.error((*at, *keys), f"unknown key{_suggestion(str(keys[-1]), known)}")
@@ -259,10 +260,6 @@ def _unknown_keys(data: Any, kind: Any, keys: tuple[Key, ...]) -> Iterator[tuple
     elif isinstance(data, list):
         for index, value in enumerate(data):
             yield from _unknown_keys(value, options[0], (*keys, index))
-
-
-def _plain_name(kind: Any) -> str:
-    return "keys and values" if _field_types(kind) else getattr(kind, "__name__", str(kind))
 
 
 def _suggestion(word: str, known: list[str]) -> str:
