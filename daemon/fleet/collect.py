@@ -82,7 +82,6 @@ def collect(
     sources: Sequence[RunSource],
     free: bool = False,
     say: Callable[[str], object] = lambda _: None,
-    quiet_s: float = QUIET_S,
 ) -> CollectionSummary:
     """Copy every finished run that the store does not have. free: then remove collected runs from the cells.
 
@@ -92,7 +91,7 @@ def collect(
     for source in sources:
         try:
             names = _names(source)
-            _collect_cell(store, source, names, summary, quiet_s)
+            _collect_cell(store, source, names, summary)
             if free:
                 _free_cell(store, source, names, summary)
         except (FileError, _UnreachableError) as error:
@@ -100,9 +99,7 @@ def collect(
     return summary
 
 
-def _collect_cell(
-    store: Store, source: RunSource, names: list[str], summary: CollectionSummary, quiet_s: float
-) -> None:
+def _collect_cell(store: Store, source: RunSource, names: list[str], summary: CollectionSummary) -> None:
     collected = store.collected()
     ids = {short: f"{cell}/{run}" for (cell, run), short in collected.items()}
     fresh = [name for name in names if (source.cell, name) not in collected]
@@ -111,7 +108,7 @@ def _collect_cell(
         taken = [
             one
             for name in fresh[begin : begin + AT_ONCE]
-            if (one := _taken(store, source, name, name != names[-1], ids, summary, quiet_s)) is not None
+            if (one := _taken(store, source, name, name != names[-1], ids, summary)) is not None
         ]
         add_rows(store, source.cell, [rows for _, rows in taken])
         for safe, _ in taken:
@@ -121,20 +118,14 @@ def _collect_cell(
 
 
 def _taken(
-    store: Store,
-    source: RunSource,
-    name: str,
-    later: bool,
-    ids: dict[str, str],
-    summary: CollectionSummary,
-    quiet_s: float,
+    store: Store, source: RunSource, name: str, later: bool, ids: dict[str, str], summary: CollectionSummary
 ) -> tuple[Collected, Rows] | None:
     """Copy a sound run; returns its manifest and rows. None: not finished, damaged, or a copy of one of `ids` (id ->
     cell/run). later: whether the cell has begun another run since."""
     try:
         with _local_copy(source, name) as folder:
             run = read_run(folder)
-            if not finished(folder, run, later) or not _unchanged(folder, quiet_s):
+            if not finished(folder, run, later) or not _unchanged(folder):
                 summary.waiting += 1
                 return None
             if problems := damages(folder, run):
@@ -169,9 +160,9 @@ def _set_apart(store: Store, cell: str, folder: Path, problems: list[str]) -> No
     store.write("".join(f"{line}\n" for line in problems).encode(), "apart", cell, f"{folder.name}.txt")
 
 
-def _unchanged(folder: Path, quiet_s: float) -> bool:
+def _unchanged(folder: Path) -> bool:
     newest = max((folder / name).stat().st_mtime for name in files_of(folder))
-    return time.time() - newest >= quiet_s
+    return time.time() - newest >= QUIET_S
 
 
 def _free_cell(store: Store, source: RunSource, names: list[str], summary: CollectionSummary) -> None:

@@ -245,8 +245,7 @@ def _code(record: Record) -> str | None:
     """The code of a fault; of one that names measures of images, the cause that the first one indicates."""
     if record.get("findings"):
         return str(next(causes_of_record(record)).code)
-    code: str | None = record.get("code") or record.get("rule")
-    return code
+    return record.get("code") or record.get("rule")
 
 
 def _health(look: Record) -> Row:
@@ -280,9 +279,8 @@ def add_month(store: Store, name: str, cell: str, month: str, rows: pa.Table, in
         if version > VERSION:
             raise StoreError(f"{path}: is of schema {version}, this release knows {VERSION}: collect with a newer one")
         kept = before.filter(pa.compute.invert(pa.compute.is_in(before["run"], pa.array(instead_of, pa.string()))))
-        rows = pa.concat_tables([_in_present_schema(kept, name), rows]).sort_by(
-            [("day", "ascending"), ("t", "ascending")]
-        )
+        together = pa.concat_tables([_in_present_schema(kept, name), rows])
+        rows = together.sort_by([("day", "ascending"), ("t", "ascending")])
     with store.replacing(*parts) as file:
         pq.write_table(rows, file, compression="zstd", row_group_size=ROWS_A_GROUP, store_schema=True)
 

@@ -36,11 +36,8 @@ def damages(folder: Path, run: RunRecords) -> list[str]:
     found = [line.removeprefix(f"{folder}/") for line in run.skipped if "torn last line" not in line]
     found += [] if gap else _missing(run)
     torn_end = _torn_end(folder)
-    found += [
-        problem
-        for problem in check_wire(folder)
-        if not (gap and "are missing" in problem) and not problem.startswith(f"{torn_end}:")
-    ]
+    breaks = [line for line in check_wire(folder) if not line.startswith(f"{torn_end}:")]
+    found += [line for line in breaks if not (gap and "are missing" in line)]
     for name in files_of(folder):
         try:
             if name.startswith("kept/"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -143,7 +143,7 @@ class Store:
                 found.append(name)
         return found
 
-    def fetch(self, cell: str, run: str, names: Iterator[str] | list[str], into: Path) -> Path:
+    def fetch(self, cell: str, run: str, names: Sequence[str], into: Path) -> Path:
         """Provide files of a run as a local folder: the store's own if local, else copies in `into`."""
         if self.local:
             return Path(self.path("runs", cell, run))
