@@ -394,8 +394,7 @@ def _covariance(model: _Model, count: int) -> Array:
     for rows in (turns, places):
         slope, squares = model.jacobian[rows], float(model.residuals[rows] @ model.residuals[rows])
         noise = noise + max(ROUNDING**2, squares / (3 * count - 9)) * (slope.T @ slope)
-    covariance: Array = inverse @ noise @ inverse
-    return covariance
+    return inverse @ noise @ inverse
 
 
 def _arm_found(model: _Model, readings: _Readings) -> ArmFound:

@@ -81,8 +81,7 @@ def fit_corners(image: NDArray[np.uint8], corners_px: Array, squares: Array, dra
 def nearest_px(corners_px: Array) -> Array:
     """(N,) distance to the nearest other corner, px."""
     gaps = np.linalg.norm(corners_px[:, None] - corners_px[None], axis=2) + 1e9 * np.eye(len(corners_px))
-    nearest: Array = gaps.min(axis=1)
-    return nearest
+    return np.asarray(gaps.min(axis=1))
 
 
 def _mappings(corners_px: Array, squares: Array) -> list[Array]:

@@ -97,8 +97,7 @@ def _reference_updated(state: DriftState, seen: Clue, learning: NDArray[np.bool_
 def _scale(state: DriftState) -> Array:
     """(3,) ratio of the observations' spread to their predicted sigmas; at least a half, so that a lucky small spread
     at first makes no outlier of later observations."""
-    scale: Array = np.sqrt(np.maximum(state.squares / np.maximum(state.learnt - 1, 1), 0.25))
-    return scale
+    return np.sqrt(np.maximum(state.squares / np.maximum(state.learnt - 1, 1), 0.25))
 
 
 def _standardised(state: DriftState, seen: Clue) -> Array:

@@ -74,8 +74,7 @@ def minimise(problem: Problem, start: Array, passes: int = 60) -> tuple[Array, A
 
 def _covariance(jacobian: Array, residuals: Array) -> Array:
     freedom = max(len(residuals) - jacobian.shape[1], 1)
-    covariance: Array = inverse_of_normal(jacobian.T @ jacobian) * (float(residuals @ residuals) / freedom)
-    return covariance
+    return np.asarray(inverse_of_normal(jacobian.T @ jacobian) * (float(residuals @ residuals) / freedom))
 
 
 def inverse_of_normal(normal: Array) -> Array:
@@ -88,8 +87,7 @@ def inverse_of_normal(normal: Array) -> Array:
         raise UndeterminedError(
             f"{int((values < 1e-12 * values[-1]).sum())} directions of {len(scale)} are undetermined"
         )
-    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    return inverse
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
 def intrinsics_of(matrix: Array, distortion: Array) -> Array:

@@ -444,8 +444,7 @@ def triangulate(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
 def _distances(points: Array) -> Array:
     """Distances between corners half a board apart: long ones, sensitive to an error of scale."""
     half = len(points) // 2
-    lengths: Array = np.linalg.norm(points[half:] - points[: len(points) - half], axis=1)
-    return lengths
+    return np.asarray(np.linalg.norm(points[half:] - points[: len(points) - half], axis=1))
 
 
 def board_in_world(view: BoardView, board: Board, calibration: Calibration) -> Array:

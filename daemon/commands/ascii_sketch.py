@@ -34,8 +34,7 @@ def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS) -> str
 
 
 def _cells(corners: Array, low: Array, scale: float) -> Array:
-    cells: Array = (corners - low) * scale / [1.0, CELL_ASPECT]
-    return cells
+    return (corners - low) * scale / [1.0, CELL_ASPECT]
 
 
 def _draw_line(canvas: NDArray[np.str_], start: Array, end: Array) -> None:

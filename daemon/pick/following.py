@@ -90,8 +90,7 @@ class Target:
     @property
     def centre(self) -> Array:
         """(3,) world mm: mean of the shape's corners where they are now thought to be."""
-        centre: Array = frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0)
-        return centre
+        return np.asarray(frames.apply(self.world_from_part, self.shape.corners_mm).mean(axis=0))
 
 
 def fitted(target: Target, look: Look) -> Fit | None:
