@@ -12,6 +12,9 @@ test notices is printed with its line. --rooms: arm, val2, pick and calibration 
 the sample whose description (`file:line: kind: text`) holds the text; --each: all there are whose description does,
 instead of a sample; --from: the sample without its first so many; --kept: what is known of each test, and what became
 of each mutation, is added to this file, and what stands there is not tried again (a line struck out is).
+
+A comparison of counts (an int literal, len(), a range, count ...) changes at its boundary, `<` to `<=`. One of measured
+floats is negated instead: their equality never comes about, so that no test could notice its boundary.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import json
 import multiprocessing
 import os
 import random
+import re
 import sys
 import threading
 import time
@@ -88,6 +92,12 @@ OTHER_WAY = {
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
 }  # fmt: skip
 TURNED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
+NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt}
+COUNTS = frozenset({"len", "range", "count", "int", "round", "ord", "bit_count", "count_nonzero", "randrange"})
+"""Functions and methods that give whole numbers."""
+COUNTED = frozenset({"ndim", "size", "shape"})
+MEASURED = re.compile(r"_(s|ms|mm|m|px|deg|rad|pct|g|n)$")
+"""Of a name: the unit of what was measured."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +154,9 @@ def _work(body: Sequence[ast.stmt]) -> list[ast.stmt]:
 def _of_expression(node: ast.AST) -> Iterator[Change]:
     if isinstance(node, ast.Compare) and len(node.ops) >= 1:
         for k, op in enumerate(node.ops):
-            for table, kind in ((OTHER_WAY, "flipped"), (TURNED, "turned")):
+            sides = (node.left, *node.comparators)[k : k + 2]
+            whole = type(op) not in TURNED or _counts(sides)
+            for table, kind in ((OTHER_WAY, "flipped"), (TURNED, "turned")) if whole else ((NEGATED, "negated"),):
                 if type(op) in table:
                     yield _swapped(node, kind, node.ops, k, table[type(op)]())
     elif isinstance(node, ast.BoolOp):
@@ -154,6 +166,18 @@ def _of_expression(node: ast.AST) -> Iterator[Change]:
         yield _attribute(node, "not dropped", "op", ast.UAdd(), shown=node.operand)
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool | int | float):
         yield _attribute(node, "constant", "value", _other(node.value))
+
+
+def _counts(sides: Sequence[ast.expr]) -> bool:
+    """Whether what is compared are whole numbers, as far as their words say."""
+    parts = [part for side in sides for part in ast.walk(side)]
+    names = {n for part in parts for n in (getattr(part, "id", ""), getattr(part, "attr", "")) if n}
+    if any(MEASURED.search(name.lower()) for name in names):
+        return False
+    if any(isinstance(p, ast.Div) or (isinstance(p, ast.Constant) and isinstance(p.value, float)) for p in parts):
+        return False
+    literal = any(isinstance(p, ast.Constant) and isinstance(p.value, int) and p in sides for p in parts)
+    return literal or not names.isdisjoint(COUNTS | COUNTED)
 
 
 def _other(value: bool | int | float) -> bool | int | float:
