@@ -6,6 +6,15 @@ time: press the emergency stop.
 
 from __future__ import annotations
 
+import signal
+import sys
+
+if (__name__ == "__main__" or sys.argv[0].endswith("facetctl")) and (
+    signal.getsignal(signal.SIGINT) is signal.default_int_handler
+):
+    # Nothing was said to a daemon before main(): control-C ends the tool by the signal, without a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import argparse
 import contextlib
 import difflib
@@ -16,7 +25,6 @@ import os
 import re
 import shlex
 import shutil
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -85,17 +93,25 @@ OWN_CODES = re.compile(r"(\A\r|\x1b\[\d*m)")
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns its exit status, also where standard files are closed or full."""
-    _replace_closed_files()
+    as_signal = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
     try:
+        if as_signal:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        _replace_closed_files()
         status = _main(arguments)
         sys.stdout.flush()
         return status
+    except KeyboardInterrupt:
+        pass
     except BrokenPipeError:
         _discard_output()
     except OSError as error:
         _discard_output()
         with contextlib.suppress(OSError):
             print(f"facetctl: output cannot be written: {error.strerror or error}", file=sys.stderr)
+    finally:
+        if as_signal:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
     return NOT_DONE
 
 
@@ -137,8 +153,6 @@ def _main(arguments: list[str] | None) -> int:
         unanswered = isinstance(error, StopUnansweredError) or withdraws_permission(shlex.join(words))
         print(f"facetctl: {stop_unanswered(error) if unanswered else error}", file=sys.stderr)
         return STOP_UNANSWERED if unanswered else NOT_UNDERSTOOD
-    except KeyboardInterrupt:
-        return NOT_DONE
 
 
 def _works_without_daemon(words: list[str]) -> bool:
@@ -303,17 +317,25 @@ def _online(words: list[str], socket_path: Path | None, as_json: bool) -> int:
     if words[0] == "model" and socket_path is None and not _daemon_runs():
         return _model_without_daemon(words[1:], as_json)
     with DaemonLink(socket_path) as link:
-        if words[0] == "console":
-            from daemon.frontends.console import converse
+        try:
+            return _connected(link, words, as_json)
+        except KeyboardInterrupt:  # what was said just before may move the arm, and its answer was not waited for yet
+            _tell(link.interrupt(_printer(as_json)), sys.stderr)
+            return NOT_DONE
 
-            return converse(link)
-        if words[0] == "commission":
-            from daemon.cli.commission import run
 
-            return run(link, words[1:])
-        if words[0] == "script":
-            return _script(link, words[1:], as_json)
-        return show(_one_shot(link, shlex.join(words), as_json), as_json)
+def _connected(link: DaemonLink, words: list[str], as_json: bool) -> int:
+    if words[0] == "console":
+        from daemon.frontends.console import converse
+
+        return converse(link)
+    if words[0] == "commission":
+        from daemon.cli.commission import run
+
+        return run(link, words[1:])
+    if words[0] == "script":
+        return _script(link, words[1:], as_json)
+    return show(_one_shot(link, shlex.join(words), as_json), as_json)
 
 
 def _daemon_runs() -> bool:

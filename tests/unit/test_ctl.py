@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import io
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -150,3 +151,76 @@ def test_a_full_disk_under_what_is_written_is_told_in_one_line() -> None:
         )
     assert ended.returncode == ctl.NOT_DONE
     assert ended.stderr == "facetctl: output cannot be written: No space left on device\n"
+
+
+STALLS = """
+import sys
+class Stalls:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            print("imports", flush=True)
+            sys.stdin.read()
+sys.argv[0] = "/usr/bin/facetctl"
+sys.meta_path.insert(0, Stalls())
+from daemon.ctl import main
+del sys.argv[1]
+sys.exit(main())
+"""
+"""As the console script does, but that it stops at one import until its stdin ends."""
+
+
+@pytest.mark.parametrize("at", ["argparse", "daemon.frontends.client", "daemon.store.outside"])
+def test_control_c_while_the_tool_is_imported_ends_it_by_the_signal_without_a_word(at: str) -> None:
+    tool = subprocess.Popen(
+        [sys.executable, "-c", STALLS, at, "status"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert tool.stdout is not None
+    assert tool.stdout.readline() == "imports\n"
+    tool.send_signal(signal.SIGINT)
+    assert tool.communicate(timeout=60) == ("", "")
+    assert tool.returncode == -signal.SIGINT
+
+
+def test_control_c_stays_ignored_by_a_tool_that_was_started_so() -> None:
+    """Behind `&` or nohup."""
+    ignoring = f"import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n{STALLS}"
+    command = [sys.executable, "-c", ignoring, "argparse", "--version"]
+    tool = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert tool.stdout is not None
+    assert tool.stdout.readline() == "imports\n"
+    tool.send_signal(signal.SIGINT)
+    told, complaint = tool.communicate(timeout=60)
+    assert (tool.returncode, complaint) == (ctl.DONE, "")
+    assert told.startswith("facetctl ")
+
+
+def test_control_c_between_two_answers_of_the_daemon_stops_the_arm(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was said just before may move the arm, and nobody waits for its answer at that moment."""
+    said: list[str] = []
+
+    class Link:
+        def __init__(self, _: object) -> None: ...
+
+        def __enter__(self) -> Link:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def do(self, text: str, *_: object) -> dict[str, object]:
+            said.append(text)
+            raise KeyboardInterrupt
+
+        def interrupt(self, _: object) -> str:
+            said.append("stop")
+            return "stopped by control-C"
+
+    monkeypatch.setattr(ctl, "DaemonLink", Link)
+    assert ctl.main(["pick", "cube"]) == ctl.NOT_DONE
+    assert said == ["pick cube", "stop"]
+    assert capsys.readouterr().err == "stopped by control-C\n"
