@@ -30,6 +30,7 @@ from drivers.val2.wire import (
     Where,
     WhereTable,
     is_halted,
+    of_a_table,
 )
 
 POISON = b"!!"
@@ -372,7 +373,8 @@ def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: 
         raise Garbled(TWICE, code="converter_echoes")
     if garbled and typed_behind(said):
         raise Interleaved(said)
-    if garbled:
+    starred = [event.text for event in events if isinstance(event, Error) and of_a_table(event.text)]
+    if garbled or (starred and command == "WHERE"):
         raise Garbled(f"the answer to {command!r} did not come through whole")
     tables = [event.where for event in events if isinstance(event, WhereTable)]
     last = events[-1]

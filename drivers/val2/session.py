@@ -29,7 +29,7 @@ from drivers.val2.interleaved import SHORTEST_TYPED
 from drivers.val2.ledger import Ledger
 from drivers.val2.owed import OwedAnswers
 from drivers.val2.port import OpenPort
-from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text
+from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text, of_a_table
 
 QUOTED_PIECES, QUOTED_CHARACTERS = 3, 60
 """Of what was heard, at most, in a message."""
@@ -210,7 +210,10 @@ class LineSession:
                 answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
                 said_by_itself = answer.question is not None or answer.errors
                 if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
-                    self._refuse_others([line for line in answer.of_text if _is_no_noise(line)])
+                    lines = [line for line in answer.of_text if not of_a_table(line)]
+                    self._refuse_others([line for line in lines if _is_no_noise(line)])
+                    if len(lines) < len(answer.of_text):
+                        raise Garbled(f"of the answer to {text!r} a line came twice")
                 return answer
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught

@@ -6,7 +6,8 @@ silence. Silence is not in the bytes: whoever owns the clock calls `silence()` w
 
     state    what comes                     what happens
     LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
-    LINE     silence                        lone dots -> Prompt; a line that ends in ? -> Question
+    LINE     silence                        lone dots -> Prompt, also right behind the last number of WHERE;
+                                            a line that ends in ? -> Question
     ECHO     the bytes that were typed      all of them -> Echo, state TYPED; another byte -> Garble, state LINE
     TYPED    any byte                       Garble (a doubled last character), state LINE
     ENDED    CR or LF                       state LINE; another byte -> Garble, state LINE
@@ -37,6 +38,10 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)")
 ODT_PROMPT = re.compile(rb"(^|[\r\n])@ *$")
 """Of a halted LSI-11: its console (ODT) answers what it does not understand with `?`, and prompts with `@`."""
 STOPPED = re.compile(r"program\s+(hold|stop)", re.IGNORECASE)
+ROW_AND_PROMPT = re.compile(rb"(?P<row>.*(\.\d+|\d(?=\s|\.[ .]*\.)))(?P<prompt>" + PROMPT_DOTS.pattern + rb")")
+"""The last row of WHERE with a prompt behind it in the same line. `6.` alone may be half of `6.000`."""
+OF_A_ROW = re.compile(r"[-+.\d\s*XYZOATJ/]+")
+"""What a line of WHERE is made of, an asterisk in it."""
 
 
 def is_halted(raw: bytes) -> bool:
@@ -157,7 +162,18 @@ class Reader:
     @property
     def awaits_silence(self) -> bool:
         """Whether silence now would mean something."""
-        return self._state is ReaderState.LINE and (self._dot_waits or self._question_waits or self._asked is not None)
+        return self._state is ReaderState.LINE and (
+            self._dot_waits or self._question_waits or self._asked is not None or self._glued_prompt > 0
+        )
+
+    @property
+    def _glued_prompt(self) -> int:
+        """How many of the newest bytes are a prompt right behind WHERE's last number; 0 where none is."""
+        found = ROW_AND_PROMPT.fullmatch(self._line) if self._table else None
+        if found is None:
+            return 0
+        lines = [*(line for _, line in self._table), _text(found["row"])]
+        return len(found["prompt"]) if _table_goes_on(lines[:-1], lines[-1]) and _where(lines) is not None else 0
 
     @property
     def _dot_waits(self) -> bool:
@@ -190,6 +206,11 @@ class Reader:
         events: list[LineEvent] = []
         if not self.awaits_silence:
             return events
+        if glued := self._glued_prompt:
+            row = _text(self._line[: len(self._line) - glued])
+            self._line[:] = self._line[-glued:]
+            self._continue_table(row, events, glued)
+            self._fresh = True
         self._give_up_table(events)
         if self._dot_waits:
             events.append(Prompt(self._cut()))
@@ -253,13 +274,13 @@ class Reader:
             return
         events.append(_plain(self._cut(), text))
 
-    def _continue_table(self, text: str, events: list[LineEvent]) -> bool:
-        """Whether the line belongs to an answer to WHERE."""
+    def _continue_table(self, text: str, events: list[LineEvent], keep: int = 0) -> bool:
+        """Whether the line belongs to an answer to WHERE. keep: of the newest bytes, those that are not the line's."""
         if not _table_goes_on([line for _, line in self._table], text):
             self._give_up_table(events)
             if not _table_goes_on([], text):
                 return False
-        self._table.append((self._cut(), text))
+        self._table.append((self._cut(keep), text))
         where = _where([line for _, line in self._table])
         if where is not None:
             raw = b"".join(raw for raw, _ in self._table)
@@ -280,6 +301,15 @@ class Reader:
         if not keep:
             self._line.clear()
         return cut
+
+
+def of_a_table(text: str) -> bool:
+    """Whether a line is one of those that WHERE prints, or one with an asterisk where noise put it."""
+    if "*" in text:
+        return OF_A_ROW.fullmatch(text.upper()) is not None
+    words = text.upper().split()
+    heads = (LOCATION_HEADER, JOINT_HEADER, SHARED_HEADER, [*SHARED_HEADER, HAND])
+    return words in heads or any(_numbers(text, count) is not None for count in (6, 7))
 
 
 def _plain(raw: bytes, text: str) -> LineEvent:

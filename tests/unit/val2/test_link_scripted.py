@@ -1081,3 +1081,81 @@ def test_what_somebody_else_types_between_two_readings_of_an_arm_at_rest_is_told
 
     with pytest.raises(Disturbed, match="SPEED 100"):
         lived(story())
+
+
+def whole(x: float = 500.0) -> list[str]:
+    """The lines of WHERE."""
+    return [line for line in table(x).split("\r\n") if line.strip(".")]
+
+
+@pytest.mark.parametrize("double", range(4))
+def test_a_line_of_where_that_comes_twice_is_a_garbled_answer_and_nobody_else_typed_it(double: int) -> None:
+    lines = whole()
+    twice = "\r\n".join(["", *lines[: double + 1], *lines[double:]]) + PROMPT
+
+    async def story() -> list[str]:
+        port = Scripted(lambda line, nth: twice if line == "WHERE" and nth == 0 else usual(line, nth))
+        link = linked(port)
+        disturbed: list[str] = []
+        await link.open()
+        link.disturbed = lambda: disturbed.append("others")
+        assert (await link.where()).location.x_mm == 500.0
+        assert not disturbed
+        return [line for line in port.lines if line == "WHERE"]
+
+    assert lived(story()) == ["WHERE", "WHERE"]
+
+
+def test_what_somebody_typed_beside_a_line_of_where_that_came_twice_is_theirs() -> None:
+    lines = whole()
+    both = "\r\n".join(["", lines[0], *lines, "SPEED 100"]) + PROMPT
+
+    async def story() -> None:
+        port = Scripted(lambda line, nth: both if line == "WHERE" else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        await link.where()
+
+    with pytest.raises(Disturbed, match="SPEED 100"):
+        lived(story())
+
+
+def test_a_controller_that_ends_no_line_before_its_prompt_behind_where_is_moved_and_stopped() -> None:
+    """Its numbers have their decimals, so that a dot behind the last is none of its own."""
+
+    def says(line: str, nth: int) -> str:
+        return table(joints="1.000 2.000 3.000 4.000 5.000 6.000").replace("\r\n.", ".") if line == "WHERE" else PROMPT
+
+    async def story() -> None:
+        port = Scripted(says)
+        link = linked(port)
+        await link.open()
+        await link.move(GOAL, start=START)
+        assert (await link.rest(GOAL)).location == GOAL
+        stopped = await link.abort()
+        assert stopped is not None
+        assert stopped.location == GOAL
+
+    lived(story())
+
+
+STARRED = {"a digit": ("0.000", "0.*00"), "a line end": ("T\r\n", "T*\n"), "a header": ("Y Z", "Y*Z")}
+
+
+@pytest.mark.parametrize("spoiled", STARRED.values(), ids=STARRED)
+def test_an_asterisk_of_noise_in_where_is_asked_again_and_no_refusal(spoiled: tuple[str, str]) -> None:
+    starred = table().replace(*spoiled, 1)
+
+    async def story(acts: Any, first: int) -> Where:
+        port = Scripted(lambda line, nth: starred if line == "WHERE" and nth == first else usual(line, nth))
+        link = linked(port)
+        await link.open()
+        where = await acts(link)
+        assert port.lines.count("WHERE") > first + 1, "asked again"
+        await link.command("SPEED 10")  # and no error of it is left for who comes next
+        return where
+
+    assert "*" in starred
+    for first in (0, 1):
+        assert lived(story(lambda link: link.abort(), first)).location == GOAL
+    assert lived(story(lambda link: link.where(), 0)).location == GOAL

@@ -19,6 +19,7 @@ from drivers.val2.wire import (
     ReaderState,
     Text,
     WhereTable,
+    of_a_table,
 )
 
 WHERE_ANSWER = (
@@ -156,6 +157,52 @@ def test_a_table_begun_anew_counts_from_the_new_beginning() -> None:
 def test_a_table_cut_short_by_the_prompt_is_text() -> None:
     lines = WHERE_ANSWER.splitlines(keepends=True)
     assert kinds(after(lines[0], lines[1], b".")) == ["Text", "Text", "Prompt"]
+
+
+@pytest.mark.parametrize("prompt", [b".", b" .", b"..", b" . ", b"....", b". . "])
+def test_a_prompt_right_behind_the_last_number_of_where_is_a_prompt(prompt: bytes) -> None:
+    table, dots = after(WHERE_ANSWER.rstrip() + prompt)
+    assert isinstance(table, WhereTable)
+    assert table.where.joints_deg[-1] == 106.772
+    assert isinstance(dots, Prompt)
+    assert (table.raw, dots.raw) == (WHERE_ANSWER.rstrip(), prompt)
+
+
+@pytest.mark.parametrize("prompt", [b".", b"..", b" ."])
+def test_a_whole_last_number_has_a_prompt_behind_it_where_its_dot_cannot_be_a_decimal_point(prompt: bytes) -> None:
+    whole = WHERE_ANSWER.rstrip().removesuffix(b".772") + prompt
+    assert ("Prompt" in kinds(after(whole))) is (prompt != b".")
+
+
+@pytest.mark.parametrize("row", [1, 2])
+def test_a_dot_behind_any_other_line_of_where_is_no_prompt(row: int) -> None:
+    lines = WHERE_ANSWER.splitlines(keepends=True)[: row + 1]
+    assert kinds(after(b"".join(lines).rstrip() + b".")) == []
+
+
+def test_behind_a_row_with_a_number_too_many_a_dot_is_no_prompt() -> None:
+    assert kinds(after(WHERE_ANSWER.rstrip() + b" 1.000.")) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "of_it"),
+    [
+        ("X Y Z O A T", True),
+        ("  JT1 JT2 JT3 JT4 JT5 JT6", True),
+        ("x/jt1 y/jt2 z/jt3 o/jt4 a/jt5 t/jt6 hand", True),
+        ("520.00 -0.50 -100.00 0.000 90.000 -12.345", True),
+        ("1 2 3 4 5 6 7", True),
+        ("52*.00 -0.50 -100.00 0.000 90.000 -12.345", True),
+        ("X Y * O A T", True),
+        ("JT1 JT2*16.772", True),
+        ("1 2 3 4 5", False),
+        ("SPEED 100", False),
+        ("*Envelope error* Joint 3", False),
+        ("*Undefined value*", False),
+    ],
+)
+def test_which_lines_where_prints_also_where_noise_put_an_asterisk_into_one(line: str, of_it: bool) -> None:
+    assert of_a_table(line) is of_it
 
 
 @pytest.mark.parametrize(
