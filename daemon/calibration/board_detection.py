@@ -26,6 +26,7 @@ SCALES = (1, 2)
 """The image is enlarged by the second factor where its markers are too small to read."""
 SHARES = (0.5, 0.55, 0.6, 0.625, 0.65, 0.7, 0.75, 0.8, 0.85)
 """Usual widths of a marker as shares of a square."""
+LARGEST_SHARE = SHARES[-1]
 FITS_WELL = 0.05
 """Median misfit above which other marker sizes are tried."""
 FAMILIES = (
@@ -45,6 +46,8 @@ OFF_SQUARES = 0.2
 """Largest distance, in squares, of a marker from its place in a layout."""
 LEAST_AGREEING = 0.8
 """Share of the markers in view that must fit a layout for the message to name it."""
+FEWEST_SQUARES = 3
+"""Squares of a row that must be in view for the row to count as printed, or as blank."""
 
 
 def find_board(image: Grey, board: Board) -> SeenBoard:
@@ -77,10 +80,45 @@ def _find_charuco(image: Grey, board: Board) -> SeenBoard:
     if len(ids) < FEWEST_CORNERS:
         missing = f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed"
         raise BoardError(_named_by_markers(image, board) or missing)
+    if (other := _of_other_rows(image, corners, ids, board)) is not None:
+        raise BoardError(other)
     fitted = _fitted(image, corners, ids, board)
     if np.median(fitted.misfit) > FITS_WELL:
         fitted = _fitted(image, corners, ids, _of_its_markers_size(image, corners, ids, board))
     return _seen(image, ids, fitted, board)
+
+
+def _of_other_rows(image: Grey, corners: Array, ids: NDArray[np.int64], board: Board) -> str | None:
+    """A message where the board in view has more or fewer rows than named: its markers are numbered alike, so only the
+    squares beyond the last row tell. None where the rows are as named, or out of view."""
+    found, _ = cv2.findHomography(board.points_mm()[ids, :2] / board.square_mm, corners)
+    if found is None:
+        return None
+    squares_px = np.asarray(found, float)
+    rows = [_row_levels(image, squares_px, board, row) for row in range(board.rows + 2)]
+    seen = sorted({*(ids // board.columns), *(ids // board.columns + 1)})
+    between = float(np.mean([np.median(np.concatenate([rows[row][k] for row in seen])) for k in (0, 1)]))
+    for row in range(seen[-1] + 1, board.rows + 1):
+        if len(rows[row][0]) >= FEWEST_SQUARES and (rows[row][0] > between).all():
+            return _another(replace(board, rows=row - 1), f"its {row} rows of squares are those")
+    black, white = rows[-1]
+    if min(len(black), len(white)) >= FEWEST_SQUARES and (black < between).all() and (white > between).all():
+        more = f"another board: its squares go on beyond the {board.rows + 1} rows of {board}; count its inner corners"
+        return _named_by_markers(image, board) or more
+    return None
+
+
+def _row_levels(image: Grey, squares_px: Array, board: Board, row: int) -> tuple[Array, Array]:
+    """Brightness in the middles of the black squares in view of a row, and of its white ones beside their markers."""
+    column = np.arange(board.columns + 1)
+    black = (column + row + (board.legacy and board.rows % 2 == 1)) % 2 == 0
+    across = np.where(black, 0.5, (1 - LARGEST_SHARE) / 4) - 1
+    px = cv2.perspectiveTransform(
+        np.array([np.column_stack([column + across, np.full(len(column), row - 0.5)])]), squares_px
+    )[0]
+    x, y = np.round(px).astype(int).T
+    inside = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
+    return image[y[inside & black], x[inside & black]], image[y[inside & ~black], x[inside & ~black]]
 
 
 def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Array]:
@@ -153,11 +191,16 @@ def _named_by_markers(image: Grey, board: Board) -> str | None:
         return "mirrored: its markers read backwards; unset the camera's flip, or the board was printed so"
     if named == board:
         return None
+    return _another(named, f"its {seen} markers are those")
+
+
+def _another(named: Board, why: str) -> str:
+    """The message that offers a ChArUco board."""
     options = {"legacy": "--legacy", "charuco": "--charuco"}
     shell = " ".join(options.get(word, f"--dictionary {word}") for word in named.charuco_words)
     layout = " in the layout from before OpenCV 4.6" if named.legacy else ""
     return (
-        f"another board: its {seen} markers are those of a ChArUco board of {named.columns}x{named.rows} corners, "
+        f"another board: {why} of a ChArUco board of {named.columns}x{named.rows} corners, "
         f"{named.dictionary}{layout}; give `{named}` (in a shell --board {named.columns}x{named.rows} {shell})"
     )
 

@@ -37,6 +37,8 @@ OPENCV = {
     "T": (3, ("t", "trans", "translation", "translationvector")),
 }
 """Matrices of a stereo pair's FileStorage: size, and the usual names in small letters."""
+ONE_CAMERA = {"cameramatrix", "mtx", "k", "intrinsicmatrix"}
+"""Usual names, in small letters, of the matrix in a file of one camera, as OpenCV's own calibration program writes."""
 SIZES = ("imagesize", "imgsize", "size", "resolution")
 SIDES = (("imagewidth", "imageheight"), ("width", "height"))
 FORMATS = "ROS camera_info, OpenCV FileStorage of a stereo pair, Kalibr camchain, easy_handeye result"
@@ -51,12 +53,13 @@ class InterchangeError(FacetdError):
 
 @dataclass(frozen=True, eq=False)
 class ImportedGeometry:
-    """Geometry from files of another tool. kind: their format; rig, or tool_from_left (4, 4) mm; refit_px: largest
-    error of each lens in our model."""
+    """Geometry from files of another tool. kind: their format; rig, or the pose of the left camera (4, 4) mm, in the
+    world where fixed, else in the tool; refit_px: largest error of each lens in our model."""
 
     kind: str
     rig: StereoRig | None = None
-    tool_from_left: Array | None = None
+    left: Array | None = None
+    fixed: bool = False
     refit_px: tuple[float, float] = (0.0, 0.0)
 
 
@@ -72,6 +75,10 @@ def read_foreign(
     kinds = [(path, _kind(one)) for path, one in values]
     for (path, kind), (_, one) in zip(kinds, values, strict=True):
         if kind is None:
+            if ONE_CAMERA & {_plain(key) for key in one}:
+                raise InterchangeError(f"{path}: {_of_one_camera(len(files))}")
+            if {"version", "left", "image_size"} <= set(one):
+                raise InterchangeError(f"{path}: facetd's own calibration.yaml: name it in files.calibration")
             keys = ", ".join(list(one)[:6]) or "nothing"
             raise InterchangeError(f"{path}: not one of {FORMATS}; it has {keys}")
     if len({kind for _, kind in kinds}) > 1:
@@ -84,6 +91,16 @@ def read_foreign(
             return read[str(kind)](values, size, unit_mm, exchanged)
     except LensError as error:
         raise InterchangeError(f"{', '.join(map(str, files))}: {error}") from None
+
+
+def _of_one_camera(files: int) -> str:
+    """The message for OpenCV's file of one camera, of which so many were named."""
+    what = "OpenCV FileStorage of one camera (its matrix and distortion)"
+    if files > 1:
+        what += ", and no file says how the two cameras lie to each other (R and T of a stereo pair)"
+    return (
+        f"{what}: calibrate both with `facetctl calibrate stereo`, or one alone with `calibrate camera` at the console"
+    )
 
 
 def _values(path: Path) -> dict[str, Any]:
@@ -332,10 +349,7 @@ def _hand_eye(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
     path, found = values[0]
     settings = found.get("parameters")
     settings = settings if isinstance(settings, dict) else {}
-    if settings.get("eye_on_hand") is False or "base" in str(settings.get("calibration_type", "")):
-        raise InterchangeError(
-            f"{path}: easy_handeye result of a camera that is fixed in the cell, not mounted on the gripper"
-        )
+    fixed = settings.get("eye_on_hand") is False or "base" in str(settings.get("calibration_type", ""))
     pose = found.get("transformation", found.get("transform"))
     pose = pose if isinstance(pose, dict) else {}
     nested = {f"q{key}": value for key, value in dict(pose.get("rotation") or {}).items()}
@@ -352,6 +366,5 @@ def _hand_eye(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
     sine = float(np.linalg.norm(axis))
     turn = axis / sine * 2 * np.arctan2(sine, abs(w)) if sine > 0 else np.zeros(3)
     shift_mm = shift * (UNITS_MM["m"] if unit_mm is None else unit_mm)
-    return ImportedGeometry(
-        "easy_handeye result", tool_from_left=frames.rigid(frames.rotation_from_vector(turn), shift_mm)
-    )
+    pose_mm = frames.rigid(frames.rotation_from_vector(turn), shift_mm)
+    return ImportedGeometry(f"easy_handeye result{' of fixed cameras' * fixed}", left=pose_mm, fixed=fixed)

@@ -146,10 +146,17 @@ def _hand_eye_added(found: ImportedGeometry, before: Calibration | None, path: P
         raise InterchangeError(
             f"{path}: a hand-eye needs the calibration of its cameras: import or calibrate them into this file first"
         )
-    assert found.tool_from_left is not None
-    tool_from_cyclopean = found.tool_from_left @ frames.inverse(before.rig.left.cyclopean_from_camera)
+    assert found.left is not None
+    pose = found.left @ frames.inverse(before.rig.left.cyclopean_from_camera)
+    quality = Quality(method="imported")
+    if found.fixed:
+        print(
+            "read as the pose of the left camera's optical frame in the WORLD frame (origin at the shoulder, z up); "
+            "another base frame moves every part by as much. For it, facetd.yaml has cameras: {mounting: world}"
+        )
+        return replace(before, tool_from_cyclopean=None, world_from_cyclopean=pose, quality=quality)
     print("read as the pose of the left camera's optical frame in the TOOL frame (z forward, out of the gripper)")
-    return replace(before, tool_from_cyclopean=tool_from_cyclopean, quality=Quality(method="imported"))
+    return replace(before, tool_from_cyclopean=pose, world_from_cyclopean=None, quality=quality)
 
 
 def _export(args: argparse.Namespace) -> int:

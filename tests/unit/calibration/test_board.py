@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, parse_board
-from daemon.calibration.board_detection import _agreeing, find_board
+from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
@@ -100,6 +100,9 @@ def picture(board: Board, distance_mm: float = 360.0) -> np.ndarray:
         (Board(7, 5, 16.0, "charuco"), Board(9, 6, 16.0, "charuco"), "7x5 16 charuco"),
         (Board(9, 6, 16.0, "charuco"), Board(9, 6, 16.0), "9x6 16 charuco"),
         (Board(7, 6, 16.0), Board(9, 6, 16.0), "7x6 inner corners"),
+        (Board(9, 9, 12.0, "charuco"), Board(9, 6, 12.0, "charuco"), "9x9 12 charuco"),
+        (Board(9, 6, 12.0, "charuco"), Board(9, 9, 12.0, "charuco"), "9x6 12 charuco"),
+        (Board(9, 9, 12.0, "charuco"), Board(9, 8, 12.0, "charuco"), "9x9 12 charuco"),
     ],
     ids=str,
 )
@@ -108,6 +111,29 @@ def test_a_board_that_is_another_than_was_named_is_named(printed: Board, named: 
         find_board(picture(printed), named)
     assert offered in str(error.value)
     assert "mirrored" not in str(error.value)
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_a_board_of_more_rows_is_another_even_where_its_markers_exceed_the_named_dictionary(legacy: bool) -> None:
+    """9x9 has all 50 markers of its dictionary: what goes on beyond it are squares."""
+    named = Board(9, 9, 9.0, "charuco", legacy=legacy)
+    printed = Board(9, 11, 9.0, "charuco", dictionary="DICT_4X4_100", legacy=legacy)
+    with pytest.raises(BoardError, match="another board"):
+        find_board(picture(printed), named)
+    assert len(find_board(picture(named), named).corner_ids) > FEWEST_CORNERS
+
+
+def test_a_board_of_which_one_row_is_covered_with_paper_is_named_as_what_shows() -> None:
+    """Its corners would be where they are; a person who covers none, or names what shows, gets on."""
+    board = Board(9, 6, 16.0, "charuco")
+    drawn = np.pad(board.charuco().generateImage((400, 280)), 40, constant_values=255)
+    image = cv2.GaussianBlur(drawn, (0, 0), 0.7)
+    assert len(find_board(image, board).corner_ids) == 54
+    image[280:] = 255
+    with pytest.raises(BoardError, match="give `9x5 16 charuco`"):
+        find_board(image, board)
+    image[280:] = 20  # a dark sleeve
+    assert len(find_board(image, board).corner_ids) >= 40
 
 
 def test_only_a_mirrored_picture_is_called_mirrored() -> None:
@@ -144,9 +170,9 @@ def test_eight_corners_of_a_charuco_board_are_enough_and_four_are_not() -> None:
     board, square_px = Board(4, 6, 10.0, "charuco"), 40
     whole = np.pad(board.charuco().generateImage((5 * square_px, 7 * square_px)), square_px, constant_values=255)
     image = cv2.GaussianBlur(whole, (0, 0), 0.7)
-    image[square_px * 7 // 2 + square_px :] = 255
+    image[square_px * 7 // 2 + square_px :] = 60
     assert len(find_board(image, board).corner_ids) == 8
-    image[square_px * 5 // 2 + square_px :] = 255
+    image[square_px * 5 // 2 + square_px :] = 60
     with pytest.raises(BoardError, match="only 4 of its corners in view, 8 are needed"):
         find_board(image, board)
 

@@ -175,7 +175,9 @@ def test_a_hand_eye_of_easy_handeye_goes_into_the_calibration_that_is_there(
         ("cam0: {camera_model: pinhole}\n", "camchain of one camera"),
         ("cam0: {camera_model: omni}\ncam1: {camera_model: omni}\n", "cam0: a omni camera"),
         ("transformation: {x: 1}\nparameters: {}\n", "lacks a quaternion"),
-        ("transformation: {x: 1}\nparameters: {eye_on_hand: false}\n", "fixed in the cell"),
+        ("camera_matrix: [1]\ndistortion_coefficients: [0]\navg_reprojection_error: .2\n", "of one camera.* stereo"),
+        ("cameraMatrix: [1]\ndistCoeffs: [0]\n", "of one camera.*`calibrate camera` at the console"),
+        ("version: 1\nimage_size: [640, 480]\nleft: {}\n", "facetd's own calibration.yaml: name it in files"),
         ("transformation: {x: .inf, y: 0, z: 0, qw: 1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n", "expected 1"),
         ("transformation: {x: 1, y: 0, z: 0, qw: 1.1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n", "expected 1"),
         ("K: [1, 0, 0]\ndistortion_model: plumb_bob\n", "name two files"),
@@ -188,9 +190,39 @@ def test_what_cannot_be_read_is_named_for_what_it_is(tmp_path: Path, text: str, 
         read_foreign([tmp_path / "f.yaml"])
 
 
+def test_files_of_one_camera_each_are_told_that_their_poses_are_missing(tmp_path: Path) -> None:
+    for name in ("l.yml", "r.yml"):
+        (tmp_path / name).write_text("%YAML:1.0\n---\n" + rows("cameraMatrix", np.eye(3)) + rows("dist", np.eye(1, 5)))
+    with pytest.raises(InterchangeError, match="no file says how the two cameras lie to each other"):
+        read_foreign([tmp_path / "l.yml", tmp_path / "r.yml"])
+
+
+@pytest.mark.parametrize("parameters", [{"eye_on_hand": False}, {"calibration_type": "eye_on_base"}], ids=str)
+def test_an_easy_handeye_result_of_fixed_cameras_is_their_pose_in_the_world(
+    parameters: dict[str, object], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And takes the place of a pose on the hand."""
+    out, rig = tmp_path / "calibration.yaml", unlike_rig()
+    save_calibration(Calibration(rig, frames.rigid(np.eye(3), np.array([0.0, 60.0, -90.0]))), out)
+    turn = {"qw": 0.0, "qx": 1.0, "qy": 0.0, "qz": 0.0}  # looks down
+    result = {"parameters": parameters, "transformation": {**turn, "x": 0.5, "y": 0.1, "z": 0.7}}
+    (tmp_path / "he.yaml").write_text(yaml.safe_dump(result))
+    assert ctl.main(["calibrate", "import", str(tmp_path / "he.yaml"), "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "of fixed cameras" in told
+    assert "WORLD frame" in told
+    found = load_calibration(out)
+    assert found.fixed
+    assert found.world_from_cyclopean is not None
+    left = found.world_from_cyclopean @ rig.left.cyclopean_from_camera
+    np.testing.assert_allclose(
+        left, frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0, 100.0, 700.0])), atol=1e-9
+    )
+
+
 def test_a_hand_eye_without_a_turn_is_read(tmp_path: Path) -> None:
     (tmp_path / "f.yaml").write_text("transformation: {x: 1, y: 0, z: 0, qw: 1, qx: 0, qy: 0, qz: 0}\nparameters: {}\n")
-    found = read_foreign([tmp_path / "f.yaml"]).tool_from_left
+    found = read_foreign([tmp_path / "f.yaml"]).left
     np.testing.assert_array_equal(found, frames.rigid(np.eye(3), np.array([1000.0, 0.0, 0.0])))
 
 
