@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 all: setup help
 
 help:
-	@echo "make demo         the simulated cell: teach, train, pick every part, write the report"
+	@echo "make demo         the simulated cell: teach, train, pick every part, fill a kit, write the report"
 	@echo "make test         unit, property and simulated-cell tests, after lint, types and import rules"
 	@echo "make test-long    10,000 random steps against the motion monitor, whole first days, a hall of cells, more cases: minutes"
 	@echo "make docs         the references in docs/, made from the code"

@@ -68,10 +68,10 @@ class SimulatedOperator:
         self._set_parts_aside()
         self.cell.lay(label)
 
-    def scatter(self, labels: Sequence[str] = DEFAULT_PARTS) -> None:
-        """Scatter parts over the table."""
+    def scatter(self, labels: Sequence[str] = DEFAULT_PARTS, steady: bool = False) -> None:
+        """Scatter parts over the table; steady: each on the side that leaves its mass centre lowest."""
         self._set_aside = None
-        self.cell.scatter(labels)
+        self.cell.scatter(labels, steady=steady)
 
     def put_back(self) -> None:
         """Put the parts back as they were before a part or a board was shown."""
@@ -96,6 +96,22 @@ class SimulatedOperator:
     def _set_parts_aside(self) -> None:
         if self._set_aside is None:
             self._set_aside = self.cell.world.parts
+
+    def place_error(self, label: str, poses: Sequence[Array], corners: Array) -> tuple[float, float] | None:
+        """How far, mm and degrees, the part of a label that is nearest to its place truly lies from there, or from the
+        pose that looks the same and is nearest; None: there is no such part. poses: world_from_part (4, 4) that look
+        the same, the first as the place says; corners (N, 3): of the part, in its frame."""
+        from drivers.simcell.witness import pose_error
+
+        found = [
+            min(
+                pose_error(frames.apply(pose, corners), frames.apply(part.pose, part.shape.hull.vertices))
+                for pose in poses
+            )
+            for part in self.cell.world.parts
+            if part.label == label and part.where.value == "table"
+        ]
+        return min(found, default=None)
 
     def grasp_error(self, grasp: Array, corners: Array) -> tuple[float, float, bool] | None:
         """Error of the last grasp: mm, degrees, whether the part was held; None where the gripper closed on nothing.

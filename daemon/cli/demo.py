@@ -1,4 +1,4 @@
-"""Command `facetctl demo`: teach, train and clear a table in the simulated cell, by console commands.
+"""Command `facetctl demo`: teach, train, clear a table and fill a kit in the simulated cell, by console commands.
 
 It starts a daemon of its own, sends it commands, and follows its run log. The true error of each grasp comes from the
 simulated cell; the daemon records it and never uses it.
@@ -18,12 +18,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from daemon.cli import demo_kit
 from daemon.cli.starting import StartError, daemon_in, wait_until_ready
 from daemon.errors import FacetdError
 from daemon.events.records import Record
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
 from daemon.quantities import decimal, whole
-from daemon.store import folders
+from daemon.store import folders, place_file
 from daemon.store.recovery_state import FILE, RecoveryFile
 from daemon.store.runs import follow, list_runs
 from daemon.vision.model import facet_name
@@ -46,6 +47,7 @@ MACHINED = {"machined_bracket": "machined_bracket.obj", "knob": "knob.obj"}
 ROUNDS = 3
 """Most passes over the table."""
 VERDICT = "verdict.jsonl"
+TRUTH = "simcell.yaml"
 FASTEST = 20.0
 """Most speed of the cell, as a multiple of real time."""
 STEPS, STEPS_S = 3_000_000, 0.17
@@ -59,7 +61,9 @@ class DemoError(FacetdError):
 
 def register(subparsers: Any) -> None:
     """Add `demo` to facetctl."""
-    parser = subparsers.add_parser("demo", help="simulated cell: teach, train, pick every part, write the report")
+    parser = subparsers.add_parser(
+        "demo", help="simulated cell: teach, train, pick every part, fill a kit, write the report"
+    )
     parser.add_argument("--seed", type=whole, help="repeat an earlier demo (each prints its seed)")
     parser.add_argument(
         "--time-scale", type=decimal, help="speed of the cell as a multiple of real time (20; less on a slow computer)"
@@ -79,7 +83,8 @@ def register(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the demo; 0 only when every part was picked. Raises FileError, DemoError, OSError."""
+    """Run the demo; 0 only when every part was picked, and every part of the kit was seen right. Raises FileError,
+    DemoError, OSError."""
     from daemon.review.page import write_page
 
     args.time_scale = _time_scale() if args.time_scale is None else args.time_scale
@@ -100,12 +105,17 @@ def run(args: argparse.Namespace) -> int:
         say(f"facetctl demo: {again}, cell time x{args.time_scale:g}, run {written}")
         _teach(link, MACHINED if args.machined else {})
         brought = ("picked", "released") if args.fixed else ("picked",)  # fixed cameras do not always see it leave
-        rows = _clear(link, parts, follow(written, lambda: process.poll() is None), brought)
+        records = follow(written, lambda: process.poll() is None)
+        rows = _clear(link, parts, records, brought)
+        kit = None if args.fixed or _faulted(rows) else _fill_kit(link, Path(folder), records)
         found = _forbidden_motions(Path(folder) / VERDICT)
-    picked = _table(rows, len(parts), time.monotonic() - began, brought)
-    say(f"report: {write_page(written, written / 'report.html')}")
+    picked = _table(rows, len(parts), brought)
+    if kit is not None:
+        say("\n".join(kit.lines))
+    say(f"{time.monotonic() - began:.0f} s in all; report: {write_page(written, written / 'report.html')}")
     say("\n".join(found) or "the cell's motion monitor found no forbidden motion")
-    return 0 if picked == len(parts) and not found else 1
+    kitted = args.fixed or (kit is not None and kit.right == len(demo_kit.NESTS))
+    return 0 if picked == len(parts) and kitted and not found else 1
 
 
 def _begin_default_state(runs: Path, written: Path) -> None:
@@ -154,7 +164,10 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
     config = load_config(folders.ETC / ("fixed" if args.fixed else "") / "facetd.yaml", simulated=True)
     own = config.document.data if args.fixed else {}
     files = {name: str(config.file(getattr(config.values.files, name))) for name in ("calibration", "facets", "parts")}
-    truth, limits = str(config.file(config.values.simulated.truth)), config.values.pick.limits
+    truth, limits = config.file(config.values.simulated.truth), config.values.pick.limits
+    if not args.fixed:
+        demo_kit.write_truth(truth, Path(folder) / TRUTH)
+        truth = Path(folder) / TRUTH
     room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
     return {
         "version": 1,
@@ -166,7 +179,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "pick": own.get("pick", {})
         | {"stops": {"least_looks": 3} | own.get("pick", {}).get("stops", {}), "limits": room},
         "simulated": {
-            "truth": truth,
+            "truth": str(truth),
             "time_scale": args.time_scale,
             "seed": seed,
             "verdict": VERDICT,
@@ -217,12 +230,21 @@ def _teach(link: DaemonLink, drawn: dict[str, str]) -> None:
             raise DemoError(
                 f"the {label} was not seen completely in {TEACHING_TRIES} looks; check light, focus and calibration"
             )
+    _teach_drawings(link, drawn)
+    _train(link)
+
+
+def _teach_drawings(link: DaemonLink, drawn: dict[str, str]) -> None:
+    """Teach parts, by label, from their drawings in etc/."""
     for label, drawing in drawn.items():
         done = link.do(f"teach {label} --mesh {folders.ETC / drawing}", "demo", lambda _: None, lambda _: "y")
         if done["status"]:
             raise DemoError(f"teach {label}: {done['text']}")
         say(f"  {label}, from {drawing}")
-    trained = link.do("train", "demo", lambda _: None)["data"]
+
+
+def _train(link: DaemonLink) -> None:
+    trained = _do(link, "train")
     if not trained.get("accepted"):
         _do(link, "accept")
     say(f"trained on {trained['views']} views in {trained['seconds']:.1f} s, {trained['right']} of them named right")
@@ -270,6 +292,43 @@ def _clear(
     return [{**end, **truths.get(end["cycle"], unknown)} for end in tried]
 
 
+def _faulted(rows: Sequence[dict[str, Any]]) -> bool:
+    return bool(rows) and rows[-1]["outcome"] == "fault"
+
+
+def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo_kit.KitResult:
+    """Bring the four parts to the nests of a plate, each turned as the plate's places.yaml has it; what became of it.
+
+    A part can only be turned to a side that is known, so that each is taught from its drawing as well.
+    """
+    say("\nthe kit: the same parts from their drawings, with the sides that were never shown")
+    nests = demo_kit.NESTS
+    _teach_drawings(link, {nest.part: nest.drawing for nest in nests})
+    _train(link)
+    edges_mm = {nest.part: _do(link, f"place show {nest.part}")["edges_mm"] for nest in nests}
+    (folder / place_file.FILE).write_text(demo_kit.places_yaml(edges_mm), encoding="utf-8")
+    for text in ("reload", "enable"):  # another fixture disables the arm
+        _do(link, text)
+    _do(link, f"scatter steady {' '.join(nest.part for nest in nests)}")
+    say("a plate with four nests, the parts beside it in random poses")
+    seen: list[Record] = []
+    for _ in range(ROUNDS):
+        left = len(nests) - demo_kit.kit_result(seen).right
+        if not left:
+            break
+        _do(link, f"auto on {left}")
+        if _faulted(_follow_auto(_kept(records, seen))[0]):
+            break
+    return demo_kit.kit_result(seen)
+
+
+def _kept(records: Iterator[Record], seen: list[Record]) -> Iterator[Record]:
+    """The records as they come; each is kept in a list."""
+    for record in records:
+        seen.append(record)
+        yield record
+
+
 def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[int, Record]]:
     """Print the picks of an auto as they are recorded, until it ends; returns the ends, and the true errors by
     cycle."""
@@ -298,7 +357,7 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
     return ends, truths
 
 
-def _table(rows: list[dict[str, Any]], parts: int, seconds: float, brought: Sequence[str] = ("picked",)) -> int:
+def _table(rows: list[dict[str, Any]], parts: int, brought: Sequence[str] = ("picked",)) -> int:
     """Print a table of the picks of so many parts; returns how many succeeded, as the simulated cell confirms."""
     say(f"\n{'part':18}{'outcome':9}{'looks':>6}{'predicted':>20}{'true error at grasp':>23}{'time':>8}")
     for row in rows:
@@ -309,7 +368,7 @@ def _table(rows: list[dict[str, Any]], parts: int, seconds: float, brought: Sequ
     done = [row["outcome"] for row in rows if row["outcome"] in brought and row["held"]]
     picked = done.count("picked")
     rest = f", {len(done) - picked} released and not confirmed by a look" if len(done) > picked else ""
-    say(f"{picked} of {parts} parts picked{rest}, {seconds:.0f} s in all")
+    say(f"{picked} of {parts} parts picked{rest}")
     return len(done)
 
 

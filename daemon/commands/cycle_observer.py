@@ -76,16 +76,30 @@ class CycleObserver:
             context.notices.tell(f"Auto continues with the {left[0]} camera alone (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, end: CycleEnd) -> None:
-        """A simulated cell knows how well each grasp met the part, and the log keeps it beside the prediction."""
+        """A simulated cell knows how well each grasp met the part, and how far from its place the part lies, and the
+        log keeps it beside what was predicted and seen."""
         context, hand = self._context, self._context.hardware.operator
         if (
             hand is None
-            or end.outcome not in ("picked", "released", "missed")
+            or end.outcome not in ("picked", "released", "missed", "off")
             or end.grasp is None
             or end.corners is None
         ):
             return
         truth = hand.grasp_error(end.grasp, end.corners)
-        if truth is not None:
-            error_mm, error_deg, held = truth
-            context.run_log.record("truth", cycle=end.cycle, error_mm=error_mm, error_deg=error_deg, held=held)
+        if truth is None:
+            return
+        error_mm, error_deg, held = truth
+        placed = None
+        if end.place is not None and (goal := context.cycle.placing.goals.get(end.place)) is not None:
+            placed = hand.place_error(goal.place.part, goal.poses, goal.shape.corners_mm)
+        place_mm, place_deg = placed or (None, None)
+        context.run_log.record(
+            "truth",
+            cycle=end.cycle,
+            error_mm=error_mm,
+            error_deg=error_deg,
+            held=held,
+            place_mm=place_mm,
+            place_deg=place_deg,
+        )

@@ -118,12 +118,10 @@ def _told(state: PlaceState) -> str:
 def _sides(context: CommandContext, label: str) -> CommandResult:
     """The sides of a part, as side_down counts them."""
     shape = _shape(context, label)
-    rows = []
-    for number, ring in enumerate(shape.rings, start=1):
-        corners = shape.corners_mm[ring]
-        lengths = np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1)
-        rows.append(f"side {number}: {len(ring)} corners, {millimetres(lengths)}")
-    return CommandResult("\n".join(rows), {"sides": len(rows)})
+    corners = [shape.corners_mm[ring] for ring in shape.rings]
+    lengths = [np.linalg.norm(np.roll(each, -1, axis=0) - each, axis=1) for each in corners]
+    rows = [f"side {n}: {len(each)} corners, {millimetres(each)}" for n, each in enumerate(lengths, start=1)]
+    return CommandResult("\n".join(rows), {"sides": len(rows), "edges_mm": [each.tolist() for each in lengths]})
 
 
 def _shape(context: CommandContext, label: str) -> Polyhedron:

@@ -11,6 +11,9 @@ from daemon.cell.simulated_operator import DEFAULT_PARTS, SimulatedOperator
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, number, one_of
 
+STEADY = "steady"
+"""Before the labels that are scattered: each on its steadiest side."""
+
 
 def _hand(context: CommandContext, label: str | None = None) -> SimulatedOperator:
     """The hand; label: a part that it must have. Raises CommandError."""
@@ -53,12 +56,18 @@ async def show_part(context: CommandContext, words: list[str], _: Frontend) -> C
     return CommandResult(f"The {label} is held before the cameras, view {view + 1}.")
 
 
-@command("scatter [LABEL...]", most=None, choices=lambda context: _hand(context).labels)
+@command("scatter [steady] [LABEL...]", most=None, choices=lambda context: (*_hand(context).labels, STEADY))
 async def scatter(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
-    """(simulated) scatter parts over the table."""
+    """(simulated) scatter parts over the table.
+
+    scatter cube cube   two cubes, each on any side that it can lie on
+    scatter steady      each part on the side that leaves its mass centre lowest, as they come to lie once shaken
+    """
+    steady = words[:1] == [STEADY] and STEADY not in _hand(context).labels
+    words = words[1:] if steady else words
     labels = [one_of(words, k, _hand(context).labels, "part", scatter.usage) for k in range(len(words))]
     labels = labels or list(DEFAULT_PARTS)
-    _hand(context).scatter(labels)
+    _hand(context).scatter(labels, steady)
     return CommandResult(f"On the table: {', '.join(labels)}.")
 
 

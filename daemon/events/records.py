@@ -378,11 +378,13 @@ class TouchTest(EventRecord, kw_only=True):
 
 
 class TrueGrasp(CycleRecord, kw_only=True):
-    """The true error of a grasp; only a simulated cell can write it."""
+    """The true error of a grasp, and of a set-down; only a simulated cell can write it."""
 
     error_mm: Annotated[Number, meaning("at the grasp", "mm")] = None
     error_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     held: Annotated[Flag, meaning("whether the gripper holds the part")] = None
+    place_mm: Annotated[Number, meaning("of a part set down at its place, from there", "mm")] = None
+    place_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
 
 
 class PartReleased(CycleRecord, kw_only=True):

@@ -12,6 +12,7 @@ from pathlib import Path
 from zlib import crc32
 
 import numpy as np
+from msgspec import structs
 
 from drivers.arrays import Array
 from drivers.puma560 import forward
@@ -22,6 +23,7 @@ from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, 
 from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import DropRecord, GraspRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
+from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.simulated_time import SimulatedLoop
@@ -105,7 +107,10 @@ class SimulatedCell:
         safety = self._settings.safety
         gripper = finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
         body = ArmSpheres([*safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
-        self.motion_monitor = MotionMonitor(self._machine.history, body, safety, self._settings.table)
+        barred = structs.replace(safety, keep_out=[*safety.keep_out, *self._settings.fixture])
+        self.motion_monitor = MotionMonitor(self._machine.history, body, barred, self._settings.table)
+        boxes = [hull(box(each.low_mm, each.high_mm)) for each in self._settings.fixture]
+        self._fixture = tuple(RenderedSolid(each, np.eye(4), self._settings.lighting.table_albedo) for each in boxes)
         self.server: PtyServer | MemoryLine
         if loop is None:
             self.server = PtyServer(self.controller, settings.baud, time_scale)
@@ -150,10 +155,10 @@ class SimulatedCell:
             self._watch_hold(controller.now_s)
             return self.motion_monitor.violations(controller.now_s)
 
-    def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None) -> None:
-        """Clear the table and scatter parts over it at random, each on a stable face."""
+    def scatter(self, labels: Sequence[str], rng: np.random.Generator | None = None, steady: bool = False) -> None:
+        """Clear the table and scatter parts over it at random, each on a stable face; steady: see World.scatter."""
         self.clear()
-        self.world.scatter(labels, self._scattering if rng is None else rng)
+        self.world.scatter(labels, self._scattering if rng is None else rng, steady=steady)
 
     def lay(self, label: str) -> PlacedPart:
         """Clear the table and put one part in its middle, on a random stable face. Raises KeyError."""
@@ -307,6 +312,7 @@ class SimulatedCell:
         shown = fingers(self._settings.gripper, self.world.gap_mm) if cup is None else (cup_shown(cup),)
         gripper = tuple(RenderedSolid(each, tool, FINGER_ALBEDO) for each in shown)
         teaching = any(part.where is PartPlace.STAND for part in parts)
+        fixture = () if teaching else self._fixture  # the cloth lies over it
         state = self.world.changes, carried
         eyes = self._settings.world_from_cyclopean_at(tool)
-        return SimulatedScene(eyes, (*solids, *boards), state, gripper, teaching)
+        return SimulatedScene(eyes, (*solids, *boards, *fixture), state, gripper, teaching)

@@ -347,7 +347,8 @@ class MotionMonitor:
                 self._left_mm.pop(rule, None)
 
     def _pressed(self, leg: MotionRecord) -> Iterator[Violation]:
-        """The part in the gripper into the table, where a motion ends or on its way, as long as it is in there."""
+        """The part in the gripper into the table, or a corner of it in a keep-out box, where a motion ends or on its
+        way, as long as it is in there."""
         if self._carried is None:
             return
         motion = leg.motion
@@ -358,9 +359,15 @@ class MotionMonitor:
         corners = self._body.carried(motion, times, self._carried.corners_mm)
         deep_mm = self._table.height_mm - corners[..., 2].min(axis=1)
         k = int(np.argmax(deep_mm))
+        carried = f"the {self._carried.label} in the gripper"
         if deep_mm[k] > PRESSED_MM:
-            text = f"the {self._carried.label} in the gripper {deep_mm[k]:.1f} mm into the table"
-            yield Violation("pressed", times[k], leg.by, text)
+            yield Violation("pressed", times[k], leg.by, f"{carried} {deep_mm[k]:.1f} mm into the table")
+        for number, box in enumerate(self._safety.keep_out, start=1):
+            inside_mm = -_distance(corners, box).min(axis=1)
+            k = int(np.argmax(inside_mm))
+            if inside_mm[k] > PRESSED_MM:
+                rule = f"in keep-out box {number}"
+                yield Violation(rule, times[k], leg.by, f"{carried} {inside_mm[k]:.1f} mm {rule}")
 
     def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
         """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""

@@ -5,7 +5,7 @@ In the part's own frame (mm, origin at the centroid of the corners).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -146,7 +146,7 @@ def prism(sides: int, side_mm: float, length_mm: float) -> Array:
     return np.vstack([np.column_stack([ring, np.full(sides, z)]) for z in (0.0, length_mm)])
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Array:
+def box(low: Sequence[float], high: Sequence[float]) -> Array:
     """(8, 3) corners of an upright box, mm."""
     pick: NDArray[np.int_] = np.indices((2, 2, 2)).reshape(3, 8).T
     return np.where(pick == 1, np.asarray(high), np.asarray(low)).astype(float)

@@ -230,8 +230,9 @@ class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; tool_from_cyclopean: of cameras on
-    the hand; world_from_cyclopean: of fixed ones."""
+    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; fixture: boxes that stand on the
+    table, seen by the cameras, and that nothing may strike; tool_from_cyclopean: of cameras on the hand;
+    world_from_cyclopean: of fixed ones."""
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
@@ -245,6 +246,7 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gripper: GripperTruth
     safety: Safety = Safety()
     suction: SuctionTruth | None = None
+    fixture: list[Box] = []
     tool_from_cyclopean: Matrix4 | None = None
     world_from_cyclopean: Matrix4 | None = None
 

@@ -23,6 +23,8 @@ FLOOR_BELOW_TABLE_MM = 700.0
 GRIPPER_REACH_MM = 130.0
 LIFTED_MM = 1.0
 """Lower than this a part still leans on the table."""
+EQUAL_MM = 0.01
+"""Centres of mass of poses that look the same are as high as each other, but for rounding."""
 TOUCH_MM = 0.1
 """Parts that touch one another by no more than rounding do not overlap."""
 
@@ -126,16 +128,20 @@ class World:
         foot = rigid(turn([0, 0, 1], turn_rad), [x_mm, y_mm, self._truth.table.height_mm])
         return self.put(label, foot @ self.shape(label).rests[rest])
 
-    def scatter(self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0) -> None:
-        """Scatter new parts over the table: on random stable faces, at least gap_mm apart, or as far as there is
-        space."""
+    def scatter(
+        self, labels: Sequence[str], rng: np.random.Generator, gap_mm: float = 30.0, steady: bool = False
+    ) -> None:
+        """Scatter new parts over the table: on random stable faces (steady: on those that leave the centre of mass
+        lowest), at least gap_mm apart, or as far as there is space."""
         while True:
             spots = self._free_spots([_reach_mm(self.shape(label)) for label in labels], rng, gap_mm)
             if spots is not None:
                 break
             gap_mm -= 5.0
         for label, (x, y) in zip(labels, spots, strict=True):
-            rest = int(rng.integers(len(self.shape(label).rests)))
+            shape = self.shape(label)
+            rests = steadiest(shape) if steady else range(len(shape.rests))
+            rest = rests[int(rng.integers(len(rests)))]
             self.stand(label, rest, x, y, rng.uniform(-np.pi, np.pi))
 
     def nudge(self, name: str, x_mm: float, y_mm: float, turn_rad: float = 0.0) -> None:
@@ -322,6 +328,12 @@ def settle(shape: PartShape, world_from_part: Array, height_mm: float) -> Array:
     heading = np.arctan2(world_from_rest[1, 0] - world_from_rest[0, 1], world_from_rest[0, 0] + world_from_rest[1, 1])
     x, y, _ = apply(world_from_part, shape.centre_of_mass)
     return rigid(turn([0, 0, 1], heading), [x, y, height_mm]) @ rest
+
+
+def steadiest(shape: PartShape) -> list[int]:
+    """The numbers of the stable poses that leave the centre of mass lowest."""
+    heights = [float(apply(rest, shape.centre_of_mass)[2]) for rest in shape.rests]
+    return [k for k, height_mm in enumerate(heights) if height_mm < min(heights) + EQUAL_MM]
 
 
 def _reach_mm(shape: PartShape) -> float:

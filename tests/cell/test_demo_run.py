@@ -51,8 +51,18 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
     picked = {r["label"] for r in records if r["kind"] == "cycle_end" and r["outcome"] == "picked"}
     assert picked == {"cube", "pyramid", "triangular_prism", "pentagonal_prism"}
     truths = [r for r in records if r["kind"] == "truth" and r["held"]]
-    assert len(truths) == 4
+    assert len(truths) == 8, "four to the bin, four to their nests"
     assert all(r["error_mm"] < 3.0 for r in truths)
+
+
+@pytest.mark.long
+def test_it_ends_with_four_parts_in_four_nests_each_turned_as_drawn(demo: tuple[str, Path]) -> None:
+    said, run = demo
+    assert "kit: 4 of 4 parts seen right in their nests" in said
+    records = [json.loads(line) for line in (run / "run.jsonl").read_text().splitlines()]
+    set_down = [r for r in records if r["kind"] == "truth" and r["place_mm"] is not None]
+    assert len(set_down) == 4
+    assert all(r["place_mm"] < 1.0 and r["place_deg"] < 1.0 for r in set_down)
 
 
 @pytest.mark.long

@@ -143,6 +143,19 @@ def test_a_transform_that_is_none_is_refused_by_name(tmp_path: Path, name: str) 
         load_truth(tmp_path / "simcell.yaml")
 
 
+def test_a_fixture_on_the_table_is_seen_but_under_the_cloth_and_nothing_may_strike_it(tmp_path: Path) -> None:
+    box = {"low_mm": [460.0, -60.0, -300.0], "high_mm": [580.0, 60.0, -270.0]}
+    (tmp_path / "simcell.yaml").write_text(yaml.safe_dump({**yaml.safe_load(TRUTH.read_text()), "fixture": [box]}))
+    with SimulatedCell(tmp_path / "simcell.yaml", seed=1, time_scale=40.0) as cell:
+        assert [each.world_from_solid.tolist() for each in cell._scene_at(time.monotonic()).solids] == [
+            np.eye(4).tolist()
+        ]
+        cell.place_for_teaching("cube", 0)
+        assert len(cell._scene_at(time.monotonic()).solids) == 1, "the cube, before a cloth"
+        drive(cell, rigid(DOWN, [520.0, 0.0, -265.0]))
+        assert any(found.rule == "in keep-out box 1" for found in cell.violations())
+
+
 def test_a_file_from_before_there_was_a_motion_monitor_still_loads(tmp_path: Path) -> None:
     (tmp_path / "simcell.yaml").write_text(TRUTH.read_text().split("safety:")[0])
     assert load_truth(tmp_path / "simcell.yaml").safety.body == []

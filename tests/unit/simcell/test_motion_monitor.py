@@ -294,6 +294,16 @@ def test_a_part_that_slips_on_the_way_is_pressed_into_nothing_behind_that() -> N
         cell.types(ABOVE_TABLE)
 
 
+def test_a_part_in_the_gripper_that_is_carried_into_a_box_is_found() -> None:
+    """The box and the part's corners are below the tips; nothing of the arm comes there."""
+    cell = Cell(keep_out=[Box([480.0, -40.0, -200.0], [560.0, -10.0, -150.0])])
+    cell.types(ABOVE_TABLE)
+    corners = np.array([[x, y, 70.0] for x in (-15.0, 15.0) for y in (-20.0, 20.0)])
+    cell.controller.machine.history.add(GraspRecord(cell.now_s, "", "cube", corners))
+    cell.types("DO MOVE TRANS(520,0,-98,0,90,0)")
+    assert cell.found() == ["in keep-out box 1"]
+
+
 def test_a_part_that_somebody_else_had_the_gripper_close_on_is_carried_by_our_next_motion() -> None:
     cell = Cell()
     cell.types(ABOVE_TABLE)

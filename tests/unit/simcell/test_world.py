@@ -24,6 +24,15 @@ def test_parts_are_strewn_on_stable_faces_without_touching() -> None:
                 assert np.linalg.norm(a[:, None, :2] - b[None, :, :2], axis=2).min() > 20
 
 
+def test_parts_strewn_steadily_lie_with_their_mass_as_low_as_it_can_be() -> None:
+    world, lowest = World(TRUTH), {"cube": 25.0, "pyramid": 12.5, "triangular_prism": 14.4, "pentagonal_prism": 22.0}
+    for seed in range(10):
+        world.scatter(TAUGHT, np.random.default_rng(seed), steady=True)
+    for part in world.parts:
+        height_mm = apply(part.pose, part.shape.centre_of_mass)[2] - TABLE_MM
+        assert height_mm == pytest.approx(lowest[part.label], abs=0.1)
+
+
 def test_strewing_is_repeated_by_its_seed() -> None:
     poses = []
     for seed in (3, 3, 4):

@@ -1,0 +1,136 @@
+"""The kit at the end of the demo: a plate with four nests and walls between them, and how each part is to lie in its
+own. Values only; demo.py has the daemon do it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from daemon.events.records import Record
+from daemon.store.place_status import PlaceStatus
+
+PLATE, PLATE_MM = "plate", (460.0, -300.0, -300.0)
+"""The fixture, and where its middle is on the table, world mm."""
+WALLS = (((-100.0, -3.0, 0.0), (100.0, 3.0, 12.0)), ((-3.0, -100.0, 0.0), (3.0, 100.0, 12.0)))
+"""Lowest and highest corner of each wall, mm from the plate's middle."""
+
+
+@dataclass(frozen=True)
+class Nest:
+    """Where one part belongs. point_mm, heading_deg: of its side that is down, on the plate; the longest edge of that
+    side goes along the heading."""
+
+    part: str
+    point_mm: tuple[float, float]
+    heading_deg: float
+
+    @property
+    def name(self) -> str:
+        """Of the place."""
+        return f"nest_{self.part}"
+
+    @property
+    def drawing(self) -> str:
+        """Of the part, in etc/."""
+        return f"{self.part}.obj"
+
+
+NESTS = (
+    Nest("cube", (-70.0, 70.0), 20.0),
+    Nest("pyramid", (70.0, 70.0), 45.0),
+    Nest("triangular_prism", (-70.0, -70.0), 90.0),
+    Nest("pentagonal_prism", (70.0, -70.0), 0.0),
+)
+"""In the order in which places.yaml names them. Each part lies on a side of four corners."""
+CORNERS_DOWN = 4
+
+
+def fixture_boxes() -> list[dict[str, list[float]]]:
+    """The plate's walls as boxes of the world, for the simulated cell's truth."""
+    return [
+        {
+            "low_mm": [at + each for at, each in zip(PLATE_MM, low, strict=True)],
+            "high_mm": [at + each for at, each in zip(PLATE_MM, high, strict=True)],
+        }
+        for low, high in WALLS
+    ]
+
+
+def write_truth(cell: Path, out: Path) -> None:
+    """The truth of a simulated cell, with the plate on its table. Raises OSError."""
+    truth = yaml.safe_load(cell.read_text(encoding="utf-8"))
+    out.write_text(yaml.safe_dump({**truth, "fixture": fixture_boxes()}), encoding="utf-8")
+
+
+def places_yaml(edges_mm: Mapping[str, Sequence[Sequence[float]]]) -> str:
+    """places.yaml of the kit. edges_mm: of each part, by its label, the lengths of the edges of each side in order."""
+    solid = [{"low_mm": list(low), "high_mm": list(high)} for low, high in WALLS]
+    places = {nest.name: _entry(nest, edges_mm[nest.part]) for nest in NESTS}
+    plate = {"point_mm": list(PLATE_MM), "solid": solid}
+    return yaml.safe_dump({"version": 1, "fixtures": {PLATE: plate}, "places": places}, sort_keys=False)
+
+
+def _entry(nest: Nest, sides: Sequence[Sequence[float]]) -> dict[str, object]:
+    """A place; its heading is that of the first edge of the side."""
+    number = next(k for k, edges in enumerate(sides, start=1) if len(edges) == CORNERS_DOWN)
+    first, second = sides[number - 1][:2]
+    heading_deg = nest.heading_deg + (90.0 if second > first + 1.0 else 0.0)
+    return {
+        "part": nest.part,
+        "fixture": PLATE,
+        "side_down": number,
+        "point_mm": [*nest.point_mm, 0.0],
+        "heading_deg": heading_deg,
+    }
+
+
+@dataclass(frozen=True)
+class KitResult:
+    """What became of the nests. seen: the last record of each place, by its name; true_mm, true_deg: how far its part
+    truly lies from there, by the name of the place."""
+
+    seen: Mapping[str, Record]
+    true_off: Mapping[str, tuple[float, float]]
+
+    @property
+    def right(self) -> int:
+        """How many are seen right."""
+        return sum(record["status"] == PlaceStatus.RIGHT for record in self.seen.values())
+
+    @property
+    def lines(self) -> list[str]:
+        """A table, and the result in a line."""
+        rows = [f"{'part':18}{'nest':14}{'seen off by':>20}{'truly off by':>23}"]
+        for nest in NESTS:
+            record = self.seen.get(nest.name, {})
+            seen, true = (record.get("off_mm"), record.get("off_deg")), self.true_off.get(nest.name)
+            status = str(record.get("status", PlaceStatus.FREE))
+            rows.append(f"{nest.part:18}{status:14}{_off(seen):>20}{_off(true):>23}")
+        most = [max(errors) for errors in zip(*self.true_off.values(), strict=True)]
+        truth = f", truly off by at most {_off((most[0], most[1]))}" if most else ""
+        return [*rows, f"kit: {self.right} of {len(NESTS)} parts seen right in their nests{truth}"]
+
+
+def kit_result(records: Sequence[Record]) -> KitResult:
+    """What a run's records say of the nests, the last word on each."""
+    nests = {nest.name for nest in NESTS}
+    seen: dict[str, Record] = {}
+    cycles: dict[Any, str] = {}
+    true_off: dict[str, tuple[float, float]] = {}
+    for record in records:
+        if record["kind"] == "place" and record["place"] in nests:
+            seen[record["place"]] = record
+            cycles[record.get("cycle")] = record["place"]
+        elif record["kind"] == "truth" and record.get("place_mm") is not None and record["cycle"] in cycles:
+            true_off[cycles[record["cycle"]]] = record["place_mm"], record["place_deg"]
+    return KitResult(seen, true_off)
+
+
+def _off(off: tuple[float | None, float | None] | None) -> str:
+    if off is None or off[0] is None or off[1] is None:
+        return "-"
+    return f"{off[0]:.2f} mm {off[1]:.2f} deg"

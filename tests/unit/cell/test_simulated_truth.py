@@ -1,0 +1,27 @@
+"""What a simulated cell says of its own truth beside what the daemon saw."""
+
+from __future__ import annotations
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from daemon.cell.simulated_operator import SimulatedOperator
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.rigid import rigid, turn
+from drivers.simcell.world import PartPlace
+from tests.fakes.simulated_cell import CONFIG
+
+
+def test_the_true_error_of_a_set_down_is_that_of_the_part_nearest_to_the_place() -> None:
+    with SimulatedCell(CONFIG.parent / "simcell.yaml", seed=1) as cell:
+        hand = SimulatedOperator(cell, {"cube": 1}, Mock())
+        corners = cell.world.shape("cube").hull.vertices
+        poses = [rigid(turn([0, 0, 1], k * np.pi / 2), [400.0, -200.0, -275.0]) for k in range(4)]
+        assert hand.place_error("cube", poses, corners) is None, "no cube is there"
+        cell.world.put("cube", rigid(np.eye(3), [500.0, 0.0, -275.0]))
+        cell.world.put("cube", rigid(turn([0, 0, 1], np.radians(91.0)), [400.3, -200.4, -275.0]))
+        cell.world.put("cube", poses[0], PartPlace.BIN)
+        cell.world.put("pyramid", poses[0])
+        assert hand.place_error("cube", poses, corners) == pytest.approx((0.5, 1.0), abs=1e-6)
