@@ -153,6 +153,41 @@ def test_the_looks_that_are_fused_are_the_newest_and_those_from_where_least_was_
     assert telling([nothing] * 7, 5)[-1] is nothing
 
 
+def test_from_where_a_look_was_is_its_cameras_place_and_not_how_they_were_turned(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def look(eye_mm: tuple[float, float, float], roll_deg: float) -> Any:
+        turn = np.radians(roll_deg)
+        rolled = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+        return SimpleNamespace(world_from_cyclopean=frames.rigid(rolled, np.array(eye_mm)))
+
+    def seen(of: Any) -> list[Any]:
+        return [SimpleNamespace(look=of, centre=np.zeros(3), named=True)]
+
+    monkeypatch.setattr(fused_objects, "seen_parts", seen)
+    newest, as_it, elsewhere = look((0, 0, 300), 0.0), look((0, 0, 300), 180.0), look((300, 0, 0), 0.0)
+    assert telling([as_it, elsewhere, newest], 2) == [elsewhere, newest]
+
+
+@pytest.mark.parametrize(("names", "stay"), [(("block", "block"), [0]), (("block", "cut"), []), (("cut", "block"), [])])
+def test_of_two_named_parts_with_a_facet_in_common_the_larger_stays_where_they_have_one_name(
+    names: tuple[str, str], stay: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one_mm = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0]])
+    seen = exact(
+        np.concatenate([one_mm + 20.0 * k for k in range(3)]), tuple((3 * k, 3 * k + 1, 3 * k + 2) for k in range(3))
+    )
+    larger, less = (SimpleNamespace(label=name) for name in names)
+    shares = {id(larger): np.array([1.0, 1.0, 0.0]), id(less): np.array([0.0, 1.0, 0.0])}
+    monkeypatch.setattr(fused_objects, "_shares", lambda _, part, __: shares[id(part)])
+    fused: Any = SimpleNamespace(polyhedron=seen)
+    for parts in ([larger, less], [less, larger]):
+        kept = fused_objects._in_own_places(fused, parts, None)  # type: ignore[arg-type]
+        assert kept == [[larger, less][k] for k in stay]
+    shares[id(less)] = np.array([0.0, 0.0, 1.0])
+    assert fused_objects._in_own_places(fused, [larger, less], None) == [larger, less]  # type: ignore[arg-type]
+
+
 def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
     look = look_from(recogniser, 0, 3)
     assert [part.part for part in known([look], recogniser, Doubt())] == list(look.scene.parts)

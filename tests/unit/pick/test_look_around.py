@@ -50,7 +50,9 @@ def test_where_all_has_a_name_two_looks_from_other_sides_are_enough() -> None:
     known = asyncio.run(cycle.look_around(5))
     assert [part.label for part in known.found] == ["cube"]
     assert len(known.looks) == 3
-    assert world.said("gained")[0]["about"] == "what they hide"
+    told = world.said("gained")[0]
+    assert told["about"] == "what they hide"
+    assert [told[name] for name in ("bits_before", "bits_after", "expected", "seconds")] == [0.0] * 4, "nobody reckoned"
 
 
 def test_an_empty_table_is_looked_at_from_two_sides_more() -> None:

@@ -90,6 +90,21 @@ def test_a_sensor_that_still_holds_after_the_gripper_let_go_is_not_believed() ->
     assert "is in it no longer" in end.why
 
 
+@pytest.mark.parametrize("stuck", [False, True])
+def test_of_a_part_that_nobody_saw_grasped_the_sensor_is_asked_whether_it_was_let_go(stuck: bool) -> None:
+    fake = one_part()
+    fake.held = "pyramid"
+    cycle = wired(cycle_of(fake), lambda: stuck or fake.held is not None)
+    cycle.holding(True)
+    end = asyncio.run(cycle.pick())
+    if stuck:
+        assert (
+            "the gripper's sensor says that it holds a part, and the look shows that what it held was let go" in end.why
+        )
+    else:
+        assert (end.outcome, cycle.belief.holds_part) == ("emptied", False)
+
+
 def test_a_part_that_is_lost_on_the_way_to_the_bin_is_told_by_the_sensor() -> None:
     fake = one_part()
 
