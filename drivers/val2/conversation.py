@@ -126,7 +126,7 @@ class Conversation:
 
     def unheard(self) -> list[LineEvent]:
         """What came while nobody was waiting. Raises the error the conversation ended with, if it did."""
-        self._check()
+        self.check()
         events: list[LineEvent] = []
         while not self._inbox.empty():
             event = self._inbox.get_nowait()
@@ -182,7 +182,7 @@ class Conversation:
 
     async def next_event(self, timeout_s: float, otherwise: str, owed: str | None = None) -> LineEvent:
         """The next event. Raises NoAnswer(otherwise), and notes what is owed then; Preempted, PortError."""
-        self._check()
+        self.check()
         try:
             async with asyncio.timeout(timeout_s):
                 event = await self._inbox.get()
@@ -190,7 +190,7 @@ class Conversation:
             if owed is not None:
                 self._owed.add(owed)
             raise NoAnswer(otherwise) from None
-        self._check()
+        self.check()
         assert event is not None
         return event
 
@@ -260,7 +260,7 @@ class Conversation:
             self.send_raw(data)
             return
         for k in range(len(data)):
-            self._check()
+            self.check()
             self._send(data[k : k + 1], data if k == 0 else b"")
             if k == 0:
                 self._reader.line_ended(echoed=False)
@@ -276,7 +276,7 @@ class Conversation:
         waiting: asyncio.Queue[bytes] = asyncio.Queue()
 
         def typed(data: bytes) -> None:
-            self._check()
+            self.check()
             waiting.put_nowait(data)
 
         async def type_all() -> None:
@@ -351,10 +351,11 @@ class Conversation:
             raise Interleaved(back)
 
     def _put(self, data: bytes) -> None:
-        self._check()
+        self.check()
         self._send(data, data)
 
-    def _check(self) -> None:
+    def check(self) -> None:
+        """Raise the error the conversation ended with, if it did."""
         if self._over is not None:
             raise self._over
 

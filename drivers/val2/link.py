@@ -541,7 +541,7 @@ class Link:
                     return await self._stopped(session, talk)
                 except StopRefused:
                     raise
-                except (NoAnswer, Garbled, ControllerError) as failed:
+                except (NoAnswer, Garbled, ControllerError, Disturbed) as failed:
                     before, problem = b"", failed
         raise problem
 

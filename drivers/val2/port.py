@@ -12,7 +12,10 @@ from typing import Protocol
 import serial
 
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import PortError
+from drivers.val2.errors import Disturbed, LinkError, PortError
+
+LOOK_S = 0.2
+"""How often the port's settings are compared while nothing is sent: one call of the kernel."""
 
 
 class Port(Protocol):
@@ -28,18 +31,23 @@ class Port(Protocol):
         """Let go of the port; safe to call twice."""
 
 
-OpenPort = Callable[[str, Dialect, Callable[[bytes], None], Callable[[PortError], None]], Port]
-"""path, dialect, on_bytes, on_lost -> an open port. Raises PortError."""
+OpenPort = Callable[[str, Dialect, Callable[[bytes], None], Callable[[LinkError], None]], Port]
+"""path, dialect, on_bytes, on_trouble (PortError: the port is gone; Disturbed: somebody changed its settings, and they
+were put back) -> an open port. Raises PortError."""
 
 
 class SerialPort:
-    """An open port whose bytes are handed over as they come."""
+    """An open port whose bytes are handed over as they come, and whose settings stay as they were on opening.
+
+    Whoever opens the same device may change them (`stty sane`: its claim is advice): then what is heard waits for the
+    end of a line, and the kernel types it back to the controller.
+    """
 
     def __init__(
-        self, path: str, dialect: Dialect, on_bytes: Callable[[bytes], None], on_lost: Callable[[PortError], None]
+        self, path: str, dialect: Dialect, on_bytes: Callable[[bytes], None], on_trouble: Callable[[LinkError], None]
     ) -> None:
         """Open and claim the port. Raises PortError. Needs a running event loop, which calls both callbacks."""
-        self._path, self._on_bytes, self._on_lost = path, on_bytes, on_lost
+        self._path, self._on_bytes, self._on_trouble = path, on_bytes, on_trouble
         try:
             self._serial = serial.Serial(
                 path,
@@ -49,15 +57,19 @@ class SerialPort:
                 timeout=0,
                 exclusive=True,
             )
+            self._settings = termios.tcgetattr(self._serial.fileno())
         except (serial.SerialException, OSError, ValueError, termios.error) as error:
             raise PortError(f"{path}: {_plain_reason(error)}") from error
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._serial.fileno(), self._readable)
+        self._look = self._loop.call_later(LOOK_S, self._look_at_settings)
 
     def write(self, data: bytes) -> None:
-        """Send all of data. Raises PortError."""
+        """Send all of data. Raises PortError; Disturbed, where somebody changed the port's settings."""
         if not self._serial.is_open:
             raise PortError(f"{self._path}: the port is closed")
+        if (changed := self._put_settings_back()) is not None:
+            raise changed
         try:
             # Not pyserial's write: with no time to wait it spins for ever on a line that is held.
             written = os.write(self._serial.fileno(), data)
@@ -74,6 +86,7 @@ class SerialPort:
         XOFF, which holds it, is one spoiled bit off from a 3 and from an S, and then no XON follows. Of a line held so
         the kernel lets go only where it was told itself to hold it.
         """
+        self._put_settings_back()
         with contextlib.suppress(serial.SerialException, termios.error):  # one that is gone is told by what is sent
             handle = self._serial.fileno()
             termios.tcflush(handle, termios.TCOFLUSH)
@@ -84,6 +97,7 @@ class SerialPort:
         """Let go of the port; safe to call twice. For what waits on a line that is held the kernel would wait, half a
         minute, and the whole daemon with it."""
         if self._serial.is_open:
+            self._look.cancel()
             self.overtake()
             self._loop.remove_reader(self._serial.fileno())
             self._serial.close()
@@ -93,10 +107,28 @@ class SerialPort:
             data = self._serial.read(4096)
         except (serial.SerialException, OSError) as error:
             self.close()
-            self._on_lost(PortError(f"{self._path}: {_plain_reason(error)}"))
+            self._on_trouble(PortError(f"{self._path}: {_plain_reason(error)}"))
             return
         if data:
             self._on_bytes(data)
+
+    def _look_at_settings(self) -> None:
+        self._put_settings_back()
+        self._look = self._loop.call_later(LOOK_S, self._look_at_settings)
+
+    def _put_settings_back(self) -> Disturbed | None:
+        """Where somebody changed the port's settings: put them back, and report it."""
+        with contextlib.suppress(serial.SerialException, termios.error):  # one that is gone is told by what is read
+            handle = self._serial.fileno()
+            if termios.tcgetattr(handle) == self._settings:
+                return None
+            termios.tcsetattr(handle, termios.TCSANOW, self._settings)
+            changed = Disturbed(
+                f"{self._path}: another program changed the settings of this port (stty?); facetd put them back"
+            )
+            self._on_trouble(changed)
+            return changed
+        return None
 
 
 def _plain_reason(error: Exception) -> str:

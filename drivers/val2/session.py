@@ -64,6 +64,8 @@ class LineSession:
         """How often anything was sent or heard."""
         self.stop_typed = False
         """Whether the word that stops the arm went out, and nothing was heard since."""
+        self._untold: Disturbed | None = None
+        """What somebody did to the port while nobody had the line, for whoever has the next turn."""
         self.recoveries = 0
         """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
@@ -77,7 +79,7 @@ class LineSession:
         self._opened.set()
         self._silence: asyncio.TimerHandle | None = None
         self._listener: Callable[[bytes], None] | None = None
-        self._port = open_port(path, dialect, self._hear, self._lost)
+        self._port = open_port(path, dialect, self._hear, self._in_trouble)
 
     def close(self) -> None:
         """Let go of the port; whoever waits gets PortError."""
@@ -102,8 +104,8 @@ class LineSession:
     async def turn(
         self, moves: bool = False, answers_question: bool = False, opens: bool = False
     ) -> AsyncIterator[Conversation]:
-        """The line for oneself. Who waited through a pre-emption gets Preempted, and so does a motion asked for in one.
-        opens: it is the turn of who opens the line.
+        """The line for oneself. Who waited through a pre-emption gets Preempted, and so does a motion asked for in one;
+        Disturbed, who waited as somebody changed the port's settings. opens: it is the turn of who opens the line.
 
         Raises ControllerError while the controller asks something else, or reported an error while nobody listened.
         """
@@ -114,12 +116,10 @@ class LineSession:
             raise Preempted("an abort is under way")
         async with self._turn:
             await self._may_go_on.wait()
-            if talk is not self.talk:
-                raise Preempted("aborted")
+            talk.check()
             while self._reader.awaits_silence and not self.lost:  # a question of its own, heard but for the silence
                 await asyncio.sleep(self.dialect.prompt_silence_s)
-            if talk is not self.talk:
-                raise Preempted("aborted")
+            talk.check()
             try:
                 self._refuse_unheard(answers_question)
             except (Disturbed, NoAnswer):
@@ -274,9 +274,25 @@ class LineSession:
         if kept:
             self._ledger.sent(kept, self.clock())
 
+    def _in_trouble(self, error: LinkError) -> None:
+        """The port is gone; or somebody changed its settings, and nobody knows what went astray meanwhile: whoever has
+        the line loses it. A stop goes on, and who talks to the controller by hand."""
+        if not isinstance(error, Disturbed):
+            self._lost(error)
+            return
+        self._disturbed()
+        if self._turn.locked() and self._may_go_on.is_set() and self._listener is None:
+            self.talk.end(error)
+            self.talk = self._new_conversation()
+        else:
+            self._untold = error
+
     def _refuse_unheard(self, answers_question: bool) -> None:
         """What came while nobody listened comes first: errors and questions (an emergency stop, a power cycle), and
         what answers nothing of ours."""
+        if (untold := self._untold) is not None:
+            self._untold = None
+            raise untold
         others = self.talk.others_of(events := self.talk.unheard())
         questions = [event.text for event in events if isinstance(event, ControllerQuestion)]
         if questions:

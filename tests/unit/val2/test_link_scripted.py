@@ -1159,3 +1159,24 @@ def test_an_asterisk_of_noise_in_where_is_asked_again_and_no_refusal(spoiled: tu
     for first in (0, 1):
         assert lived(story(lambda link: link.abort(), first)).location == GOAL
     assert lived(story(lambda link: link.where(), 0)).location == GOAL
+
+
+def test_a_stop_whose_bytes_did_not_leave_a_port_that_was_changed_just_then_is_typed_again_at_once() -> None:
+    async def story() -> None:
+        port = Scripted(usual)
+        link = linked(port)
+        await link.open()
+        writes, failed = port.write, list[bytes]()
+
+        def fails_once(data: bytes) -> None:
+            if not failed:
+                failed.append(data)
+                raise Disturbed("stty")
+            writes(data)
+
+        port.write = fails_once  # type: ignore[method-assign]
+        assert await link.abort() is not None
+        assert b"ABORT" in failed[0]
+        assert "ABORT" in port.lines
+
+    lived(story())

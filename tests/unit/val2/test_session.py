@@ -178,6 +178,59 @@ def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twic
     lived(story())
 
 
+def test_where_somebody_changed_the_port_s_settings_who_has_the_line_and_who_waits_for_it_hear_that_once() -> None:
+    async def story() -> None:
+        wire = Wire()
+        session = wire.session
+
+        async def waits() -> None:
+            async with session.turn() as talk:
+                await talk.next_event(60.0, "")
+
+        has_it, waiting = asyncio.ensure_future(waits()), asyncio.ensure_future(waits())
+        await asyncio.sleep(0.1)
+        wire.lose(Disturbed("stty"))
+        assert not session.lost
+        for one in (has_it, waiting):
+            with pytest.raises(Disturbed, match="stty"):
+                await one
+        async with session.turn():
+            pass
+        wire.lose(Disturbed("stty while nobody has it"))
+        with pytest.raises(Disturbed, match="nobody has it"):
+            await waits()
+        async with session.turn():
+            pass
+
+    lived(story())
+
+
+def test_a_stop_and_a_person_at_the_terminal_keep_the_line_where_somebody_changed_the_port_s_settings() -> None:
+    async def story(stops: bool) -> None:
+        wire = Wire()
+        session = wire.session
+
+        async def lets_go_late() -> None:
+            async with session.turn():
+                await asyncio.sleep(1.0)
+
+        if stops:
+            holding = asyncio.ensure_future(lets_go_late())
+            await asyncio.sleep(0.1)
+        async with session.preemption() if stops else session.terminal(lambda _: None):
+            wire.answers = [(0.001, PROMPT)]
+            wire.lose(Disturbed("stty"))
+            session.talk.check()
+        if stops:
+            await holding
+        with pytest.raises(Disturbed, match="stty"):
+            async with session.turn():
+                pass
+
+    lived(story(True))
+    lived(story(False))
+
+
 def test_what_is_sent_and_heard_is_in_the_ledger() -> None:
     async def story() -> list[dict[str, Any]]:
         wire = Wire()
