@@ -26,7 +26,7 @@ from drivers.val2.acquaintance import (
     UnclearError,
 )
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import PortError
+from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.introduction import BAUDS, BY_PENDANT
 from drivers.val2.port import OpenPort, Port, SerialPort
 
@@ -40,7 +40,7 @@ class StoppedByPersonError(FacetdError):
     """The person stopped the identification, and the stop was sent."""
 
 
-EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, PortError)
+EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, LinkError)
 """Errors that end an identification."""
 serial_port: OpenPort = SerialPort
 __all__ = [
@@ -66,12 +66,12 @@ class _Line:
         self._port: Port | None = None
         self._came: list[tuple[float, bytes]] = []
         self._news = asyncio.Event()
-        self._broken: PortError | OSError | None = None
+        self._broken: LinkError | OSError | None = None
         """The port was lost, or the transcript cannot be written."""
         self._heard, self._heard_s = b"", 0.0
 
     def open(self, baud: int) -> None:
-        """Open the port at a baud rate. Raises PortError."""
+        """Open the port at a baud rate. Raises LinkError."""
         self.close()
         self._port = self._open_port(self._path, Dialect(baud=baud), self._hear, self._end)
 
@@ -83,20 +83,24 @@ class _Line:
             self._port = None
 
     def send(self, data: bytes) -> None:
-        """Send bytes. Raises PortError, or OSError where they cannot be recorded."""
+        """Send bytes. Raises LinkError, or OSError where they cannot be recorded."""
         self.note("out", bytes=data.decode("latin-1"))
         self.check()
         if self._port is not None:
             self._port.write(data)
 
     def send_stop(self, data: bytes) -> None:
-        """Send bytes that stop the arm, even where they cannot be recorded. Raises PortError."""
+        """Send bytes that stop the arm, even where they cannot be recorded, or somebody changed the port just then.
+        Raises LinkError."""
         self.note("out", bytes=data.decode("latin-1"))
         if self._port is not None:
+            with contextlib.suppress(Disturbed):
+                self._port.write(data)
+                return
             self._port.write(data)
 
     def check(self) -> None:
-        """Raise PortError or OSError where further bytes cannot be sent or recorded."""
+        """Raise LinkError or OSError where further bytes cannot be sent or recorded."""
         if self._broken is not None:
             raise self._broken
 
@@ -111,7 +115,7 @@ class _Line:
         return self._came[-1][0] if self._came else None
 
     async def news(self, most_s: float) -> None:
-        """Wait for bytes, at most most_s. Raises PortError, OSError."""
+        """Wait for bytes, at most most_s. Raises LinkError, OSError."""
         self._news.clear()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(max(most_s, 0.0)):
@@ -142,7 +146,7 @@ class _Line:
         except OSError as error:
             self._end(error)
 
-    def _end(self, error: PortError | OSError) -> None:
+    def _end(self, error: LinkError | OSError) -> None:
         self._broken = error
         self._news.set()
 
@@ -158,7 +162,7 @@ async def identify(
     """Identify the controller at a port. write: receives each line of the transcript; pendant: whether the person moves
     the arm to more poses.
 
-    Raises UnclearError with a question, PortError, StoppedByPersonError after the stop was sent, and what write raises.
+    Raises UnclearError with a question, LinkError, StoppedByPersonError after the stop was sent, and what write raises.
     """
     known = Acquaintance()
     line = _Line(path, open_port, asyncio.get_running_loop().time, write)

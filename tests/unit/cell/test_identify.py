@@ -16,7 +16,7 @@ from daemon import config as configs
 from daemon.calibration.arm_from_readings import NoArmError
 from daemon.cell import sections
 from daemon.cell.identified_arm import arm_file, arm_of, page
-from daemon.cell.identify import StoppedByPersonError, read_transcript, replay
+from daemon.cell.identify import StoppedByPersonError, _Line, read_transcript, replay
 from daemon.store import folders
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
@@ -26,6 +26,7 @@ from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import MotionRecord
 from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, UnclearError
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
+from drivers.val2.errors import Disturbed
 from drivers.val2.first_moves import ROUNDS, STEP_DEG
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
@@ -530,3 +531,20 @@ def test_no_disk_that_is_full_keeps_the_persons_stop_back() -> None:
         in_simulated_time(lambda: meet(draw(2), stop_s=60.0, full=lambda _: asyncio.get_running_loop().time() >= 60.0))
     assert moved(strangers[-1])
     assert typed(strangers[-1])[-1] in ("ABORT", "PANIC")
+
+
+def test_a_stop_is_typed_also_on_a_port_that_somebody_changed_just_then() -> None:
+    written: list[bytes] = []
+
+    class Changed:
+        def write(self, data: bytes) -> None:
+            written.append(data)
+            if len(written) == 1:
+                raise Disturbed("stty")
+
+        def close(self) -> None: ...
+
+    line = _Line("port", lambda *_: Changed(), lambda: 0.0, lambda _: None)  # type: ignore[arg-type, return-value]
+    line.open(9600)
+    line.send_stop(b"ABORT\r")
+    assert written == [b"ABORT\r"] * 2
