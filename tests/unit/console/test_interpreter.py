@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from daemon.arm import RefusedError
 from daemon.commands import every_command
-from daemon.console.interpreter import CommandResult, Interpreter
+from daemon.console.interpreter import CommandResult, Interpreter, command
 from daemon.events.pick_order import PickOrder
 from tests.fakes.fake_context import FakeFrontend, fake_context
 
@@ -140,9 +140,9 @@ def test_an_ambiguous_abbreviation_is_asked_back_not_guessed(context: object) ->
 
 def test_help_names_every_command_and_help_of_one_tells_its_usage(context: object) -> None:
     every = say(context, "help all").text
-    for command in every_command("simulated"):
-        assert command.usage in " ".join(every.split())
-        assert command.usage in " ".join(say(context, f"help {command.name}").text.split())
+    for one in every_command("simulated"):
+        assert one.usage in " ".join(every.split())
+        assert one.usage in " ".join(say(context, f"help {one.name}").text.split())
     assert max(len(line) for line in every.splitlines()) <= 100
     assert "did you mean teach" in say(context, "help tech").text
 
@@ -300,6 +300,27 @@ def test_a_name_that_ends_in_stop_is_a_name(context: Any) -> None:
     assert "stop by tester" not in context.cycle.told
     say(context, "go backstop")
     assert "stop by tester" in context.cycle.told
+
+
+def test_a_name_that_only_a_commands_second_word_offers_is_a_name_and_a_list_that_cannot_be_read_holds_none() -> None:
+    broken = False
+
+    def acts(_: object) -> tuple[str, ...]:
+        if broken:
+            raise RefusedError("the list cannot be read")
+        return ("show", "drop")
+
+    @command("kit show|drop NAME", most=2, choices=acts, further=lambda _, word: ("doorstop",) * (word == "show"))
+    async def kit(_: object, __: list[str], ___: object) -> CommandResult:
+        """Of kits."""
+        return CommandResult("")
+
+    console = Interpreter(None, [kit])  # type: ignore[arg-type]
+    assert not console.means_stop("kit show doorstop")
+    assert console.means_stop("kit show hostop")
+    assert console.means_stop("kit drop doorstop")
+    broken = True
+    assert console.means_stop("kit show doorstop")
 
 
 @pytest.mark.parametrize("text", ["stop '", 'stop "', "stop\xfc", "st\x00op", "\x1bstop", "STOP!", "sto", "halt\udcff"])
