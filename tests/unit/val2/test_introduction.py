@@ -284,6 +284,35 @@ def test_a_controller_that_refuses_to_calibrate_is_asked_what_it_needs() -> None
         met(PowerOff(calibrated=False), yes)
 
 
+@pytest.mark.parametrize("mended", [2, 3, 99])
+def test_what_keeps_the_arm_from_its_first_motion_is_mended_one_thing_after_the_other_but_not_for_ever(
+    mended: int,
+) -> None:
+    """Arm power, then a limit switch or an air supply: each is only told once the one before is mended."""
+
+    class Wants(Terminal):
+        def carried_out(self, line: str) -> str:
+            refused = len([consult for consult in asked if consult.about == "power"])
+            if line.upper().startswith("DO DRIVE") and refused < mended:
+                return f"*Fault {refused}*"
+            return super().carried_out(line)
+
+    asked = list[Consult]()
+
+    def mends(consult: Consult) -> str:
+        asked.append(consult)
+        return yes(consult)
+
+    if mended == 99:
+        with pytest.raises(UnclearError, match=r"the arm does not move: the controller says \*Fault \d\*"):
+            met(Wants(), mends)
+        return
+    known, _, _ = met(Wants(), mends)
+    told = [consult.text for consult in asked if consult.about == "power"]
+    assert [f"*Fault {k}*" in text for k, text in enumerate(told)] == [True] * mended
+    assert len(known.readings) == 1 + 6 * len(ROUNDS)
+
+
 def test_a_wrist_is_bent_by_the_person_until_it_is_no_longer_straight() -> None:
     terminal, bent = Terminal(), iter([STRAIGHT_DEG - 0.1, -STRAIGHT_DEG])
     terminal.joints[4] = 0.0
