@@ -119,7 +119,8 @@ async def _lost(context: PickContext, target: Target) -> bool:
     if await sensed(context, "over its place") is not False:
         return False
     taken = await gripper_pair(context, target)
-    shows = taken is not None and await context.cell.compute(in_hand, target, taken, mount_of(context.cell))
+    doubt, mount = context.settings.doubt, mount_of(context.cell)
+    shows = taken is not None and await context.cell.compute(in_hand, target, taken, mount, doubt)
     ask_where_they_differ(context, contradiction(target.label, False, "is in it", shows))
     return True
 

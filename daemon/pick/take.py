@@ -20,7 +20,6 @@ from daemon.pick.following import (
     mount_of,
     still_there,
 )
-from daemon.pick.gripper import Gripper
 from daemon.pick.looking import Look, Taken
 from daemon.pick.outcome import InGripper, released
 from daemon.pick.plan import last_stretch
@@ -130,7 +129,7 @@ def _judged(
 ) -> tuple[bool, tuple[str, DecisionCode] | None]:
     """Whether a look shows the part in the hand, and what it says against that; None where it says nothing. found: what
     lay there before."""
-    if in_hand(target, seen.taken, mount):
+    if in_hand(target, seen.taken, mount, settings.doubt):
         return True, None
     hand = seen.reading.world_from_tool[:3, 3]
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
@@ -168,8 +167,8 @@ async def over_bin(
         ask_where_they_differ(context, contradiction("what it held", sensor, "was let go", False))
         return PickEvent.BINNED
     after = await gripper_pair(context, target)
-    mount, gripper = mount_of(context.cell), context.settings.gripper
-    above, opened = await context.cell.compute(_shown_in_gripper, target, before, after, mount, gripper)
+    mount = mount_of(context.cell)
+    above, opened = await context.cell.compute(_shown_in_gripper, target, before, after, mount, context.settings)
     if opened is not InGripper.PART:
         ask_where_they_differ(context, contradiction(target.label, sensor, "is in it no longer", False))
     if lost and above is InGripper.PART:
@@ -187,15 +186,15 @@ async def over_bin(
 
 
 def _shown_in_gripper(
-    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, gripper: Gripper
+    target: Target, before: Taken | None, after: Taken | None, mount: CameraMount, settings: Settings
 ) -> tuple[InGripper, InGripper]:
     """What pairs from before the gripper opened and after show in it. Both are needed to tell that the target was."""
     above = opened = InGripper.UNCLEAR
-    if after is not None and in_hand(target, after, mount):
+    if after is not None and in_hand(target, after, mount, settings.doubt):
         opened = InGripper.PART
-    if before is not None and after is not None and left_hand(target, before, after, mount):
+    if before is not None and after is not None and left_hand(target, before, after, mount, settings.doubt):
         above = InGripper.PART
-    elif before is not None and came_back_empty(before, mount, gripper):
+    elif before is not None and came_back_empty(before, mount, settings.gripper):
         above = InGripper.EMPTY
     return above, opened
 

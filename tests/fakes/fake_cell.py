@@ -24,6 +24,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.following import CameraMount, Target, in_hand, left_hand
 from daemon.pick.grasp import tool_rotation
 from daemon.pick.looking import Taken
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.geometry.rig import Camera, StereoRig
@@ -313,17 +314,19 @@ class TruthRecogniser:
         return Facet(noisy, covariance, left, right, np.full(len(corners), self.world.epipolar), 0.1)
 
 
-def truly_in_hand(target: Target, taken: Taken, mount: CameraMount) -> bool:
+def truly_in_hand(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) -> bool:
     """What a look at the gripper shows: of a fake cell the truth, whose pictures show nothing."""
     world: Any = getattr(taken.pictures, "of", None)
-    return in_hand(target, taken, mount) if world is None else taken.pictures.held == target.label  # type: ignore[attr-defined]
+    if world is None:
+        return in_hand(target, taken, mount, doubt)
+    return bool(taken.pictures.held == target.label)  # type: ignore[attr-defined]
 
 
-def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount) -> bool:
+def truly_left_hand(target: Target, before: Taken, after: Taken, mount: CameraMount, doubt: Doubt) -> bool:
     """The same of two looks, the gripper opened between them."""
     pairs: list[Any] = [before.pictures, after.pictures]
     if getattr(pairs[0], "of", None) is None:
-        return left_hand(target, before, after, mount)
+        return left_hand(target, before, after, mount, doubt)
     return [pair.held for pair in pairs] == [target.label, None]
 
 
