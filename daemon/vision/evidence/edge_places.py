@@ -13,7 +13,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, hidden, thickness
-from daemon.vision.image import LEAST_SIGMAS, CameraImage, StereoImages, levels_across, peaks, slopes_across
+from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import ROOM_PX, THIN_PX, across
 
 PLACES, REACH_PX = 24, 7
@@ -36,6 +36,7 @@ _ON_PLACE, _CLOSE = (np.abs(_BETWEEN_PX) <= near for near in (ON_PLACE_PX, CLOSE
 _BESIDE = np.stack(
     [np.flatnonzero((side * _OFFSETS_PX >= BESIDE_PX[0]) & (side * _OFFSETS_PX <= BESIDE_PX[1])) for side in (-1, 1)]
 )
+_EITHER = np.arange(2)[:, None, None]
 _TENTHS = 2.56
 """Standard deviations between the tenth and the ninetieth of hundred."""
 
@@ -61,45 +62,42 @@ class EdgePlaces:
 
 def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[EdgePlaces]:
     """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
-    return [_samples(solid, pose, *one) for one in zip(eyes.views, eyes.geometry.eyes_mm, strict=True)]
-
-
-def _samples(solid: Polyhedron, pose: Array, view: CameraImage, eye_mm: Array) -> EdgePlaces:
-    ends = solid.lines[0]
-    corners = view.eye.camera.project(frames.apply(pose, solid.corners_mm))
-    thick = thickness(corners[solid.ring_table])
-    hands = np.where((thick >= THIN_PX[1])[solid.hands], solid.hands, -1)
+    ends, count = solid.lines[0], len(solid.corners_mm)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
-    places = solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares
-    px = view.eye.camera.project(frames.apply(pose, places.reshape(-1, 3)))
-    start, end = corners[ends[:, 0]], corners[ends[:, 1]]
-    long = np.linalg.norm(end - start, axis=1)
-    inside = ((px > ROOM_PX) & (px < np.array(view.grey.shape[::-1]) - 1 - ROOM_PX)).all(1)
-    visible = inside.reshape(-1, PLACES) & ((hands >= 0).any(1) & (long >= SHORTEST_PX))[:, None]
+    places = (solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares).reshape(-1, 3)
+    points = frames.apply(pose, np.concatenate([solid.corners_mm, places]))
+    px = np.stack([view.eye.camera.project(points) for view in eyes.views])
+    corners, px = px[:, :count], px[:, count:].reshape(2, -1, PLACES, 2)  # of either camera, as all that follows
+    thick = thickness(corners[:, solid.ring_table])
+    hands = np.where((thick >= THIN_PX[1])[:, solid.hands], solid.hands, -1)
+    start, end = corners[:, ends[:, 0]], corners[:, ends[:, 1]]
+    long = np.hypot(*np.moveaxis(end - start, 2, 0))
+    visible = ((px > ROOM_PX) & (px < np.array(eyes.rig.image_size) - 1 - ROOM_PX)).all(3)
+    visible &= ((hands >= 0).any(2) & (long >= SHORTEST_PX))[..., None]
     if not solid.convex:
-        eye = frames.apply(frames.inverse(pose), eye_mm[None])[0]
-        visible &= ~hidden(solid, places.reshape(-1, 3), eye).reshape(-1, PLACES)
-    levels = np.zeros((len(px), len(_OFFSETS_PX)), np.float32)
-    seen = visible.reshape(-1)
-    levels[seen] = levels_across(view.smooth, px[seen], across(start, end).repeat(PLACES, 0)[seen], _OFFSETS_PX)
-    slopes = np.abs(slopes_across(levels)).reshape(len(ends), PLACES, -1)
-    beside = levels.reshape(len(ends), PLACES, -1)[..., _BESIDE].mean(3)
-    there = np.asarray((peaks(slopes, LEAST_SIGMAS) & _ON_PLACE).any(2))
-    usual, spread = _usual(hands, beside, visible, there, len(solid.facets))
+        part_from_cyclopean = frames.inverse(pose)
+        for own, eye_mm in zip(visible, eyes.geometry.eyes_mm, strict=True):
+            own &= ~hidden(solid, places, frames.apply(part_from_cyclopean, eye_mm[None])[0]).reshape(own.shape)
+    levels = np.zeros((*visible.shape, len(_OFFSETS_PX)), np.float32)
+    for view, own, seen, at, *edge in zip(eyes.views, levels, visible, px, start, end, strict=True):
+        own[seen] = levels_across(view.smooth, at[seen], across(*edge)[np.nonzero(seen)[0]], _OFFSETS_PX)
+    slopes = np.abs(slopes_across(levels))
+    beside = levels[..., _BESIDE].mean(4)
+    there = np.asarray((peaks(slopes, LEAST_SIGMAS) & _ON_PLACE).any(3))
+    levelled = [_usual(*each, len(solid.facets)) for each in zip(hands, beside, visible, there, strict=True)]
+    usual, spread = (np.stack(each)[_EITHER, hands] for each in zip(*levelled, strict=True))
     raised = np.linalg.norm(solid.bisectors, axis=1) > 0  # of facets that meet in a hollow either may shade the other
-    known = ((hands >= 0) & raised[:, None])[:, None]
-    before, after = np.moveaxis(np.where(known, usual[hands][:, None], beside), 2, 0)
+    known = ((hands >= 0) & raised[:, None])[:, :, None]
+    before, after = np.moveaxis(np.where(known, usual[:, :, None], beside), 3, 0)
     expected = np.abs(after - before)
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
-    close = np.asarray((peaks(slopes, least) & _CLOSE).any(2))
+    close = np.asarray((peaks(slopes, least) & _CLOSE).any(3))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
     sharp = ~((thick > THIN_PX[0]) & (thick < THIN_PX[1]))
-    outline = ((hands >= 0).sum(1) == 1) & np.where(solid.hands < 0, True, sharp[solid.hands]).all(1)
-    spreads = np.where(hands >= 0, spread[hands], 0.0)
-    return EdgePlaces(
-        long / PLACES, np.where(outline, 1.0, INNER), visible, there, close,
-        expected, step, np.hypot(spreads[:, 0], spreads[:, 1])[:, None],
-    )  # fmt: skip
+    outline = ((hands >= 0).sum(2) == 1) & np.where(solid.hands < 0, True, sharp[:, solid.hands]).all(2)
+    spreads = np.hypot(*np.moveaxis(np.where(hands >= 0, spread, 0.0), 2, 0))[..., None]
+    each = long / PLACES, np.where(outline, 1.0, INNER), visible, there, close, expected, step, spreads
+    return [EdgePlaces(*own) for own in zip(*each, strict=True)]
 
 
 def _usual(hands: Index, beside: Array, visible: Flags, there: Flags, count: int) -> tuple[Array, Array]:

@@ -142,9 +142,11 @@ def missing_in_both_px(both: Sequence[EdgePlaces]) -> float:
         clear = (seen.expected >= CLEARLY) & (seen.expected >= SPREADS * seen.spread)
         missing.append(seen.visible & clear & ~shows)
         found.append(seen.visible & shows)
-    lost: Flags = np.asarray(~found[0] & ~found[1])
+    lost = [each & ~found[0] & ~found[1] for each in missing]
     return float(
-        sum((seen.length_px[:, None] * _ending(each & lost)).sum() for seen, each in zip(both, missing, strict=True))
+        sum(
+            (seen.length_px[:, None] * _ending(each)).sum() for seen, each in zip(both, lost, strict=True) if each.any()
+        )
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import compress
 from statistics import median
 from typing import Any
 
@@ -161,10 +162,7 @@ def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSetting
 
 def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
-    taken = [(*p.corners_px.min(0), *p.corners_px.max(0)) for p in used]
-    alone = []
-    for o in outlines:
-        x, y = o.corners.mean(0)
-        if not any(left < x < right and top < y < bottom for left, top, right, bottom in taken):
-            alone.append(Rejected(o.corners, eye, UNMATCHED))
-    return tuple(alone)
+    middles = np.array([o.corners.mean(0) for o in outlines]).reshape(-1, 1, 2)
+    low, high = (np.array([side(p.corners_px, 0) for p in used]).reshape(-1, 2) for side in (np.min, np.max))
+    alone = ~((middles > low) & (middles < high)).all(2).any(1)
+    return tuple(Rejected(o.corners, eye, UNMATCHED) for o in compress(outlines, alone))

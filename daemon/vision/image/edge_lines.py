@@ -193,8 +193,8 @@ def levels_across(smooth: Fine, at: Array, normal: Array, offsets: Array, rows_p
 
 
 def slopes_across(levels: Image32) -> Image32:
-    """Slopes (N, C - 1), sigmas, between the levels (N, C) of levels_across at offsets a pixel apart."""
-    return np.diff(levels, axis=1) * np.float32(_SLOPE_OF_ROWS)
+    """Slopes (..., C - 1), sigmas, between the levels (..., C) of levels_across at offsets a pixel apart."""
+    return np.diff(levels, axis=-1) * np.float32(_SLOPE_OF_ROWS)
 
 
 LEAST_SIGMAS = 4.0

@@ -14,11 +14,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.vision.geometry import Polyhedron, area_vector, measure
 from daemon.vision.model import FacetLibrary, MetricModel, Model, conditions, symmetries
 from daemon.vision.recognition.fits import FacetHypothesis
@@ -83,22 +84,22 @@ def by_chance(seen: Polyhedron, fit: FacetHypothesis, model: Model) -> tuple[flo
     expected to have; and the variance of corner errors over the predicted one, as these corners show it.
     """
     taught, tolerance_mm = model.metric[fit.label].solid, model.parameters.tolerance_mm
-    turn = fit.pose[:3, :3]
-    there = frames.apply(fit.pose, taught.corners_mm[fit.corners])
-    doubt = seen.covariance_mm2 + turn @ taught.covariance_mm2[fit.corners] @ turn.T + tolerance_mm**2 * np.eye(3)
+    turn, shift = fit.pose[:3, :3], fit.pose[:3, 3]
+    there = taught.corners_mm[fit.corners]  # all that follows is in the part's frame, where its bonds are kept
+    doubt = turn.T @ seen.covariance_mm2 @ turn + taught.covariance_mm2[fit.corners] + tolerance_mm**2 * np.eye(3)
     weight = np.asarray(np.linalg.inv(doubt))
-    residual = seen.corners_mm - there
-    types = [taught.types[k] for k in fit.facets] if taught.types else [""] * len(fit.facets)
+    residual = (seen.corners_mm - shift) @ turn - there
+    types = [taught.types[k] for k in fit.facets] if taught.types else []
     corner, following, _ = seen.steps
     range_mm = SPAN * float(np.sqrt(((there[corner] - there[following]) ** 2).sum(1).mean()))
     free, regular = (
-        FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(there, seen, types, model.library)
+        FreeSizes.of(there, bound, weight, residual, range_mm) for bound in bonds(taught, fit, seen, model.library)
     )
     dof = 3 * len(there) - len(free.covariance) - 6
     noise2 = (NOISE_DOF * NOISE_SIGMA**2 + free.least) / (NOISE_DOF + max(dof, 0))
     return sum(
         share * ways_tried(seen, model.metric, kinds) * float(np.exp(-sizes.nats(noise2, range_mm)))
-        for share, kinds, sizes in ((1 - REGULAR, (), free), (REGULAR, types if taught.types else (), regular))
+        for share, kinds, sizes in ((1 - REGULAR, (), free), (REGULAR, types, regular))
     ), float(noise2)
 
 
@@ -144,33 +145,59 @@ class FreeSizes:
         return float(len(self.covariance) * np.log(range_mm) - logdet / 2 - (self.chi2 - self.least) / (2 * noise2))
 
 
-def bonds(corners: Array, seen: Polyhedron, types: Sequence[str], library: FacetLibrary) -> tuple[Array, Array]:
-    """(R, 3K) derivatives by the corners (K, 3) of what binds them whatever the sizes: plane facets, right angles in
-    facets and between them; and (S, 3K), these and all that the facets' types say.
+def bonds(taught: Polyhedron, fit: FacetHypothesis, seen: Polyhedron, library: FacetLibrary) -> tuple[Array, Array]:
+    """(R, 3K) derivatives by the corners (K, 3) of what is seen, in the frame of a taught solid, of what binds them
+    whatever the sizes: plane facets, right angles in facets and between them; and (S, 3K), these and all that the
+    facets' types say. fit: which facets and corners of the solid lie behind the seen ones.
     """
-    count = len(corners)
-    areas = [area_vector(corners[ring]) for ring in seen.rings]
-    firm, more = [np.zeros((0, 3 * count))], [np.zeros((0, 3 * count))]
-    for ring, kind, area in zip(seen.rings, types, areas, strict=True):
-        points = corners[ring]
-        measures = measure(points)
-        a, b = conditions(measures, kind, library)
-        said = a @ measures.jacobian
-        right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
-        at = (3 * ring[:, None] + np.arange(3)).ravel()
-        for kept, rows in ((firm, [_plane(points, area), said[right]]), (more, [said[~right]])):
-            inside = np.concatenate(rows)
-            placed = np.zeros((len(inside), 3 * count))
-            placed[:, at] = inside
-            kept.append(placed)
+    of_facets, count = _bonds_of_facets(taught, library), len(fit.corners)
+    own, place = [of_facets[k] for k in fit.facets], np.empty(len(taught.corners_mm), np.intp)
+    numbers, firm, more = list[Index](), list[Array](), list[Array]()
+    for facet, ring, bound in zip(fit.facets, seen.rings, own, strict=True):
+        place[fit.corners[ring]] = ring
+        numbers.append(place[taught.rings[facet]])
+        firm.append(_placed(bound.firm, numbers[-1], count))
+        more.append(_placed(bound.more, numbers[-1], count))
     for f, g in seen.seams:
-        sizes = float(np.sqrt((areas[f] @ areas[f]) * (areas[g] @ areas[g])))
-        if abs(float(areas[f] @ areas[g])) < RIGHT * sizes:
-            row = np.zeros((count, 3))
-            row[seen.rings[f]] += _turning(corners[seen.rings[f]], areas[g]) / sizes
-            row[seen.rings[g]] += _turning(corners[seen.rings[g]], areas[f]) / sizes
-            firm.append(row.reshape(1, -1))
+        sizes = float(np.sqrt((own[f].area @ own[f].area) * (own[g].area @ own[g].area)))
+        if abs(float(own[f].area @ own[g].area)) < RIGHT * sizes:
+            row = np.zeros((1, 3 * count))
+            for one, other in ((f, g), (g, f)):
+                turning = _turning(taught.corners_mm[taught.rings[fit.facets[one]]], own[other].area)
+                row += _placed(turning[None] / sizes, numbers[one], count)
+            firm.append(row)
     return np.concatenate(firm), np.concatenate([*firm, *more])
+
+
+class _FacetBonds(NamedTuple):
+    """Of one facet, derivatives (R, N, 3) by its corners of what binds them whatever its sizes, and of what its type
+    says besides; its area vector (3,)."""
+
+    firm: Array
+    more: Array
+    area: Array
+
+
+@lru_cache(maxsize=4096)
+def _bonds_of_facets(solid: Polyhedron, library: FacetLibrary) -> tuple[_FacetBonds, ...]:
+    """Those of every facet of a taught solid; made once."""
+    found = []
+    for ring, kind in zip(solid.rings, solid.types or [""] * len(solid.facets), strict=True):
+        points = solid.corners_mm[ring]
+        measures, area = measure(points), area_vector(points)
+        a, b = conditions(measures, kind, library)
+        right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
+        said = a @ measures.jacobian
+        firm, more = np.concatenate([_plane(points, area), said[right]]), said[~right]
+        found.append(_FacetBonds(*(rows.reshape(-1, len(ring), 3) for rows in (firm, more)), area))
+    return tuple(found)
+
+
+def _placed(rows: Array, corners: Index, count: int) -> Array:
+    """(R, 3 count) rows (R, N, 3) of some corners (N,) as rows of all."""
+    placed = np.zeros((len(rows), count, 3))
+    placed[:, corners] = rows
+    return placed.reshape(len(rows), 3 * count)
 
 
 def _plane(points: Array, area: Array) -> Array:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from daemon.store.library import load_facets
 from daemon.vision.recognition.confidence import FreeSizes, bonds
 from tests.fakes.drawn import block
+from tests.fakes.remembered import hypotheses, remembered
 from tests.unit.vision.recognition.test_confidence import BRICK, CORNER, PAIR, view
 
 
@@ -18,10 +20,13 @@ from tests.unit.vision.recognition.test_confidence import BRICK, CORNER, PAIR, v
     (block(50, 50, 50), CORNER, "square", (3, 1)),
 ])  # fmt: skip
 def test_types_leave_so_many_sizes_free_and_all_are_measured(part, facets, kind, sizes, away_mm) -> None:
-    seen = view(part, facets)
-    corners = seen.corners_mm + np.array([0.0, 0.0, away_mm])
+    far = replace(part, corners_mm=part.corners_mm + np.array([0.0, 0.0, away_mm]), types=(kind,) * len(part.facets))
+    seen, model = view(part, facets), remembered({"part": far})
+    (fit, *_) = (one for one in hypotheses(seen, model, 1.0) if one.explained == len(facets))
+    taught = model.metric["part"].solid
+    corners = taught.corners_mm[fit.corners]
     sure, none = np.repeat(np.eye(3)[None] / 0.04, len(corners), 0), np.zeros((len(corners), 3))
-    for bound, count in zip(bonds(corners, seen, [kind] * len(facets), load_facets()), sizes, strict=True):
+    for bound, count in zip(bonds(taught, fit, seen, model.library), sizes, strict=True):
         free = FreeSizes.of(corners, bound, sure, none, 100.0)
         assert len(free.covariance) == count
         assert np.sqrt(free.covariance.diagonal()).max() < 0.25
