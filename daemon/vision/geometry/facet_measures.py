@@ -5,6 +5,7 @@ In: corners in any Cartesian frame, mm. Out: numbers with covariance. What they 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,23 +60,37 @@ def measure(corners: Array) -> Measures:
     Source: D'Souza, section 4.4.1 (angles from the scalar product), made signed so that reflex corners count, with
     first-order error propagation in the facet's plane.
     """
-    n = len(corners)
-    here = np.arange(n)
-    after, before = (here + 1) % n, here - 1
-    normal = newell_normal(corners)
-    ahead, behind = corners[after] - corners, corners[before] - corners
+    return measure_each([corners])[0]
+
+
+def measure_each(facets: Sequence[Array]) -> list[Measures]:
+    """The same of many facets' corners (N, 3), side by side."""
+    if not facets:
+        return []
+    shape = rings(facets)
+    corners, after = shape.corners, shape.next
+    spokes = corners - corners[shape.first].repeat(shape.count, 0)
+    area = shape.sums(_cross(spokes, spokes[after]))
+    normal = (area / np.maximum(np.sqrt((area * area).sum(1, keepdims=True)), 1e-12)).repeat(shape.count, 0)
+    ahead = corners[after] - corners
+    behind = -ahead[shape.before]
     sides = np.maximum(np.sqrt((ahead * ahead).sum(1)), 1e-9)
-    behind_length = sides[before]
-    angles = np.arctan2(_cross(ahead, behind) @ normal, (ahead * behind).sum(1)) % (2 * np.pi)
-    by_ahead = -_cross(normal[None], ahead) / (sides**2)[:, None]
-    by_behind = _cross(normal[None], behind) / (behind_length**2)[:, None]
-    along = ahead / (sides**2)[:, None]
+    squares = (sides**2)[:, None]
+    angles = np.arctan2((_cross(ahead, behind) * normal).sum(1), (ahead * behind).sum(1)) % (2 * np.pi)
+    by_ahead, by_behind = -_cross(normal, ahead) / squares, _cross(normal, behind) / squares[shape.before]
+    moves = np.stack([by_ahead, by_behind, -by_ahead - by_behind, ahead / squares], 1)
+    return [_measures(*own) for own in zip(*(shape.split(each) for each in (angles, sides, moves)), strict=True)]
+
+
+def _measures(angles: Array, sides: Array, moves: Array) -> Measures:
+    """moves (N, 4, 3): how an angle changes with the corner after it, the one before it and its own, and how the
+    logarithm of the side that begins there does with the one after it."""
+    n = len(angles)
+    here = np.arange(n)
+    after = here + 1 - n  # counted from the last
     jacobian = np.zeros((2 * n, n, 3))
-    jacobian[here, after] = by_ahead
-    jacobian[here, before] = by_behind
-    jacobian[here, here] = -by_ahead - by_behind
-    jacobian[n + here, after] = along
-    jacobian[n + here, here] = -along
+    jacobian[here, after], jacobian[here, here - 1], jacobian[here, here] = moves[:, 0], moves[:, 1], moves[:, 2]
+    jacobian[n + here, after], jacobian[n + here, here] = moves[:, 3], -moves[:, 3]
     return Measures(angles, sides, jacobian.reshape(2 * n, 3 * n))
 
 

@@ -213,7 +213,7 @@ class Rings:
         return np.asarray(np.minimum.reduceat(values, self.first))
 
 
-def rings(polygons: list[Array]) -> Rings:
+def rings(polygons: Sequence[Array]) -> Rings:
     """Put polygons, at least one, into one array."""
     count = np.array([len(p) for p in polygons], dtype=np.intp)
     first = count.cumsum() - count

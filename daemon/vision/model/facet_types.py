@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.vision.geometry import Measures, chi_square_limit, measure
+from daemon.vision.geometry import Measures, chi_square_limit, measure_each
 from daemon.vision.model.arcs import arc_name
 
 Value = float | str
@@ -95,10 +95,23 @@ def type_facet(corners_mm: Array, covariance_mm2: Array, library: FacetLibrary) 
     corners_mm (N, 3), covariance_mm2 (N, 3, 3). What no library type fits is `polygon<N>`, or `arc<degrees>` where
     its corners run round one circle. Source: D'Souza, section 4.4.2.
     """
+    return types_of_each([corners_mm], [covariance_mm2], library)[0]
+
+
+def types_of_each(
+    corners_mm: Sequence[Array], covariance_mm2: Sequence[Array], library: FacetLibrary
+) -> list[tuple[Typing, ...]]:
+    """The same of many facets."""
+    each = zip(corners_mm, covariance_mm2, measure_each(corners_mm), strict=True)
+    return [_types_of(*facet, library) for facet in each]
+
+
+def _types_of(
+    corners_mm: Array, covariance_mm2: Array, measures: Measures, library: FacetLibrary
+) -> tuple[Typing, ...]:
     sides = len(corners_mm)
     candidates = library.by_sides.get(sides, ())
     if candidates:
-        measures = measure(corners_mm)
         covariance = measures.covariance(covariance_mm2) * SIGMA_SCALE**2
         covariance[np.diag_indices(sides)] += library.angle_tolerance_rad**2
         ends = np.arange(sides, 2 * sides)

@@ -12,11 +12,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from daemon import frames
-from daemon.arrays import Array
+from daemon.arrays import Array, Index
 from daemon.art import RelationalView
-from daemon.vision.geometry import Measures, Polyhedron, measure
-from daemon.vision.model.facet_types import FacetLibrary, type_facet, type_number
+from daemon.vision.geometry import Measures, Polyhedron, measure_each
+from daemon.vision.model.facet_types import FacetLibrary, type_number, types_of_each
 from daemon.vision.values import Facet
 
 MATRIX_SIZE = 6
@@ -33,9 +32,8 @@ _SPAN = float(np.log(LONGEST_MM / SHORTEST_MM))
 
 def types_of(facets: Iterable[Facet], library: FacetLibrary) -> tuple[tuple[str, ...], ...]:
     """Every type that each facet may have, the most particular first."""
-    return tuple(
-        tuple(kind.name for kind in type_facet(facet.corners_mm, facet.covariance_mm2, library)) for facet in facets
-    )
+    corners, covariance = zip(*((f.corners_mm, f.covariance_mm2) for f in facets), strict=True)
+    return tuple(tuple(kind.name for kind in kinds) for kinds in types_of_each(corners, covariance, library))
 
 
 def relational_view(
@@ -50,50 +48,49 @@ def relational_view(
     touching = np.zeros((count, count), bool)
     features, doubt = np.zeros((2, count, count, FEATURES))
     spread = seen.covariance_mm2 + tolerance_mm**2 * np.eye(3)
-    measures = [measure(seen.corners_mm[ring]) for ring in seen.rings]
-    sigmas = [_sigmas(one, spread[ring]) for one, ring in zip(measures, seen.rings, strict=True)]
+    places: dict[tuple[int, int], int] = {}  # two facets that share several edges are related by the first
     for (f, place), (g, _) in seen.across.items():
-        if touching[f, g]:
-            continue  # two facets that share several edges are related by the first
+        places.setdefault((f, g), place)
+    if places:
+        measures, own = measure_each([seen.corners_mm[ring] for ring in seen.rings]), list(places)
+        known = [(one.angles, one.sides, *_sigmas(one, spread[r])) for one, r in zip(measures, seen.rings, strict=True)]
+        angles, sides, *sigmas = (np.concatenate(each) for each in zip(*known, strict=True))
+        f, g = np.array(own).T
+        place, first = np.array(list(places.values())), seen.steps[2]
+        count_of = np.array([len(ring) for ring in seen.rings])[f]
+        side = first[f][:, None] + (place[:, None] + [0, 1, -1]) % count_of[:, None]
+        dihedral, tilt = _dihedrals(seen, f, g, side[:, 0], spread)
         touching[f, g] = True
-        one, sides = measures[f], len(measures[f].sides)
-        after, before = (place + 1) % sides, place - 1
-        dihedral, tilt = _dihedral(seen, f, g, place, spread)
-        lengths = one.sides[[place, after, before]]
-        features[f, g] = [
-            *np.log(np.clip(lengths, SHORTEST_MM, LONGEST_MM) / SHORTEST_MM) / _SPAN,
-            *one.angles[[place, after]] / (2 * np.pi),
-            dihedral / (2 * np.pi),
-        ]
-        own = sigmas[f]
-        doubt[f, g] = [
-            *own[sides:][[place, after, before]] / _SPAN,
-            *own[:sides][[place, after]] / (2 * np.pi),
-            tilt / (2 * np.pi),
-        ]
+        lengths = np.log(np.clip(sides[side], SHORTEST_MM, LONGEST_MM) / SHORTEST_MM) / _SPAN
+        features[f, g] = np.concatenate([lengths, np.column_stack([angles[side[:, :2]], dihedral]) / (2 * np.pi)], 1)
+        turns = np.column_stack([sigmas[0][side[:, :2]], tilt]) / (2 * np.pi)
+        doubt[f, g] = np.concatenate([sigmas[1][side] / _SPAN, turns], 1)
     touching &= touching.T
     return RelationalView(categories, touching, features, doubt * SIGMAS * SIGMA_SCALE)
 
 
-def _sigmas(one: Measures, covariance: Array) -> Array:
-    """(2 N,) standard deviations of angles and of the logarithms of sides."""
-    blocks = one.jacobian.reshape(len(one.jacobian), -1, 3)
-    return np.asarray(np.sqrt(np.einsum("anx,nxy,any->a", blocks, covariance, blocks)))
+def _sigmas(one: Measures, covariance: Array) -> tuple[Array, Array]:
+    """(N,), (N,) standard deviations of angles and of the logarithms of sides."""
+    blocks = one.jacobian.reshape(len(one.jacobian), -1, 3).swapaxes(0, 1)
+    angles, sides = np.sqrt(((blocks @ covariance) * blocks).sum((0, 2))).reshape(2, -1)
+    return angles, sides
 
 
-def _dihedral(seen: Polyhedron, f: int, g: int, place: int, spread: Array) -> tuple[float, float]:
-    """The angle inside the part between two facets at their shared edge, in (0, 2 pi), and its standard deviation: each
-    facet is tilted about the edge by its corners' errors along its normal over their distance from the edge."""
-    ring = seen.rings[f]
-    start, end = seen.corners_mm[ring[place]], seen.corners_mm[ring[(place + 1) % len(ring)]]
-    edge = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+def _dihedrals(seen: Polyhedron, f: Index, g: Index, side: Index, spread: Array) -> tuple[Array, Array]:
+    """The angles (P,) inside the part between facets f and g at an edge they share, the side of f of that number, in
+    (0, 2 pi), and their standard deviations: each facet is tilted about the edge by its corners' errors along its
+    normal over their distance from the edge."""
+    here, after, first = seen.steps
+    corners, sides = seen.corners_mm[here], np.diff(first, append=len(here))
+    start = corners[side]
+    edge = seen.corners_mm[after[side]] - start
+    edge = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-9)
     n, m = seen.normals[f], seen.normals[g]
-    turn = frames.cross_matrices(n)
-    angle = np.pi - float(np.arctan2((turn @ m) @ edge, n @ m))
-    variance = 0.0
-    for facet, normal, inward in ((f, n, turn @ edge), (g, m, frames.cross_matrices(m) @ edge)):
-        own = seen.rings[facet]
-        away = (seen.corners_mm[own] - start) @ inward
-        off2 = float((spread[own] @ normal @ normal).sum()) / len(own)
-        variance += 2 * off2 / max(float(away @ away), 1e-9)
-    return angle, float(np.sqrt(variance))
+    angle = np.pi - np.arctan2((np.cross(n, m) * edge).sum(1), (n * m).sum(1))
+    normal = seen.normals.repeat(sides, 0)
+    off2 = np.add.reduceat(((spread[here] @ normal[..., None])[..., 0] * normal).sum(1), first) / sides
+    variance, pairs = np.zeros(len(f)), np.arange(len(f))
+    for facet, inward in ((f, np.cross(n, edge)), (g, np.cross(m, edge))):
+        away = ((corners - start[:, None]) * inward[:, None]).sum(2)
+        variance += 2 * off2[facet] / np.maximum(np.add.reduceat(away * away, first, 1)[pairs, facet], 1e-9)
+    return angle, np.sqrt(variance)
