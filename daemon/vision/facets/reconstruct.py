@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import compress
 from statistics import median
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arrays import Flags
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
 from daemon.vision.facets.corner_adjustment import settled
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
@@ -164,5 +164,5 @@ def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str)
     """Outlines well away from every polygon that was used."""
     middles = np.array([o.corners.mean(0) for o in outlines]).reshape(-1, 1, 2)
     low, high = (np.array([side(p.corners_px, 0) for p in used]).reshape(-1, 2) for side in (np.min, np.max))
-    alone = ~((middles > low) & (middles < high)).all(2).any(1)
-    return tuple(Rejected(o.corners, eye, UNMATCHED) for o in compress(outlines, alone))
+    beyond: Flags = np.asarray(((middles <= low) | (middles >= high)).any(2))
+    return tuple(Rejected(outlines[k].corners, eye, UNMATCHED) for k in np.flatnonzero(beyond.all(1)).tolist())

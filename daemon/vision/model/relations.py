@@ -49,11 +49,11 @@ def relational_view(
     features, doubt = np.zeros((2, count, count, FEATURES))
     spread = seen.covariance_mm2 + tolerance_mm**2 * np.eye(3)
     places: dict[tuple[int, int], int] = {}  # two facets that share several edges are related by the first
-    for (f, place), (g, _) in seen.across.items():
-        places.setdefault((f, g), place)
+    for (one, at), (other, _) in seen.across.items():
+        places.setdefault((one, other), at)
     if places:
         measures, own = measure_each([seen.corners_mm[ring] for ring in seen.rings]), list(places)
-        known = [(one.angles, one.sides, *_sigmas(one, spread[r])) for one, r in zip(measures, seen.rings, strict=True)]
+        known = [(m.angles, m.sides, *_sigmas(m, spread[ring])) for m, ring in zip(measures, seen.rings, strict=True)]
         angles, sides, *sigmas = (np.concatenate(each) for each in zip(*known, strict=True))
         f, g = np.array(own).T
         place, first = np.array(list(places.values())), seen.steps[2]

@@ -189,7 +189,7 @@ def _bonds_of_facets(solid: Polyhedron, library: FacetLibrary) -> tuple[_FacetBo
         right = ((a != 0).sum(1) == 1) & (np.abs(b - np.pi / 2) < RIGHT)
         said = a @ measures.jacobian
         firm, more = np.concatenate([_plane(points, area), said[right]]), said[~right]
-        found.append(_FacetBonds(*(rows.reshape(-1, len(ring), 3) for rows in (firm, more)), area))
+        found.append(_FacetBonds(firm.reshape(-1, len(ring), 3), more.reshape(-1, len(ring), 3), area))
     return tuple(found)
 
 
