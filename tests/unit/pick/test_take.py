@@ -1,6 +1,8 @@
 """The taking, state by state: round to a side approach, what a look afterwards says against success."""
 
 import asyncio
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -284,3 +286,18 @@ def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert context.cell.eyes.grabs == grabs
     assert not fake.said("release")
+
+
+@pytest.mark.parametrize(
+    ("label", "lies_mm", "knocked"),
+    [("cube", 200.0, False), ("cube", 400.0, True), ("pyramid", 400.0, False)],
+    ids=["where one lay before", "where nothing lay", "another part"],
+)
+def test_a_part_was_knocked_away_where_its_like_lies_now_and_nothing_lay_before(
+    label: str, lies_mm: float, knocked: bool
+) -> None:
+    def lies(name: str, x_mm: float) -> Any:
+        return SimpleNamespace(label=name, centre=np.array([x_mm, 0.0, 0.0]))
+
+    target, other = lies("cube", 0.0), lies("cube", 200.0)
+    assert take._knocked_away([target, other], target, [lies(label, lies_mm)]) is knocked
