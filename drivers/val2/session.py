@@ -66,6 +66,8 @@ class LineSession:
         """Whether the word that stops the arm went out, and nothing was heard since."""
         self._untold: Disturbed | None = None
         """What somebody did to the port while nobody had the line, for whoever has the next turn."""
+        self._cut_off = False
+        """Whether who had the line lost it to that: what they had half typed may still stand in it."""
         self.recoveries = 0
         """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
@@ -127,6 +129,9 @@ class LineSession:
                     with suppress(NoAnswer):
                         await self.find_prompt(talk)
                 raise
+            if self._cut_off:
+                await self.find_prompt(talk)
+                self._cut_off = False
             yield talk
 
     @asynccontextmanager
@@ -283,7 +288,7 @@ class LineSession:
         self._disturbed()
         if self._turn.locked() and self._may_go_on.is_set() and self._listener is None:
             self.talk.end(error)
-            self.talk = self._new_conversation()
+            self.talk, self._cut_off = self._new_conversation(), True
         else:
             self._untold = error
 
