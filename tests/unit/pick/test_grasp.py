@@ -166,6 +166,14 @@ def test_no_grasp_brings_the_palm_down_on_a_part_higher_than_the_fingers_are_lon
     assert grasps(post, frames.rigid(np.eye(3), MIDDLE), -300.0, msgspec.structs.replace(long, pad_back_mm=70.0))
 
 
+def test_no_grasp_takes_a_part_so_far_from_its_middle_that_it_would_swing():
+    """A large angle can be held by its legs alone, and hangs from either on a long lever."""
+    angle = exact(*prism([(0, 0), (200, 0), (200, 20), (20, 20), (20, 200), (0, 200)], 30.0))
+    world_from_part = frames.rigid(np.eye(3), MIDDLE)
+    assert not grasps(angle, world_from_part, -300.0, GRIPPER)
+    assert grasps(angle, world_from_part, -300.0, msgspec.structs.replace(GRIPPER, swing_mm=150.0))
+
+
 def test_the_fingers_may_close_along_and_across_the_longest_edge():
     solid = hull(np.array([[0.0, 0.0, 0.0], [60.0, 10.0, 0.0], [10.0, 40.0, 0.0], [20.0, 15.0, 30.0]]))
     longest = np.array([60.0, 10.0, 0.0]) / np.hypot(60.0, 10.0)
