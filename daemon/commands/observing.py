@@ -179,7 +179,7 @@ async def look_of(context: CommandContext, frontend: Frontend, purpose: str) -> 
 
 @command("try")
 async def try_now(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Look once with the candidate model and show the reasons."""
+    """Look once with the candidate model, or the one in use, and show the reasons."""
     candidate = frontend.shown = context.trainer.model_store.candidate
     recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
     seen = await look_of(context, frontend, "try")

@@ -9,7 +9,7 @@ from pathlib import Path
 from daemon.events import records
 from daemon.fleet import document as fleet
 from daemon.store.folders import HOUSE
-from tests.manuals import commands, man, settings, states
+from tests.manuals import causes, commands, man, settings, states
 
 DOCS = HOUSE / "docs"
 PAGES: dict[Path, Callable[[], str]] = {
@@ -23,6 +23,7 @@ PAGES: dict[Path, Callable[[], str]] = {
 """Whole pages."""
 PIECES: dict[tuple[Path, str], Callable[[], str]] = {
     (HOUSE / "deploy" / "RUNS.md", "records"): records.document,
+    (DOCS / "operate" / "trouble.md", "causes"): causes.table,
     (DOCS / "ARCHITECTURE.md", "states"): states.diagram,
     (DOCS / "ARCHITECTURE.md", "transitions"): states.table,
 }

@@ -30,13 +30,15 @@ GUIDES = [
 ] + sorted((folders.HOUSE / "docs" / "operate").glob("*.md"))
 COMMANDS = {name: command for command in every_command("simulated") for name in (command.name, *command.aliases)}
 SPAN, BLOCK = re.compile(r"`([^`\n]+)`"), re.compile(r"^ *```\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+NAMED_BLOCK = re.compile(r"^ *```\w+\n.*?^ *```$", re.MULTILINE | re.DOTALL)
+"""YAML, drawings and others that nobody types."""
 KEY = re.compile(
     r"(cell|cameras|arm|files|folders|pick|vision|console|log|health|simulated|recorded|metrics)((\.\w+)+)"
 )
 
 
 def spans(guide: Path) -> list[str]:
-    text = guide.read_text(encoding="utf-8")
+    text = NAMED_BLOCK.sub("", guide.read_text(encoding="utf-8"))
     blocks = [line.partition("  #")[0].strip() for block in BLOCK.findall(text) for line in block.splitlines()]
     return [span.strip() for span in SPAN.findall(BLOCK.sub("", text))] + [line for line in blocks if line]
 

@@ -10,12 +10,15 @@ import pytest
 
 from daemon import config, ctl
 from daemon.commands import every_command
+from daemon.events.codes import CauseCode
+from daemon.events.outcomes import Outcome
 from daemon.store.folders import HOUSE
 from tests.manuals import settings
 from tests.manuals.__main__ import PAGES, PIECES, with_piece
 
 STALE = "it is made from the code: `python -m tests.manuals` (or `make docs`), and commit what that writes"
 COMMANDS = HOUSE / "docs" / "COMMANDS.md"
+TROUBLE, PICK = (HOUSE / "docs" / "operate" / page for page in ("trouble.md", "pick.md"))
 MANUALS = [HOUSE / "README.md", *sorted(f for room in ("deploy", "docs") for f in (HOUSE / room).rglob("*.md"))]
 
 
@@ -69,6 +72,17 @@ def test_every_command_and_every_job_has_its_section() -> None:
 
 def test_every_argument_says_what_it_is() -> None:
     assert re.findall(r"^\| `.*` \|  \|$", COMMANDS.read_text(encoding="utf-8"), re.MULTILINE) == []
+
+
+@pytest.mark.parametrize("cause", CauseCode)
+def test_every_cause_has_its_row_in_trouble_with_what_to_do(cause: CauseCode) -> None:
+    rows = re.findall(r"^\| (.+?) \| \w+ \| (.+) \|$", TROUBLE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert dict(rows)[cause.summary].lower() == cause.remedy.lower()
+
+
+@pytest.mark.parametrize("outcome", Outcome)
+def test_every_outcome_of_a_pick_is_explained(outcome: Outcome) -> None:
+    assert re.search(rf"^\| (?:`\w+`, )*`{outcome}`", PICK.read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def anchors(page: Path) -> set[str]:
