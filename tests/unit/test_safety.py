@@ -58,3 +58,16 @@ def test_how_long_a_move_is_at_most_follows_from_limits_and_speeds() -> None:
     line_s = Limits().max_step_mm / LINE_SPEED_MM_S + LINE_SPEED_MM_S / LINE_ACCELERATION_MM_S2
     assert f"`pick.limits.max_step_mm` ({Limits().max_step_mm:g} mm)" in PAGE
     assert f"a line of {Limits().max_step_mm:g} mm at {LINE_SPEED_MM_S:g} mm/s takes {line_s:.2f} s" in PAGE
+
+
+def test_the_worked_stop_distance_follows_from_its_figures() -> None:
+    reach_mm, delay_s, line_s, brake_s = 900.0, 0.2, 0.01, 0.25
+    assert brake_s == JOINT_SPEED_RAD_S[0] / JOINT_ACCELERATION_RAD_S2[0]
+    speed = reach_mm * JOINT_SPEED_RAD_S[0]
+    assert f"| speed of the tool: 82 degrees/s at 900 mm | {speed:.0f} mm/s | {0.3 * speed:.0f} mm/s |" in PAGE
+    waits = [share * speed * (delay_s + line_s) for share in (1.0, 0.3)]
+    brakes = [share * speed * share * brake_s / 2 for share in (1.0, 0.3)]
+    assert f"0.210 s: {waits[0]:.0f} mm | 0.210 s: {waits[1]:.0f} mm |" in PAGE
+    assert f"0.25 s: {brakes[0]:.0f} mm | 0.075 s: {brakes[1]:.0f} mm |" in PAGE
+    whole = [f"**{wait + brake:.0f} mm**" for wait, brake in zip(waits, brakes, strict=True)]
+    assert f"| **stop distance without the operator** | {whole[0]} | {whole[1]} |" in PAGE
