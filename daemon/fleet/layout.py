@@ -18,6 +18,7 @@ from daemon.fleet.store import Store, StoreError
 from daemon.review.digest import Cycle, Digest, cameras_of, duration_s, in_use, parts_of, place_mm, short_hash
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
+from daemon.review.set_downs import PartSetDown, set_downs_of
 from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 from daemon.store.folders import how_to_add
 
@@ -125,6 +126,7 @@ def _run(run: Digest) -> Row:
 def _cycle(cycle: Cycle, run: Digest) -> Row:
     wrong = cycle.outcome not in NOTHING_WRONG
     found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
+    placed = next(reversed(list(set_downs_of(cycle))), None)
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {
         **{name: getattr(cycle, name) for name in (*plain, "model", "calibration")},
@@ -134,6 +136,16 @@ def _cycle(cycle: Cycle, run: Digest) -> Row:
         "target": cycle.records[0].get("target"),
         "tried": cycle.tried,
         "cause": next((c.code.summary for c in found), None),
+        **({} if placed is None else _placed(placed)),
+    }
+
+
+def _placed(made: PartSetDown) -> Row:
+    return {
+        "place": made.place,
+        "place_status": made.status,
+        "place_off_mm": made.off_mm,
+        "place_off_deg": made.off_deg,
     }
 
 

@@ -25,6 +25,7 @@ from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
 from daemon.review.production import shares_apart
 from daemon.store.files import write_atomically
+from daemon.store.place_status import PlaceStatus
 from daemon.vision.health import MEASURES
 
 Json = dict[str, Any]
@@ -34,6 +35,8 @@ USUAL = timedelta(days=6)
 """Period after a calibration that gives the usual camera angles, so that slow drift shows too."""
 SIGMAS = 4.0
 """With forty cells of five parts each, one page in a hundred reports a difference that is chance."""
+LOOKED_AT = (PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.MISSING)
+"""What the look after a set-down finds, in the order of the page."""
 LEAST_SHARE = 0.01
 """Smallest difference of success rates worth a report."""
 STATES = ("faults", "misses", "one camera", "drifts", "dark", "silent", "well")
@@ -136,6 +139,10 @@ def _cells(
         of(f"""SELECT cell, label, [{picked}, count(*)] FROM cycles
         WHERE tried AND label IS NOT NULL AND {between} GROUP BY cell, label ORDER BY label""")
     )
+    placed = _by(
+        of(f"""SELECT cell, {", ".join(f"count(*) FILTER (place_status = '{each}')" for each in LOOKED_AT)} FROM cycles
+        WHERE {between} GROUP BY cell""")
+    )
     causes = _nested(
         of(f"""SELECT cell, cause, count(*) AS n FROM cycles
         WHERE cause IS NOT NULL AND {between} GROUP BY cell, cause ORDER BY n DESC""")
@@ -165,6 +172,7 @@ def _cells(
                 "seconds": [_short(d[2]) for d in of_day],
                 "mm": [_short(d[3]) for d in of_day],
                 "parts": parts.get(cell, {}),
+                "placed": list(placed.get(cell, (0,) * len(LOOKED_AT))),
                 "causes": causes.get(cell, {}),
                 "faults": _by_cause(faults.get(cell, {})),
                 "ms": _short(ms),

@@ -47,6 +47,12 @@ FROM cycles, week WHERE tried GROUP BY cell ORDER BY this_week_pct - before_pct"
 SELECT cell, label, count(*) AS picks, count(*) FILTER (outcome <> 'picked') AS not_picked,
        round(100 * not_picked / picks, 2) AS not_picked_pct
 FROM cycles WHERE tried AND label IS NOT NULL GROUP BY cell, label ORDER BY not_picked_pct DESC LIMIT 20"""),
+    Question("Which place is missed, where?", """
+SELECT cell, label, place, count(*) AS looked_at, count(*) FILTER (place_status = 'seen right') AS seen_right,
+       round(quantile_cont(place_off_mm::DOUBLE, 0.95), 2) AS p95_mm,
+       round(quantile_cont(place_off_deg::DOUBLE, 0.95), 2) AS p95_deg
+FROM cycles WHERE place_status IN ('seen right', 'off', 'missing') GROUP BY cell, label, place
+ORDER BY seen_right / looked_at, looked_at DESC, place LIMIT 20"""),
     Question("What stops the cells most, and which of them?", """
 SELECT cause, count(*) AS times, count(DISTINCT cell) AS cells, mode(cell) AS most_at
 FROM cycles WHERE cause IS NOT NULL GROUP BY cause ORDER BY times DESC"""),

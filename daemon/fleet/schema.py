@@ -13,9 +13,10 @@ from typing import Literal
 from daemon.review.measures import AXES
 from daemon.vision.health import MEASURES
 
-VERSION = 4
+VERSION = 5
 """Written into every file as `facetd.schema`. Version 1 had only cycles and looks, and a file a run; 2 did not have the
-cameras used; 3 had a person's stop as a fault that counted as tried, and not the pace of a simulated cell."""
+cameras used; 3 had a person's stop as a fault that counted as tried, and not the pace of a simulated cell; 4 did
+not have set-downs."""
 Kind = Literal["text", "integer", "real", "flag", "time", "day"]
 OF_PAIR = ("frozen", "doubled", "swapped", "knocked", "epipolar")
 """Measures of both images together; the others are of each image."""
@@ -108,6 +109,10 @@ TABLES: Mapping[str, TableSchema] = {
         MODEL,
         CALIBRATION,
         Column("eyes", "text", "cameras used: both, left or right, or several in turn", since=3),
+        Column("place", "text", "where the part was set down; null: not at a place", since=5),
+        Column("place_status", "text", "seen right, off or missing, by the look there; set: no look was made", since=5),
+        Column("place_off_mm", "real", "how far from its place the part was seen", "mm", 5),
+        Column("place_off_deg", "real", "the same in angle", "degrees", 5),
     )),
     "looks": TableSchema("a look: a pair of pictures", _where(
         SEQ,

@@ -42,10 +42,11 @@ class PartSetDown:
 
 def set_downs(run: Digest) -> list[PartSetDown]:
     """All of a run, in order."""
-    return [made for cycle in run.cycles for made in _of_cycle(cycle)]
+    return [made for cycle in run.cycles for made in set_downs_of(cycle)]
 
 
-def _of_cycle(cycle: Cycle) -> Iterator[PartSetDown]:
+def set_downs_of(cycle: Cycle) -> Iterator[PartSetDown]:
+    """Those of one pick, in order."""
     last = before = set_at = None
     for record in cycle.records:
         if record["kind"] == "look":

@@ -97,6 +97,17 @@ class MadeRun:
         self.write("cycle_end", cycle=self.cycle, outcome=outcome, label=label, stops=2, why=why, grasp=None,
                    predicted={"mm": 0.7, "deg": 0.2}, code=end.get("code"))  # fmt: skip
 
+    def set_down(self, place: str, status: str, outcome: str = "picked", **off: float) -> None:
+        """A pick of a cube that is set down at a place, and looked at there."""
+        self.cycle += 1
+        of_place: dict[str, Any] = {"cycle": self.cycle, "place": place, "label": "cube"}
+        self.write("cycle_start", cycle=self.cycle, target=None)
+        self.look("survey 1", part("cube"))
+        for each in ("claimed", "set"):
+            self.write("place", **of_place, status=each)
+        self.write("place", **of_place, status=status, why="as it was seen", **off)
+        self.write("cycle_end", cycle=self.cycle, outcome=outcome, label="cube", stops=0, why="", grasp=None)
+
     def close(self, version: int = VERSION) -> Path:
         """version: of the lines, as an earlier release wrote them."""
         self.log.close("the made run ends")

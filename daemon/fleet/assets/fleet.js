@@ -10,6 +10,8 @@ const percent = ([part, of]) => (of ? `${(100 * part / of).toFixed(1)} %` : "–
 const rate = ([part, of]) => (of ? 100 * part / of : null);
 const thousands = (n) => n.toLocaleString("en").replaceAll(",", "\u202f");
 const kindOf = (c) => c.state.replaceAll(" ", "-");
+const placing = sum(cells.flatMap((c) => c.placed)) > 0, inAll = [0, 1, 2].map((k) => sum(cells.map((c) => c.placed[k])));
+const placed = (list) => (sum(list) ? list.map(thousands).join(" / ") : "");
 const lasts = (list) => [...list].reverse().find(known);
 
 by("verdict").textContent = ill.length ? `${ill.length} of ${plural(cells.length, "cell")} ${ill.length === 1 ? "needs" : "need"} attention` : cells.length === 1 ? "The one cell is in order" : `All ${plural(cells.length, "cell")} are in order`;
@@ -25,6 +27,7 @@ by("tiles").append(
   tile("picked", percent(all), `${thousands(all[0])} of ${thousands(all[1])}`), tile("cells that miss parts", count("misses"), "significantly more than the others", count("misses") ? "bad" : ""),
   tile("cameras that drift", count("drifts"), `by ${number(data.limits.near * data.limits.drift)}° and more`, count("drifts") ? "warn" : ""), tile("cells that are too dark", count("dark"), `near ${number(data.limits.light)} grey levels`, count("dark") ? "warn" : ""),
   tile("cells with faults", count("faults"), `${plural(sum(cells.map((c) => sum(Object.values(c.faults)))), "fault")} in all`, count("faults") ? "bad" : ""), tile("interventions by people", thousands(sum(cells.map((c) => c.interventions)))),
+  ...(placing ? [tile("seen right at their places", percent([inAll[0], sum(inAll)]), `${thousands(inAll[1])} off, ${thousands(inAll[2])} lost, of ${thousands(sum(inAll))} set down`, inAll[1] + inAll[2] ? "warn" : "")] : []),
   bars("success by part", Object.entries(data.parts).map(([label, of]) => el("div", {}, el("i", { class: rate(of) < 99 ? "bad" : "good" }, percent(of)), ` ${label.replaceAll("_", " ")} `, el("small", {}, `${thousands(of[0])} of ${thousands(of[1])}`)))),
   bars("causes of stops", Object.entries(data.causes).slice(0, 6).map(([name, n]) => el("div", {}, el("i", { class: "bad" }, thousands(n)), ` ${name}`))));
 
@@ -47,7 +50,7 @@ function open(c) {
   one.replaceChildren(el("h2", {}, `${c.name} `, el("span", { class: `state ${kindOf(c)}` }, c.state)),
     ...(c.told.length ? c.told.map(([kind, text]) => el("div", { class: `cause ${kind === "misses" || kind === "faults" ? "" : "less"}` }, `${kind}: ${text}`)) : [el("p", {}, "No significant difference to the other cells, and no measure near its limit.")]),
     el("dl", {}, ...[["picked", `${thousands(c.picked)} of ${thousands(c.tried)}, ${percent([c.picked, c.tried])}${c.before[1] ? `; ${percent(c.before)} in the four weeks before` : ""}`],
-      ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ["causes of stops", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
+      ["parts", Object.entries(c.parts).map(([label, of]) => `${label.replaceAll("_", " ")} ${percent(of)}`).join(", ")], ...(sum(c.placed) ? [["set down", `${thousands(c.placed[0])} seen right, ${thousands(c.placed[1])} off, ${thousands(c.placed[2])} lost`]] : []), ["causes of stops", Object.entries(c.causes).map(([name, n]) => `${n} ${name}`).join(", ") || "nothing"],
       ["faults", Object.entries(c.faults).map(([name, n]) => `${n} ${name}`).join(", ") || "none"], ["time of a look", known(c.ms) ? `${number(c.ms)} ms` : "–"], ["last run until", `${c.last.slice(0, 16).replace("T", " ")}, facetd ${c.release || "–"}`]].flatMap(([name, text]) => [el("dt", {}, name), el("dd", {}, text)])),
     el("div", { class: "charts" }, ...[own("Success", "% of tried", [["", c.success.map(rate)]], null, [low, 100]), own("Stereo rotation against the calibration", "degrees", Object.entries(c.turn)),
       own("Brightness, 99th percentile", "grey levels", [["", c.light]], data.limits.light), own("Epipolar error", "px", [["", c.epipolar]], data.limits.epipolar),
@@ -62,10 +65,10 @@ function open(c) {
 const labels = Object.keys(data.parts), missed = (of) => (of && of[1] ? 100 * (1 - of[0] / of[1]) : null);
 const worst = Math.max(3, ...cells.flatMap((c) => labels.map((label) => missed(c.parts[label]) || 0)));
 const shade = (value) => (known(value) ? `background: color-mix(in srgb, var(--bad) ${Math.round(70 * Math.min(value / worst, 1))}%, transparent)` : "");
-by("miss").tHead.append(el("tr", {}, el("th", {}, "cell"), el("th", {}, "all"), ...labels.map((label) => el("th", {}, label.replaceAll("_", " ")))));
+by("miss").tHead.append(el("tr", {}, el("th", {}, "cell"), el("th", {}, "all"), ...labels.map((label) => el("th", {}, label.replaceAll("_", " "))), ...(placing ? [el("th", {}, "set down: right / off / lost")] : [])));
 by("miss").tBodies[0].append(...cells.map((c) => el("tr", { onclick: () => open(c) }, el("td", {}, c.name),
   ...[[missed([c.picked, c.tried]), false], ...labels.map((label) => [missed(c.parts[label]), c.weak.includes(label)])].map(([value, weak]) =>
-    el("td", { class: weak ? "weak" : "", style: shade(value) }, known(value) ? value.toFixed(1) : "")))));
+    el("td", { class: weak ? "weak" : "", style: shade(value) }, known(value) ? value.toFixed(1) : "")), ...(placing ? [el("td", {}, placed(c.placed))] : []))));
 
 // ---- all cells on one chart a measure: those that are well in grey, below
 const shownFirst = [...cells].sort((a, b) => (a.state === "well" ? 0 : 1) - (b.state === "well" ? 0 : 1));

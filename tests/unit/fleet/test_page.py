@@ -11,6 +11,7 @@ import pytest
 
 from daemon.fleet.layout import add_rows, rows_of
 from daemon.fleet.page import STATES, _by_cause, _worse, fleet_data, write_fleet_page
+from daemon.fleet.questions import QUESTIONS, opened
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import Digest, digest
 from daemon.review.page import read_digest
@@ -103,6 +104,29 @@ def test_a_cell_that_looked_with_one_eye_is_told_of(tmp_path: Path, back: bool, 
     add_rows(store, "north", [rows])
     (north,) = fleet_data(store, 7)["cells"]
     assert (north["state"], north["told"]) == ("one camera", [["one camera", f"3 looks with one camera; {told}"]])
+
+
+def test_set_downs_are_counted_by_what_the_look_after_them_found(tmp_path: Path) -> None:
+    made = MadeRun(tmp_path / "20260102T030405Z", pictures=False)
+    made.pick()
+    for number in range(3):
+        made.set_down(f"tray.{number}", "seen right", off_mm=0.2 + number, off_deg=0.1)
+    made.set_down("tray.3", "off", "off", off_mm=1.8, off_deg=0.4)
+    made.set_down("nest", "missing", "released")
+    made.close()
+    store = open_store(str(tmp_path / "store"))
+    add_rows(store, "north", [rows_of(read_digest(made.folder))])
+    (north,) = fleet_data(store, 7)["cells"]
+    assert north["placed"] == [3, 1, 1]
+    asked = "SELECT place, place_status, place_off_mm, place_off_deg FROM cycles ORDER BY cycle"
+    rows = opened(store).execute(asked).fetchall()
+    assert rows[0] == (None,) * 4, "to the bin"
+    assert rows[4] == ("tray.3", "off", pytest.approx(1.8), pytest.approx(0.4))
+    assert rows[5] == ("nest", "missing", None, None)
+    missed = next(question for question in QUESTIONS if question.text == "Which place is missed, where?")
+    answer = opened(store).execute(missed.sql).fetchall()
+    assert [row[2:5] for row in answer][:2] == [("nest", 1, 0), ("tray.3", 1, 0)]
+    assert len(answer) == 5
 
 
 def test_less_than_others_by_chance_is_nothing_needs_attention() -> None:

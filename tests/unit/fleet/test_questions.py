@@ -45,13 +45,17 @@ def year(tmp_path_factory: pytest.TempPathFactory) -> Store:
     return store
 
 
+NOT_MADE = ("Which part was given a name that the pick then disproved?", "Which place is missed, where?")
+"""Questions that the made year has no answer to."""
+
+
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda q: q.text)
 def test_a_question_is_answered(year: Store, question: Question) -> None:
     answer = opened(year).execute(question.sql)
     columns = [d[0] for d in answer.description]
     rows = answer.fetchall()
     assert len(columns) == len(set(columns))
-    if question.text != "Which part was given a name that the pick then disproved?":
+    if question.text not in NOT_MADE:
         assert rows
         assert all(row[0] is not None for row in rows)
 
@@ -81,7 +85,7 @@ def test_the_documented_page_is_what_the_code_says() -> None:
 
 def test_the_documented_lines_of_sql_run_as_they_stand(year: Store) -> None:
     view, *questions = re.findall(r"```sql\n(.*?)```", DATA, re.DOTALL)
-    assert len(questions) == 10
+    assert len(questions) == len(QUESTIONS)
     connection = duckdb.connect()
     for name in ("runs", "cycles", "looks", "parts", "moves", "health"):
         connection.execute(view.replace("STORE", year.root).replace("cycles", name))
