@@ -23,6 +23,7 @@ from daemon.maintenance.journal import fault_line
 from daemon.pick.find import in_all
 from daemon.pick.looking import Look
 from daemon.pick.world import WorldModel
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.health import SAID, findings_json, troubles
 from daemon.vision.model import facet_name
 from daemon.vision.report import scene_json
@@ -32,9 +33,14 @@ PLACES, MOST_PLACES = 3, 20
 MARKS = "abcdefghijklmnopqrstuvwxyz"
 
 
-@command("status", at_once=True, first=True)
+@command("status [places]", at_once=True, first=True, most=1, choices=("places",))
 async def status(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Show the state of the cell, the running job, faults and troubles."""
+    """Show the state of the cell, the running job, faults and troubles.
+
+    status places   to programs also each place with its outline, as the dashboard draws it
+    """
+    if words:
+        one_of(words, 0, ("places",), "word", status.usage)
     state = context.cycle.status()
     model = context.trainer.model
     model_store = context.trainer.model_store
@@ -75,7 +81,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),
         "places": places,
-        "each_place": each_place(context),
+        **({"each_place": each_place(context)} if words else {}),
         "signals": signal_levels(context),
         "run": str(context.run_log.folder),
         "up_s": round(time.monotonic() - context.started_s, 1),
@@ -215,7 +221,7 @@ async def where(context: CommandContext, words: list[str], _: Frontend) -> Comma
 
 @command("parts")
 async def parts(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """List the parts, their views, what is known of each and where it goes."""
+    """List the parts, their views, what is known of each, by which facets a suction cup takes it, and where it goes."""
     views = context.trainer.model_store.views()
     rows, data = [], {}
     for label in context.parts:
@@ -226,12 +232,21 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
             if metric
             else "not taught"
         )
-        goes = destinations(context, label)
-        rows.append((label, f"{plural(stored, 'view')}, {known}; {goes}"))
-        data[label] = {"views": stored, "taught": metric is not None, "goes": goes}
+        goes, taken = destinations(context, label), "" if metric is None else _taken(context, metric.solid)
+        rows.append((label, "; ".join(text for text in (f"{plural(stored, 'view')}, {known}", taken, goes) if text)))
+        data[label] = {"views": stored, "taught": metric is not None, "goes": goes, "taken": taken or None}
     return CommandResult(
         table(rows, frontend.columns) or "no part is in parts.yaml and none is taught; `teach LABEL`", {"parts": data}
     )
+
+
+def _taken(context: CommandContext, solid: Polyhedron) -> str:
+    """By what the gripper takes hold of a part, in words."""
+    pick = context.config.values.pick
+    try:
+        return pick.gripper.takes(solid, pick.stops.enough_mm)
+    except ValueError as error:
+        return f"no gripper takes it: {error}"
 
 
 def describe_scene(scene: Scene, columns: int) -> str:

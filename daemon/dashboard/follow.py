@@ -21,7 +21,7 @@ STATUS_S, RECONNECT_S, READ_S = 1.0, 1.0, 0.25
 TAIL_BYTES = 4_000_000
 """Bytes read of a run in progress: enough for the last picks."""
 LONGEST_MESSAGE = 4_000_000
-HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status", "frontend": "dashboard"}\n'
+HELLO, STATUS = b'{"notices": true}\n', b'{"do": "status places", "frontend": "dashboard"}\n'
 """All that is ever sent to the daemon."""
 
 

@@ -110,6 +110,10 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         found = grasps(shape, world_from_part, table_z_mm, self, neighbours, near)
         return Grasps(found, "" if found else "no grasp holds it as it lies")
 
+    def takes(self, shape: Polyhedron, error_mm: float) -> str:
+        """See Gripper."""
+        return ""
+
     def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
         """See Gripper."""
         return in_the_way(world_from_tool, neighbour, self)

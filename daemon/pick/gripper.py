@@ -97,5 +97,9 @@ class Gripper(Protocol):
         neighbours: (M, 3) world corners of other parts on the table; near (3, 3): only grasps whose tool is turned
         nearly like it. Raises ValueError where the shape's corners span no volume."""
 
+    def takes(self, shape: Polyhedron, error_mm: float) -> str:
+        """By what it can take hold of a part, whichever side is up, in words; empty: its grasps depend on how the part
+        lies. error_mm: see grasps."""
+
     def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
         """Whether a neighbour (M, 3) reaches into the room that it sweeps on the last stretch to a grasp."""

@@ -140,10 +140,7 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         for facet, tilt_deg in facets:
             spots, why = self.spots(shape, facet, mass, error_mm)
             for spot in spots:
-                off = mass - spot.at_mm
-                deep_mm = -float(off @ shape.normals[facet])
-                across_mm = float(np.linalg.norm(off + deep_mm * shape.normals[facet]))
-                load = self.load(weight_n, across_mm, deep_mm, tilt_deg)
+                load = self._load_at(shape, facet, spot, (weight_n, mass), tilt_deg)
                 if load > 1.0:
                     why = f"the part would ask {load:.1f} times what the cup holds there"
                     continue
@@ -158,6 +155,32 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
             told += [f"facet {facet + 1}: {why}"] if why else []
         found.sort(key=lambda grasp: (grasp.blocked, round(grasp.load, 1), grasp.tilt_deg))
         return Grasps(found, "; ".join(told[:MOST_TOLD]))
+
+    def takes(self, shape: Polyhedron, error_mm: float) -> str:
+        """See Gripper."""
+        shape = shape if shape.facets else hull(shape.corners_mm)
+        heavy = weight_and_middle(shape, self.density_g_cm3)
+        taken, told = list[str](), list[str]()
+        for facet in range(len(shape.facets)):
+            spots, why = self.spots(shape, facet, heavy[1], error_mm)
+            load = min((self._load_at(shape, facet, spot, heavy, 0.0) for spot in spots), default=0.0)
+            if spots and load <= 1.0:
+                taken.append(str(facet + 1))
+            elif spots:
+                told.append(f"facet {facet + 1}: the part would ask {load:.1f} times what the cup holds there")
+            else:
+                told.append(f"facet {facet + 1}: {why}")
+        if taken:
+            return f"suction takes facet{'s' if len(taken) > 1 else ''} {', '.join(taken)}"
+        return f"suction takes no facet: {'; '.join(told[:MOST_TOLD])}"
+
+    def _load_at(self, shape: Polyhedron, facet: int, spot: Spot, heavy: tuple[float, Array], tilt_deg: float) -> float:
+        """See load. heavy: weight and mass centre of the part."""
+        weight_n, mass = heavy
+        off = mass - spot.at_mm
+        deep_mm = -float(off @ shape.normals[facet])
+        across_mm = float(np.linalg.norm(off + deep_mm * shape.normals[facet]))
+        return self.load(weight_n, across_mm, deep_mm, tilt_deg)
 
     def spots(self, shape: Polyhedron, facet: int, mass: Array, error_mm: float) -> tuple[list[Spot], str]:
         """Where on a facet the cup can sit: nearest below the mass centre (3,), and where most room is; or why

@@ -102,7 +102,8 @@ class SimulatedCell:
         self.switch = "works" if cup is None else cup.switch
         """Whether the vacuum switch works, or is stuck on or off."""
         self._closed_by_a_hand = False
-        self._hold_checked_s = 0.0
+        self._hold_checked_s, self._hold_read = 0.0, 0
+        """Until when it was asked whether the vacuum holds, and the first event of the history that may last longer."""
         self._machine.before_input = self._vacuum_switch
         safety = self._settings.safety
         gripper = finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
@@ -257,9 +258,14 @@ class SimulatedCell:
         """Have what the vacuum does not hold fall where it was lost on the way since the last time. For who has the
         controller."""
         since_s, self._hold_checked_s = self._hold_checked_s, max(now_s, self._hold_checked_s)
-        if self._settings.suction is None or self.world.held is None:
+        if self._settings.suction is None:
             return
-        motions = [event.motion for event in self._machine.history if isinstance(event, MotionRecord)]
+        first, events = self._machine.history.since(self._hold_read)
+        lasts = (k for k, event in enumerate(events) if isinstance(event, MotionRecord) and event.motion.ends_s > now_s)
+        self._hold_read = first + next(lasts, len(events))
+        if self.world.held is None:
+            return
+        motions = [event.motion for event in events if isinstance(event, MotionRecord)]
         for motion in motions:
             first_s, last_s = max(motion.started_s, since_s), min(motion.ends_s, now_s)
             if last_s <= first_s:

@@ -212,7 +212,8 @@ def test_parts_say_where_they_go_and_status_counts_places(context: Any) -> None:
     answer = say(context, "status")
     assert answer.data["places"] == {"free": 1, "claimed": 1}
     assert "places    2: 1 claimed, 1 free" in answer.text
-    nest, other = answer.data["each_place"]
+    assert "each_place" not in answer.data, "outlines of a thousand places are 150 kB"
+    nest, other = say(context, "status places").data["each_place"]
     assert (nest["name"], nest["part"], nest["status"], other["status"]) == ("nest", "cube", "free", "claimed")
     assert sorted(nest["outline"]) == [[375.0, -225.0], [375.0, -175.0], [425.0, -225.0], [425.0, -175.0]]
 

@@ -49,7 +49,7 @@ def test_it_outlives_the_daemon_and_only_ever_asks_how_things_stand(
         await until_so(lambda: now.picks[-1]["outcome"] == "missed")
         following.cancel()
         said = [message.get("do", "notices") for message in (*daemon.heard, *again.heard)]
-        assert set(said) == {"notices", "status"}
+        assert set(said) == {"notices", "status places"}
         await again.close()
 
     asyncio.run(story())

@@ -107,6 +107,17 @@ def test_a_part_that_is_too_heavy_or_too_long_for_the_cup_is_told_before_anythin
     assert middle == pytest.approx([40.0, 30.0, 10.0])
 
 
+def test_the_facets_that_it_can_take_are_told_whichever_is_up_and_why_none_where_none():
+    solid, _ = plate()
+    flat = [str(k) for k, normal in enumerate(solid.normals, start=1) if abs(normal[2]) > 0.9]
+    assert CUP.takes(solid, ERROR_MM) == f"suction takes facets {', '.join(flat)}", "the others are 20 mm high"
+    assert "suction takes no facet: facet 1: room for a lip of" in msgspec.structs.replace(
+        CUP, cup_radius_mm=40.0
+    ).takes(solid, 1.0)
+    heavy = msgspec.structs.replace(CUP, vacuum_bar=0.01).takes(solid, ERROR_MM)
+    assert "times what the cup holds there" in heavy
+
+
 def test_the_moment_counts_the_lever_and_the_lean_it_is_carried_with():
     level = CUP.load(1.0, 0.0, 0.0, 0.0)
     assert CUP.load(1.0, 20.0, 0.0, 0.0) > level

@@ -156,6 +156,21 @@ def test_a_fixture_on_the_table_is_seen_but_under_the_cloth_and_nothing_may_stri
         assert any(found.rule == "in keep-out box 1" for found in cell.violations())
 
 
+def test_whether_the_vacuum_holds_is_asked_of_no_motion_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cell of weeks had its whole history read at each input."""
+    with SimulatedCell(folders.ETC / "suction" / "simcell.yaml", seed=1, time_scale=40.0) as cell:
+        drive(cell, *(rigid(DOWN, [x, 0.0, -100.0]) for x in (520.0, 500.0, 520.0)))
+        with cell.server.controller() as controller:
+            cell._watch_hold(controller.now_s)
+        history, read = cell.truth.machine.history, list[int]()
+        since = history.since
+        monkeypatch.setattr(history, "since", lambda number: read.append(len(since(number)[1])) or since(number))
+        with cell.server.controller() as controller:
+            cell._watch_hold(controller.now_s)
+        assert read == [0]
+        assert len(cell.truth.motions) == 3
+
+
 def test_a_file_from_before_there_was_a_motion_monitor_still_loads(tmp_path: Path) -> None:
     (tmp_path / "simcell.yaml").write_text(TRUTH.read_text().split("safety:")[0])
     assert load_truth(tmp_path / "simcell.yaml").safety.body == []
