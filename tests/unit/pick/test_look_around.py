@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from daemon.arm.belief import BeliefSource
 from daemon.arm.operators import OperatorRefusedError, RefusedError
 from daemon.pick.cycle import PickCycle
+from daemon.pick.find import in_all
 from daemon.pick.world import WorldModel
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
@@ -53,6 +56,20 @@ def test_where_all_has_a_name_two_looks_from_other_sides_are_enough() -> None:
     told = world.said("gained")[0]
     assert told["about"] == "what they hide"
     assert [told[name] for name in ("bits_before", "bits_after", "expected", "seconds")] == [0.0] * 4, "nobody reckoned"
+
+
+@pytest.mark.parametrize(
+    ("labels", "told"),
+    [
+        (["cube", "pyramid", "cube", ""], "2 cube, 1 pyramid, 1 without a name"),
+        (["cube"], "1 cube"),
+        (["", ""], "2 without a name"),
+        ([], "nothing"),
+    ],
+)
+def test_what_was_found_is_told_by_name_and_how_many(labels: list[str], told: str) -> None:
+    found: Any = [SimpleNamespace(label=label, named=bool(label)) for label in labels]
+    assert in_all(found) == told
 
 
 def test_an_empty_table_is_looked_at_from_two_sides_more() -> None:
