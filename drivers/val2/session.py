@@ -64,7 +64,7 @@ class LineSession:
         """How often anything was sent or heard."""
         self.stop_typed = False
         """Whether the word that stops the arm went out, and nothing was heard since."""
-        self._untold: Disturbed | None = None
+        self._unreported: Disturbed | None = None
         """What somebody did to the port while nobody had the line, for whoever has the next turn."""
         self._cut_off = False
         """Whether who had the line lost it to that: what they had half typed may still stand in it."""
@@ -290,14 +290,14 @@ class LineSession:
             self.talk.end(error)
             self.talk, self._cut_off = self._new_conversation(), True
         else:
-            self._untold = error
+            self._unreported = error
 
     def _refuse_unheard(self, answers_question: bool) -> None:
         """What came while nobody listened comes first: errors and questions (an emergency stop, a power cycle), and
         what answers nothing of ours."""
-        if (untold := self._untold) is not None:
-            self._untold = None
-            raise untold
+        if (unreported := self._unreported) is not None:
+            self._unreported = None
+            raise unreported
         others = self.talk.others_of(events := self.talk.unheard())
         questions = [event.text for event in events if isinstance(event, ControllerQuestion)]
         if questions:
