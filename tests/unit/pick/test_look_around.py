@@ -11,9 +11,10 @@ import pytest
 
 from daemon.arm.belief import BeliefSource
 from daemon.arm.operators import OperatorRefusedError, RefusedError
+from daemon.pick import find
 from daemon.pick.cycle import PickCycle
 from daemon.pick.find import in_all
-from daemon.pick.world import WorldModel
+from daemon.pick.world import Gained, WorldModel
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
@@ -70,6 +71,42 @@ def test_where_all_has_a_name_two_looks_from_other_sides_are_enough() -> None:
 def test_what_was_found_is_told_by_name_and_how_many(labels: list[str], told: str) -> None:
     found: Any = [SimpleNamespace(label=label, named=bool(label)) for label in labels]
     assert in_all(found) == told
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        ([], ("nothing is there any more", 0.0)),
+        ([("cube", 900.0)], ("nothing is there any more", 0.0)),
+        ([("pyramid", 900.0), ("cube", 101.0)], ("cube 98.5 %", 0.0)),
+        ([("cube", 900.0), ("", 101.0)], ("what it may be", 0.7)),
+    ],
+    ids=["nothing left", "only elsewhere", "named now", "without a name still"],
+)
+def test_what_a_look_brought_is_what_lies_now_where_the_part_was(
+    found: list[tuple[str, float]], told: tuple[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lies(label: str, x_mm: float) -> Any:
+        centre = np.array([x_mm, 200.0, 0.0])
+        return SimpleNamespace(
+            label=label, named=bool(label), centre=centre, taken_for=SimpleNamespace(confidence=0.985)
+        )
+
+    async def compute(function: Any, *arguments: object) -> object:
+        return function(*arguments)
+
+    monkeypatch.setattr(find, "_open_bits", lambda *_: 1.5)
+    monkeypatch.setattr(find, "in_words", lambda _: "what it was taken for")
+    monkeypatch.setattr(find, "_thought_of", lambda *_: ("what it may be", 0.7))
+    gained: list[Gained] = []
+    world: Any = SimpleNamespace(found=[lies(*one) for one in found], tell=lambda _, one: gained.append(one))
+    settings = SimpleNamespace(limits=SimpleNamespace(table_z_mm=0.0))
+    cell = SimpleNamespace(compute=compute, rig=None)
+    context: Any = SimpleNamespace(cell=cell, recogniser=None, settings=settings)
+    gain: Any = SimpleNamespace(bits=0.9, seconds=4.0)
+    asyncio.run(find._tell_gain(context, world, lies("", 100.0), [], gain))
+    about = "what lies at 100, 200 mm"
+    assert gained == [Gained(about, "what it was taken for", told[0], 1.5, told[1], 0.9, 4.0)]
 
 
 def test_an_empty_table_is_looked_at_from_two_sides_more() -> None:
