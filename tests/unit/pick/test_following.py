@@ -16,7 +16,16 @@ from daemon.arm import OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following
-from daemon.pick.following import CameraMount, came_back_empty, farthest_mm, fitted, held_pose, in_hand, left_hand
+from daemon.pick.following import (
+    CameraMount,
+    came_back_empty,
+    farthest_mm,
+    fitted,
+    held_pose,
+    in_hand,
+    least_error,
+    left_hand,
+)
 from daemon.pick.looking import Taken
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from daemon.store import folders
@@ -234,3 +243,14 @@ def test_edges_are_sought_as_far_off_as_a_pose_may_err_and_no_farther(
     moved = frames.point_motion(shape.corners_mm) @ motion
     assert np.linalg.norm(moved, axis=1).max() <= reach_mm * (1 + 1e-9)
     assert reach_mm >= mm * np.sqrt(CHI_SQUARE_6)
+
+
+def test_the_least_error_at_the_grasp_is_that_of_calibration_and_arm_alone_and_grows_with_the_distance() -> None:
+    believed = load_calibration(CONFIG.calibration)
+    mount = CameraMount(believed.rig, OnHand(believed.tool_from_cyclopean))
+    none = Doubt(hand_eye_mm=1e-3, hand_eye_deg=1e-4, arm_mm=0.0, arm_deg=0.0, pixels=1e-3)
+    assert least_error(mount, 300.0, none).predicted_mm < 0.01
+    near, far = (least_error(mount, mm, replace(none, pixels=0.3)).predicted_mm for mm in (200.0, 400.0))
+    assert 2.0 * near < far < 4.5 * near, "a disparity errs with the square of the distance, an image centre with it"
+    aside = least_error(mount, 300.0, replace(none, hand_eye_mm=0.3)).predicted_mm
+    assert aside == pytest.approx(0.3 * np.sqrt(3.0), rel=0.01), "of three axes"

@@ -43,6 +43,21 @@ def test_points_seen_from_two_places_are_met_where_they_are(mm: float, turn: flo
     assert both.left.cyclopean_from_camera[0, 3] < both.right.cyclopean_from_camera[0, 3]
 
 
+@pytest.mark.parametrize("alone", ["left", "right"])
+def test_one_camera_alone_is_planned_with_as_a_pair_of_itself_60_mm_apart(alone: Any) -> None:
+    both = rig()
+    tool_from_cyclopean = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([10.0, 60.0, -40.0]))
+    planned, tool_from_planned = moved_pair.seen_by_one(both, tool_from_cyclopean, alone)
+    eye = getattr(both, alone)
+    assert planned.baseline_mm == pytest.approx(60.0)
+    tool_from_first = tool_from_planned @ planned.left.cyclopean_from_camera
+    np.testing.assert_allclose(tool_from_first, tool_from_cyclopean @ eye.cyclopean_from_camera, atol=1e-9)
+    for camera in (planned.left, planned.right):
+        np.testing.assert_allclose(camera.matrix, eye.matrix)
+    turned = frames.difference(planned.left.cyclopean_from_camera, planned.right.cyclopean_from_camera)[3:]
+    np.testing.assert_allclose(turned, 0.0, atol=1e-9)
+
+
 def test_an_eye_that_did_not_move_makes_no_pair() -> None:
     with pytest.raises(ValueError, match="did not move"):
         moved_rig(rig().left, (640, 480), (DOWN, DOWN.copy()))

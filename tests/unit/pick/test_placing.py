@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from daemon.pick.placing import (
 )
 from daemon.pick.settings import Settings
 from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, Place, SolidBox
-from daemon.store.place_status import PlaceStatus, PlaceStatuses
+from daemon.store.place_status import PlaceState, PlaceStatus, PlaceStatuses
 from drivers.simcell import parts
 from tests.fakes.fake_cell import ON_HAND, shape_of
 
@@ -145,6 +146,18 @@ def test_places_are_filled_in_order_and_a_layer_once_what_is_below_was_seen_righ
         table.statuses.put("tray.1", status)
         assert free() == now
     assert [goal.place.name for goal in table.taken()] == ["tray.1"]
+
+
+def test_places_that_moved_since_their_status_was_kept_are_to_be_looked_at_and_no_others(tmp_path: Path) -> None:
+    table = PlaceTable(CellPlaces(places=(place(name="nest"), place(name="tray"))), PlaceStatuses(tmp_path))
+    table.know({"cube": shape_of("cube")})
+    assert table.moved() == {}
+    states = {
+        "nest": PlaceState(PlaceStatus.RIGHT),
+        "tray": PlaceState(PlaceStatus.TO_LOOK_AT, why="it was moved by 12 mm"),
+    }
+    table.statuses = SimpleNamespace(of=states.__getitem__)  # type: ignore[assignment]
+    assert table.moved() == {"tray": "it was moved by 12 mm"}
 
 
 def test_a_place_of_a_part_that_nobody_taught_is_told_and_takes_none(tmp_path: Path) -> None:

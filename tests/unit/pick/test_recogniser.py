@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from daemon.pick.recogniser import ModelRecogniser, of_file
@@ -12,7 +13,10 @@ from daemon.store.library import load_facets
 from daemon.store.model import ModelError, load_file, save
 from daemon.vision.model.model import Model, empty_model, learn_solid
 from tests.fakes import drawn
+from tests.fakes.observed_around import looked_at, place
 from tests.fakes.rigs import rig
+
+BLOCK_60 = drawn.prism([(-30.0, -20.0), (30, -20), (30, 20), (-30, 20)], 60.0)
 
 
 def taught(label: str, height_mm: float = 30.0) -> Model:
@@ -40,3 +44,14 @@ def test_a_worker_that_starts_anew_takes_no_other_model_that_lies_in_the_place_o
     save(taught("cube", 20.0), stored.file.path)
     with pytest.raises(ModelError, match=r"0001\.npz: replaced while it was in use: put the file back"):
         pickle.loads(pickle.dumps(stored))
+
+
+def test_what_a_group_of_facets_may_be_is_each_taught_part_that_it_fits() -> None:
+    """Two facets of a block of which two heights are taught, the sides that do not show its height."""
+    model = learn_solid(taught("low", 30.0), drawn.solid("block.obj", drawn.obj(*BLOCK_60)), "high")
+    recogniser = ModelRecogniser(model, rig())
+    body = drawn.solid("block.obj", drawn.obj(*BLOCK_60))
+    (top,) = looked_at(body, place(0.0, np.pi / 2 - 0.02), np.random.default_rng(0), np.zeros(9)).groups
+    found = recogniser.standing(top)
+    assert {one.label for one in found} == {"low", "high"}
+    assert sum(one.probability for one in found) <= 1.0 + 1e-9
