@@ -154,6 +154,23 @@ async def _told(_line: str) -> None:
     """Nobody listens."""
 
 
+def test_a_walk_round_sets_out_as_a_look_does_and_gives_what_it_saw(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    _, cycle = nameless()
+
+    async def sets_out() -> None:
+        done.append("set out")
+
+    async def walks(_: object, count: int, __: object) -> tuple[str, list[str]]:
+        done.append(f"walked {count}")
+        return "a thing", ["a look"]
+
+    monkeypatch.setattr(cycle, "_set_out_to_look", sets_out)
+    monkeypatch.setattr("daemon.pick.cycle.walk_round", walks)
+    assert asyncio.run(cycle.walk_round(cycle.recogniser, 8, _told)) == ("a thing", ["a look"])
+    assert done == ["set out", "walked 8"]
+
+
 def test_dry_it_looks_once_and_nothing_moves() -> None:
     world, cycle = nameless()
     cycle.supervisor.dry(True)
