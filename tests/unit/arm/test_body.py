@@ -20,7 +20,7 @@ from daemon.arm.body import (
     held_anyhow,
     within_mm,
 )
-from daemon.arm.shapes import ARM, BODY_MM, body_like, two_fingers
+from daemon.arm.shapes import ARM, BODY_MM, body_like, suction_cup, two_fingers
 from drivers import puma560
 from drivers.simcell import motion_monitor
 from drivers.simcell.gripper import finger_rods
@@ -289,6 +289,26 @@ def test_an_arm_of_the_same_lengths_has_the_same_body_and_a_mirrored_one_the_mir
         aside = -1.0 if own.link == "upper_arm" else 1.0
         assert mirrored.from_mm == pytest.approx((*own.from_mm[:2], aside * own.from_mm[2]))
         assert mirrored.radius_mm == own.radius_mm
+
+
+@given(st.floats(0.05, 0.95), st.floats(5.0, 150.0), st.floats(0.0, 1.0), st.floats(0.0, 6.28))
+def test_nothing_of_a_suction_cup_and_its_tube_is_outside_its_body_nor_its_body_beyond_the_lip(
+    of_length: float, length_mm: float, share: float, turn: float
+) -> None:
+    radius_mm = of_length * length_mm
+    body = suction_cup(radius_mm, length_mm)
+    palm, cup = body.capsules
+    low_mm, high_mm = cup.from_mm[2], cup.to_mm[2]
+    height_mm = low_mm + share * (high_mm - low_mm)
+    wall = np.array([radius_mm * np.cos(turn), radius_mm * np.sin(turn), height_mm])
+    assert _to_axis(wall, np.array([[cup.from_mm, cup.to_mm]]))[0] <= cup.radius_mm + 1e-9
+    assert high_mm + cup.radius_mm == pytest.approx(0.0), "its round end stays behind the lip"
+    assert low_mm == -length_mm
+    assert palm.to_mm[2] + palm.radius_mm >= low_mm, "the tube begins in the palm"
+    rim = np.array(body.points_mm)
+    np.testing.assert_allclose(np.linalg.norm(rim[:, :2], axis=1), radius_mm)
+    assert not rim[:, 2].any()
+    np.testing.assert_allclose(rim.mean(axis=0), 0.0, atol=1e-9)
 
 
 def test_a_shoulder_offset_however_small_is_to_its_own_side():

@@ -1456,3 +1456,20 @@ def test_what_is_at_rest_at_last_is_told_as_the_arm_that_was_stopped_only_on_the
     (told,) = world.said("rest")
     assert (told["text"] == "the arm was seen at rest at last") is not opened_anew
     assert ("on a line that was opened anew" in told["text"]) is opened_anew
+
+
+def test_how_long_a_stop_may_take_is_told_once_the_controller_has_answered_it_and_until_it_is_over():
+    world, supervisor, _ = supervised()
+    told = []
+
+    def hook(name: str) -> None:
+        if name == "abort":
+            told.append(supervisor.awaits_confirmation_s)
+            supervisor.permit.stop_answered += 1
+            told.append(supervisor.awaits_confirmation_s)
+
+    world.before = hook
+    assert supervisor.awaits_confirmation_s is None
+    lived(supervisor.stop("by hand"))
+    assert told == [None, supervisor._stopping.within_s]
+    assert supervisor.awaits_confirmation_s is None
