@@ -377,3 +377,28 @@ def test_fixed_cameras_are_solved_with_what_the_pick_needs_of_arm_and_place() ->
     assert verify(views, BOARD, after).passed
     knocked = replace(after, world_from_cyclopean=frames.perturb(OVER, np.array([0.0, 0, 0, 0.01, 0, 0])))
     assert any(failure.startswith("spread") for failure in verify(views, BOARD, knocked).failures)
+
+
+@pytest.mark.parametrize("alone", [None, "left"])
+def test_the_board_is_sought_in_the_pictures_of_the_cameras_in_use_and_both_are_logged(
+    alone: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logged: list[dict[str, Any]] = []
+    pictures = SimpleNamespace(left=SimpleNamespace(pixels="left's"), right=SimpleNamespace(pixels="right's"))
+
+    async def settled(*_: object) -> Any:
+        return SimpleNamespace(pictures=pictures)
+
+    monkeypatch.setattr(session, "settled_pair", settled)
+    monkeypatch.setattr(session, "find_board", lambda pixels, _: f"the board in {pixels}")
+    log = SimpleNamespace(record=lambda kind, **fields: logged.append({"kind": kind, **fields}))
+    cell = SimpleNamespace(clock=lambda: 0.0, log=log, alone=alone)
+    supervisor = SimpleNamespace(mover=SimpleNamespace(cell=cell))
+    one: Any = SimpleNamespace(supervisor=supervisor, settling=None, board=BOARD)
+    there: Any = SimpleNamespace(world_from_tool=np.eye(4))
+    view = asyncio.run(session._see(one, there, "pose 3"))
+    seen: Any = (view.pair.left, view.pair.right)
+    assert seen == ("the board in left's", None if alone else "the board in right's")
+    assert (view.pair.name, logged[0]["purpose"]) == ("pose 3", "calibrate pose 3")
+    assert logged[0]["images"] == {"left": "left's", "right": "right's"}
+    assert view.world_from_tool is logged[0]["where"] is there.world_from_tool

@@ -2,6 +2,7 @@
 
 import asyncio
 import pickle
+from dataclasses import replace
 
 import numpy as np
 
@@ -91,3 +92,13 @@ def test_images_that_mislead_are_told_with_every_finding_and_the_first_ones_caus
     assert error.code is BY_MEASURE["frozen"] is not BY_MEASURE["darkness"]
     assert error.findings == ("frozen left", "darkness right")
     assert str(error) == "; ".join(map(str, findings))
+
+
+def test_every_measure_of_a_look_is_logged_and_what_is_out_of_order_in_words():
+    look, _, _ = taken(None)
+    world = World(np.random.default_rng(0))
+    good, bad = Finding("darkness", "left", 80.0, True), Finding("darkness", "right", 12.0, False)
+    log_look(build(world), TruthRecogniser(world), replace(look, health=(good, bad)), cycle=1, stop=2, purpose="survey")
+    health = world.said("look")[-1]["health"]
+    assert (health["darkness_left"], health["darkness_right"]) == (80.0, 12.0)
+    assert health["findings"] == {"darkness right": str(bad)}
