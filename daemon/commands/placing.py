@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -15,15 +16,18 @@ from daemon.console.phrases import at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.placing import flattened, spot_of
+from daemon.pick.plan import SidePlan, stable_sides
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
 from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus, PlaceStatusError
 from daemon.vision.geometry import Polyhedron
 
-USAGE = "place show [NAME|PART] | check [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
-ACTS = ("show", "check", "teach", "clear", "drop")
+USAGE = "place show [NAME|PART] | check [NAME] | plan PART [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
+ACTS = ("show", "check", "plan", "teach", "clear", "drop")
 HERE = "here"
 """Instead of a part: the one in the gripper, where the arm is."""
+MOST_PLANNED = 3
+"""For so many places is planned at once; of a pattern for its first."""
 MOST_TOLD = 3
 """So many places are named in a line about what has moved."""
 
@@ -45,7 +49,8 @@ def _named(context: CommandContext, words: list[str]) -> list[str]:
 
 
 def _further(context: CommandContext, word: str) -> Sequence[str]:
-    return (*_known(context), *(("all",) if word == "clear" else ()), *(context.parts if word == "show" else ()))
+    more = {"clear": ("all",), "show": context.parts, "plan": context.parts}
+    return (*_known(context), *more.get(word, ()))
 
 
 @command(
@@ -62,6 +67,7 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
     place show          every place: its part, what is known of it, where it is. Of a part: its sides by number
     place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
     place check tray    the same for every place of a pattern that is not free; show and clear take its name as well
+    place plan cube     by each side that the cube can lie on: whether one grasp can bring it to its places, and by what
     place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
     place teach nest here   facetd grasped the part, and holds it where it belongs: jog, or guide the arm there, first
     place clear nest    you have emptied it: parts are brought there again (all: every place)
@@ -155,6 +161,43 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
         for name, s in states.items()
     }
     return CommandResult(table(rows, frontend.columns), {"places": data}, 0 if right else NOT_DONE)
+
+
+async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
+    """By each side that a part can lie on: whether it can be brought to its place, or to the first of its pattern."""
+    no_more(words, 2, USAGE)
+    label, placing = one_of(words, 0, context.parts, "part", USAGE), context.cycle.placing
+    own = [place.name for place in placing.places.of(label)]
+    if not own:
+        return CommandResult(f"The {label} has no place: it goes to the bin.", {"plans": {}})
+    firsts = list({pattern_of(name): name for name in reversed(own)}.values())[::-1]
+    names = [name for name in _named(context, words[1:]) if name in own][:1] if words[1:] else firsts[:MOST_PLANNED]
+    if not names:
+        raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_TOLD])}")
+    data: dict[str, list[dict[str, object]]] = {}
+    for name in names:
+        if name in placing.unusable:
+            raise CommandError(f"place {name}: {placing.unusable[name]}")
+        goal, data[name] = placing.goals[name], []
+        try:
+            for side in stable_sides(goal.shape):
+                plan = await context.cycle.plan_from_side(goal, side)
+                await frontend.say(f"{name}, from side {plan.side} down: {_planned(plan)}")
+                data[name].append(asdict(plan))
+        except ValueError as error:
+            raise CommandError(f"{label}: its taught corners give no solid to grasp: {error}") from None
+    ways = [sum(bool(plan["found"]) for plan in plans) for plans in data.values()]
+    told = [f"{name} from {n} of {plural(len(data[name]), 'side')}" for name, n in zip(data, ways, strict=True)]
+    text = f"The {label} can be brought to {'; '.join(told)} that it can lie on."
+    return CommandResult(text, {"plans": data}, 0 if any(ways) else NOT_DONE)
+
+
+def _planned(plan: SidePlan) -> str:
+    if plan.found == plan.tried:
+        return f"yes, {plan.grasp}"
+    if plan.found:
+        return f"turned in {plan.found} of {plan.tried} ways, {plan.grasp}; else {plan.why}"
+    return f"no: {plan.why}"
 
 
 async def _teach(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
@@ -315,5 +358,5 @@ def each_place(context: CommandContext) -> list[dict[str, object]]:
     ]
 
 
-HANDLERS = {"show": _show, "check": _check, "teach": _teach, "clear": _clear, "drop": _drop}
+HANDLERS = {"show": _show, "check": _check, "plan": _plan, "teach": _teach, "clear": _clear, "drop": _drop}
 COMMANDS = (place,)

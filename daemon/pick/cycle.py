@@ -16,6 +16,8 @@ from dataclasses import replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from daemon import frames
 from daemon.arm import (
     Beliefs,
@@ -42,6 +44,7 @@ from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looking import Look
 from daemon.pick.outcome import CycleEnd, Observer, Skipped, tell
 from daemon.pick.placing import Goal, PlaceTable
+from daemon.pick.plan import SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
@@ -243,6 +246,12 @@ class PickCycle:
         nothing needs to be enabled: people may have guided the arm. RefusedError where it is not known."""
         return await self.supervisor.run("measure the part in the gripper", self._held_here(), moves=False)
 
+    async def plan_from_side(self, goal: Goal, side: int) -> SidePlan:
+        """How a part that lies on a side, from 0, where the table is surveyed, can be brought to a place; nothing
+        moves, and nothing needs to be enabled. Raises ValueError where its taught corners span no solid."""
+        purpose = f"plan for place {goal.place.name}"
+        return await self.supervisor.run(purpose, self._plan_from_side(goal, side), moves=False)
+
     async def look_at_places(self, goals: Sequence[Goal]) -> None:
         """Look at places, one after the other, and keep what each shows. RefusedError when it may not start, or a part
         is in the gripper."""
@@ -423,6 +432,12 @@ class PickCycle:
         if self.recogniser is None:
             raise RefusedError("there is no model: teach and train first")
         return await set_down.held_here(self._context(self.recogniser))
+
+    async def _plan_from_side(self, goal: Goal, side: int) -> SidePlan:
+        await self.supervisor.mover.rest()
+        settings, reach = self.settings, self.supervisor.mover.reach
+        lying_at = np.array([*settings.surveys[0].centre_mm[:2], settings.limits.table_z_mm])
+        return await self.cell.compute(plan_from_side, goal, side, lying_at, settings, self.cell.mounting, reach)
 
     async def _look_at_places(self, goals: Sequence[Goal]) -> None:
         assert self.recogniser is not None

@@ -10,22 +10,28 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from daemon import frames
-from daemon.arm import PATH_MM, CameraMounting, paths
+from daemon.arm import PATH_MM, CameraMounting, Reach, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
+from daemon.pick.grasp import centre_of_mass, felt
 from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.placing import Goal, SetDown, ways_to
+from daemon.pick.placing import UPSIDE_DOWN, Goal, SetDown, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
-from daemon.vision.geometry import Polyhedron
+from daemon.store.place_file import about_vertical
+from daemon.vision.geometry import Polyhedron, inside
 
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
 MOST_GOALS = 3
 """So many free places of a part are tried, in the order in which they are filled."""
+HEADINGS_DEG = (10.0, 100.0, 190.0, 280.0)
+"""How a part is turned for which it is planned beforehand: along no axis of the arm's."""
 SAME_SIDE_RAD = 0.5
 """A look from within this angle of one that did not find the part would not find it either."""
 
@@ -150,6 +156,43 @@ def _way_to(
         for way in ways_to(goal, held, settings, mounting, allowed, destination.taken):
             return way
     return None
+
+
+@dataclass(frozen=True)
+class SidePlan:
+    """How a part that lies on one side, from 1, can be brought to a place. found: at how many of so many headings
+    (tried); grasp: one of these in words; why: what keeps it from there at one of the others."""
+
+    side: int
+    found: int
+    tried: int
+    grasp: str
+    why: str
+
+
+def plan_from_side(
+    goal: Goal, side: int, lying_at: Array, settings: Settings, mounting: CameraMounting, reach: Reach
+) -> SidePlan:
+    """Whether one grasp can pick a part that lies on a side, from 0, and set it down at a place. lying_at: (3,) world
+    mm, on the table. Raises ValueError where the taught corners span no solid."""
+    grasps, whys = list[str](), list[str]()
+    for heading_deg in HEADINGS_DEG:
+        pose = frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, lying_at) @ goal.shape.laid_flat[side]
+        plan = plan_part(goal.shape, pose, (), settings, mounting, reach.allows, destination=Destination([goal]))
+        if isinstance(plan, NoPlan):
+            whys.append(plan.why)
+        else:
+            grasps.append(plan.grasp.told)
+    return SidePlan(side + 1, len(grasps), len(HEADINGS_DEG), *((*some, "")[0] for some in (grasps, whys)))
+
+
+def stable_sides(shape: Polyhedron) -> list[int]:
+    """The sides, from 0, that a part of one material can lie on: the mass centre is above them. Raises ValueError where
+    the corners span no volume."""
+    mass = centre_of_mass(felt(shape))
+    flat = [frames.apply(laid, np.vstack([mass, shape.corners_mm[shape.rings[k]]]))[:, :2]
+            for k, laid in enumerate(shape.laid_flat)]  # fmt: skip
+    return [k for k, points in enumerate(flat) if inside(points[:1], points[None, 1:])[0, 0]]
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,7 @@ from daemon.console.notices import Notices
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.placing import PlaceTable
+from daemon.pick.plan import SidePlan
 from daemon.pick.settings import Settings as PickSettings
 from daemon.signals.line import LineSignals, no_line
 from daemon.signals.packml import PackMLState
@@ -56,6 +57,7 @@ class FakeCycle:
     placing: PlaceTable = field(default_factory=PlaceTable)
     recogniser: Any = None
     located: Any = None
+    plans: Sequence[SidePlan] = ()
     line: LineSignals = field(default_factory=no_line)
     packml: PackMLState = PackMLState.IDLE
     at: Any = field(default_factory=lambda: np.diag([-1.0, 1.0, -1.0, 1.0]))
@@ -111,6 +113,10 @@ class FakeCycle:
     async def held_here(self) -> Any:
         self.told.append("held here")
         return "cube", self.located
+
+    async def plan_from_side(self, goal: Any, side: int) -> SidePlan:
+        self.told.append(f"plan {goal.place.name} from side {side + 1}")
+        return self.plans[side % len(self.plans)]
 
     async def look_at_places(self, goals: Any) -> None:
         self.told.append(f"look at {', '.join(goal.place.name for goal in goals)}")

@@ -1,6 +1,7 @@
 """Plans: reached all the way or told why not; the same grasp found again on a better estimate."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ import pytest
 from daemon import frames
 from daemon.pick import plan as planning
 from daemon.pick.grasp import in_the_way
-from daemon.pick.plan import NoPlan, last_stretch, plan_part, regrasp
+from daemon.pick.placing import goal_of
+from daemon.pick.plan import HEADINGS_DEG, NoPlan, last_stretch, plan_from_side, plan_part, regrasp, stable_sides
 from daemon.pick.settings import Settings
+from daemon.store.place_file import Manner, Place
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
 
@@ -82,3 +85,22 @@ def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch
     destination = planning.Destination(goals=range(5))
     way = planning._way_to(destination, np.eye(4), Settings(), ON_HAND, lambda _: True)
     assert way == (f"to {reached}" if found else None)
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid", "triangular_prism", "pentagonal_prism"])
+def test_the_sides_that_a_part_can_lie_on_are_those_below_its_mass(label):
+    assert len(stable_sides(shape_of(label))) == len(part_shape(label).rests)
+
+
+def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():
+    shape, anywhere = shape_of("pyramid"), SimpleNamespace(allows=lambda _: True)
+    base = next(k for k, ring in enumerate(shape.rings) if len(ring) == 4)
+    place = Place("nest", Manner(part="pyramid"), np.eye(4), None, base + 1, (430.0, -220.0, -300.0), 20.0)
+    at = np.array([520.0, 0.0, -300.0])
+    plan = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, anywhere)
+    assert (plan.side, plan.found, plan.tried, plan.why) == (base + 1, len(HEADINGS_DEG), len(HEADINGS_DEG), "")
+    assert "mm wide" in plan.grasp
+    nowhere = SimpleNamespace(allows=lambda pose: bool(pose[1, 3] > -150.0))
+    none = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, nowhere)
+    assert (none.found, none.grasp) == (0, "")
+    assert "can set it down at nest" in none.why
