@@ -52,6 +52,19 @@ def test_room_is_the_distance_to_the_nearest_edge_or_hole_and_none_is_in_a_hole(
     assert rooms == pytest.approx(np.minimum(sides, rim), abs=0.1)
 
 
+def test_under_what_overhangs_a_facet_is_no_room_and_beside_it_only_up_to_it():
+    """A part like a C, lying on its back: of its lower inner side, 50 mm long, 20 mm are under its upper leg."""
+    corners, rings = prism([(0, 0), (60, 0), (60, 10), (10, 10), (10, 40), (30, 40), (30, 50), (0, 50)], 30.0)
+    solid = exact(corners, rings)
+    inner = next(
+        k for k, ring in enumerate(solid.rings) if solid.normals[k][1] > 0.9 and np.allclose(corners[ring][:, 1], 10.0)
+    )
+    points, rooms = rooms_on(solid, inner)
+    x, z = points[:, 0], points[:, 2] - corners[:, 2].min()
+    assert x.min() > 30.0 - 1e-9
+    assert rooms == pytest.approx(np.minimum.reduce([x - 30.0, 60.0 - x, z, 30.0 - z]), abs=1e-6)
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     at=st.tuples(st.floats(10, 70), st.floats(10, 50)),
