@@ -12,6 +12,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.hand_eye import (
+    FEWEST_POSES,
     HandEyeError,
     HandEyeResult,
     Sample,
@@ -61,6 +62,13 @@ def calibrated_held(seed: int) -> HandEyeResult:
 def off(found: Array) -> tuple[float, float]:
     motion = frames.difference(found, TRUE_HAND_EYE)
     return float(np.linalg.norm(motion[:3])), float(np.degrees(np.linalg.norm(motion[3:])))
+
+
+def test_as_few_poses_as_are_needed_are_enough_and_one_less_is_refused() -> None:
+    some = looks(3, FEWEST_POSES)
+    assert off(calibrate_hand_eye(some, unlike_rig()).mounting)[0] < 2.0
+    with pytest.raises(HandEyeError, match=f"{FEWEST_POSES - 1} poses, {FEWEST_POSES} are needed"):
+        calibrate_hand_eye(some[1:], unlike_rig())
 
 
 def test_both_closed_forms_are_exact_without_noise() -> None:
