@@ -283,7 +283,7 @@ class LookGained(CycleRecord, kw_only=True):
     """How much one more look reduced the uncertainty."""
 
     look: Annotated[Count, meaning("number of the look at the table")] = None
-    about: Annotated[Text, meaning("the object")] = None
+    about: Annotated[Text, meaning("which of the things that were seen: where it is, in words")] = None
     before: Annotated[Text, meaning("what it could be, before the look")] = None
     after: Annotated[Text, meaning("what it could be, after the look")] = None
     bits_before: Annotated[Number, meaning("uncertainty before", "bits")] = None
@@ -507,20 +507,21 @@ def record_of(line: bytes) -> Record:
 
 
 def document() -> str:
-    """The table of deploy/RUNS.md: every kind, its fields, their units and meanings."""
-    return "| kind | fields |\n| --- | --- |\n" + "".join(f"| `{kind}` | {text} |\n" for kind, text in _rows())
+    """The lists of deploy/RUNS.md: every kind, its fields, units and meanings; `cycle` is explained there, once."""
+    return "\n".join(f"**`{kind}`**: {text}\n" for kind, text in _sections())
 
 
-def _rows() -> Iterator[tuple[str, str]]:
+def _sections() -> Iterator[tuple[str, str]]:
     for kind, shape in SCHEMA.items():
         hints = get_type_hints(shape, include_extras=True)
-        fields = []
+        of_pick = issubclass(shape, CycleRecord)
+        lines = [f"{(shape.__doc__ or '').strip()}{' (of a pick)' if of_pick else ''}", ""]
         for field in msgspec.structs.fields(shape):
-            if field.name not in EventRecord.__struct_fields__:
+            if field.name not in CycleRecord.__struct_fields__:
                 meta = get_args(hints[field.name])[1]
                 unit = (meta.extra or {}).get("unit")
-                fields.append(f"`{field.encode_name}`{f' ({unit})' if unit else ''}: {meta.description}")
-        yield kind, f"{(shape.__doc__ or '').strip()} {'; '.join(fields)}"
+                lines.append(f"- `{field.encode_name}`{f' ({unit})' if unit else ''}: {meta.description}")
+        yield kind, "\n".join(lines).strip()
 
 
 if __name__ == "__main__":
