@@ -4,8 +4,6 @@ The collector may be interrupted anywhere and started again: a run counts as col
 is written last; files already copied are compared, not copied again. Cells do not depend on the store.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
@@ -78,10 +76,7 @@ def source_of(text: str) -> RunSource:
 
 
 def collect(
-    store: Store,
-    sources: Sequence[RunSource],
-    free: bool = False,
-    say: Callable[[str], object] = lambda _: None,
+    store: Store, sources: Sequence[RunSource], free: bool = False, say: Callable[[str], object] = lambda _: None
 ) -> CollectionSummary:
     """Copy every finished run that the store does not have. free: then remove collected runs from the cells.
 

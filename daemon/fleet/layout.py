@@ -246,11 +246,7 @@ def _moves(run: Digest) -> list[Row]:
 
 def _fault(record: Record) -> Row:
     text = record.get("text") or record.get("why") or record.get("jump_s")
-    return {
-        **{name: record.get(name) for name in ("seq", "cycle", "t", "kind")},
-        "code": _code(record),
-        "text": text,
-    }
+    return {**{name: record.get(name) for name in ("seq", "cycle", "t", "kind")}, "code": _code(record), "text": text}
 
 
 def _code(record: Record) -> str | None:

@@ -5,8 +5,6 @@ A cell is reported only where chance does not explain the difference: its succes
 errors below that of the other cells, or drift, light or faults exceed the limits of its own daemon.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date, timedelta
@@ -19,8 +17,8 @@ from daemon.calibration.drift import DriftSettings
 from daemon.events.codes import BY_SUMMARY, CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION
 from daemon.events.upgrade import read_prose
-from daemon.fleet.questions import opened
 from daemon.fleet.store import Store, StoreError
+from daemon.fleet.views import opened
 from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
 from daemon.review.production import shares_apart
@@ -96,12 +94,7 @@ def _calibrated(store: Store, months: Sequence[str]) -> dict[str, tuple[date, da
 
 
 def _cells(
-    of: Any,
-    between: str,
-    since: date,
-    first: date,
-    shown: Sequence[date],
-    calibrated: Mapping[str, tuple[date, date]],
+    of: Any, between: str, since: date, first: date, shown: Sequence[date], calibrated: Mapping[str, tuple[date, date]]
 ) -> list[Json]:
     begun = " OR ".join(f"cell = '{c}' AND day BETWEEN '{a}' AND '{b}'" for c, (a, b) in calibrated.items())
     before = f"day >= '{since}' AND day < '{first}'"

@@ -4,8 +4,6 @@ A job is some looks of one run. Its result is a file in the replay's folder, nam
 on: a job whose file exists is done, and an interrupted replay continues from there.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import json
@@ -18,9 +16,9 @@ from typing import Any
 
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.fleet.questions import opened
 from daemon.fleet.replay_results import Json, result_of
 from daemon.fleet.store import Store, StoreError, open_store
+from daemon.fleet.views import opened
 from daemon.review.digest import Digest
 from daemon.review.page import read_digest
 from daemon.review.replay import ReplayInputs, replayed_looks
@@ -191,10 +189,7 @@ def _using(job: ReplayJob, out: Store, spare: Path) -> ReplayInputs:
 
 
 def replay_many(
-    jobs: Sequence[ReplayJob],
-    workers: int,
-    cluster: str | None,
-    say: Callable[[int, int], object] = lambda *_: None,
+    jobs: Sequence[ReplayJob], workers: int, cluster: str | None, say: Callable[[int, int], object] = lambda *_: None
 ) -> tuple[list[tuple[str, Json]], list[str]]:
     """Do the jobs that are not done; returns all (cell, result) pairs in the order of jobs, and a line for each
     failure.

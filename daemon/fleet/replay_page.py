@@ -1,7 +1,5 @@
 """Report of a replay: one offline HTML page, each difference with its images."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 A name counts as right or wrong only where the pick proved it: the gripper then held this part, under a name.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict

@@ -1,10 +1,8 @@
 """Schema of the tables of many cells: each column with type, unit and meaning. Values only.
 
-daemon/fleet/document.py makes docs/DATA.md from it. Add a column at the end of its table with the version that adds it,
+tests/manuals/data.py makes docs/DATA.md from it. Add a column at the end of its table with the version that adds it,
 and never change a meaning: readers combine files of every release, with null for absent columns.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass

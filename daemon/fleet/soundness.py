@@ -3,8 +3,6 @@
 A torn last line (killed daemon) and losses that the run itself reports (full disk) do not count as damage.
 """
 
-from __future__ import annotations
-
 import os
 from collections import deque
 from itertools import pairwise

@@ -6,8 +6,6 @@ apart/<cell>/<run>/..., apart/<cell>/<run>.txt   a damaged run, and its damage
 tables/<table>/cell=<cell>/month=<YYYY-MM>/rows.parquet
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterator, Sequence

@@ -21,11 +21,12 @@ import pyarrow.parquet as pq
 
 from daemon.fleet.layout import rows_of
 from daemon.fleet.page import write_fleet_page
-from daemon.fleet.questions import QUESTIONS, opened
 from daemon.fleet.store import open_store
+from daemon.fleet.views import opened
 from daemon.review.page import read_digest
 from tests.bench.runs import opened_ms
 from tests.fakes.made_year import picks_of, write_year
+from tests.manuals.data import QUESTIONS
 
 TIMES = 3
 ASKED = {"all": QUESTIONS[8].sql, "a cell's day": "SELECT count(*), avg(ms) FROM looks WHERE cell = 'cell07' AND day = "

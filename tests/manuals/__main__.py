@@ -7,15 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from daemon.events import records
-from daemon.fleet import document as fleet
 from daemon.store.folders import HOUSE
-from tests.manuals import causes, commands, man, settings, states
+from tests.manuals import causes, commands, data, man, settings, states
 
 DOCS = HOUSE / "docs"
 PAGES: dict[Path, Callable[[], str]] = {
     DOCS / "SETTINGS.md": settings.document,
     DOCS / "COMMANDS.md": commands.document,
-    DOCS / "DATA.md": fleet.document,
+    DOCS / "DATA.md": data.document,
     DOCS / "man" / "facetctl.1": man.facetctl,
     DOCS / "man" / "facetd.8": man.facetd,
     DOCS / "man" / "facetctl.bash": man.bash,

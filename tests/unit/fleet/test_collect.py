@@ -12,8 +12,8 @@ import pytest
 
 from daemon import ctl
 from daemon.fleet.collect import collect, source_of
-from daemon.fleet.questions import opened
 from daemon.fleet.store import Store, StoreError, open_store
+from daemon.fleet.views import opened
 from tests.fakes.made_run import MadeRun, quiet
 from tests.unit.fleet.conftest import CellMaker
 

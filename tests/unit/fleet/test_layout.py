@@ -10,9 +10,9 @@ import pytest
 
 from daemon.fleet.collect import collect, source_of
 from daemon.fleet.layout import add_month, add_rows, rows_of, schema_of
-from daemon.fleet.questions import opened
 from daemon.fleet.schema import TABLES, VERSION
 from daemon.fleet.store import Store, StoreError
+from daemon.fleet.views import opened
 from daemon.review.digest import digest
 from daemon.review.page import read_digest
 from tests.fakes.made_run import MadeRun, part

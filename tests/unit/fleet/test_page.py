@@ -11,11 +11,12 @@ import pytest
 
 from daemon.fleet.layout import add_rows, rows_of
 from daemon.fleet.page import STATES, _by_cause, _worse, fleet_data, write_fleet_page
-from daemon.fleet.questions import QUESTIONS, opened
 from daemon.fleet.store import Store, StoreError, open_store
+from daemon.fleet.views import opened
 from daemon.review.digest import Digest, digest
 from daemon.review.page import read_digest
 from tests.fakes.made_run import MadeRun
+from tests.manuals.data import QUESTIONS
 
 pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from daemon.fleet.document import document
 from daemon.fleet.layout import rows_of
-from daemon.fleet.questions import QUESTIONS, Question, opened
 from daemon.fleet.store import Store, open_store
+from daemon.fleet.views import opened
 from daemon.review.page import read_digest
 from daemon.store import folders
 from tests.fakes.made_run import MadeRun, part
+from tests.manuals.data import QUESTIONS, Question, document
 
 pytest.importorskip("fsspec", reason="fsspec is not installed: make extra-fleet")
 duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
@@ -80,7 +80,7 @@ def test_a_store_without_a_row_answers_with_none(tmp_path: Path) -> None:
 
 
 def test_the_documented_page_is_what_the_code_says() -> None:
-    assert document() == DATA, "python -m daemon.fleet.document > docs/DATA.md"
+    assert document() == DATA, "`make docs`"
 
 
 def test_the_documented_lines_of_sql_run_as_they_stand(year: Store) -> None:

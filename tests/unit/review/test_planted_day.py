@@ -147,8 +147,8 @@ def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> 
     pytest.importorskip("duckdb", reason="duckdb is not installed: make extra-fleet")
     from daemon.fleet.collect import collect, source_of
     from daemon.fleet.page import fleet_data
-    from daemon.fleet.questions import opened
     from daemon.fleet.store import open_store
+    from daemon.fleet.views import opened
 
     store = open_store(str(tmp_path / "store"))
     collect(store, [source_of(f"north={day[0].parent}")])
