@@ -23,7 +23,7 @@ from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.placing import report_moved
-from daemon.commands.signals import last_word, serve_the_line
+from daemon.commands.signals import serve_the_line
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
 from daemon.compute.worker import Worker
@@ -44,6 +44,7 @@ from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
 from daemon.signals.input_form import load_form
 from daemon.signals.line import LineSignals
+from daemon.signals.packml import PackMLState
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
@@ -377,7 +378,7 @@ class Service:
             await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
         if self._started and self.context is not None and self.context.cycle.line.signals:
-            await _within(0.5, last_word(self.context))
+            await _within(0.5, self.context.cycle.line.set_outputs(PackMLState.ABORTED))
         for task in self._tasks:
             task.cancel()
         await asyncio.wait(self._tasks, timeout=0.2) if self._tasks else None

@@ -52,10 +52,6 @@ class SimulatedOperator:
         self._drawn = {shape.label: len(DRAWN_VIEWS) for shape in shapes}
         return unmade
 
-    def switch_input(self, number: int, high: bool) -> None:
-        """Switch a digital input of the controller."""
-        self.cell.switch_input(number, high)
-
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, modulo their number. Returns the view."""
         view %= {**self._views, **self._drawn}[label]

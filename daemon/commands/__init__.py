@@ -1,7 +1,5 @@
 """What each of the operators' words does. One file a subject; daemon/console/interpreter.py finds them."""
 
-from __future__ import annotations
-
 from daemon.commands import (
     calibrating,
     camera_selection,

@@ -1,7 +1,5 @@
 """Facets as a few lines of characters, for terminals that show nothing else. Pure: corners in, text out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ A result is kept beside those before it (daemon/store/calibrations.py) and taken
 nothing.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from dataclasses import asdict

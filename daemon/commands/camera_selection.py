@@ -3,8 +3,6 @@
 Nothing here moves the arm. With one eye each look is two pictures with a move between them (daemon/pick/moved_pair.py).
 """
 
-from __future__ import annotations
-
 from daemon.arm import EyeName
 from daemon.cell.camera_trial import camera_faults, pair_fault
 from daemon.console.context import CommandContext

@@ -5,8 +5,6 @@ is kept back: while the arm may not move, or is held by `pause`; and else until 
 in which something was taken back is spoiled and typed anew: nobody knows which keys the controller knows.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine

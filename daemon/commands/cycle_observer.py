@@ -3,8 +3,6 @@
 The observer of the cycle (pick/outcome.py). The arm is stopped and let go on by the supervisor, as for a person's word.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine

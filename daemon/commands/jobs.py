@@ -1,8 +1,6 @@
 """Commands for jobs: which there are, what one consists of, and doing it. How a job goes on, ends or is resumed is
 `auto`'s (moving.py)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from daemon.commands.moving import begin

@@ -1,7 +1,5 @@
 """Commands that maintain the service: notices, doctor, bundle, reload."""
 
-from __future__ import annotations
-
 import asyncio
 
 from daemon.console.context import CommandContext

@@ -1,7 +1,5 @@
 """Commands about models: train a candidate, take it into use, see which there are, take another."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 
@@ -21,7 +19,6 @@ from daemon.console.phrases import at_utc, plural
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.store.model_store import ModelStore
 from daemon.teaching.sufficiency import Sufficiency, alike
-from daemon.teaching.trainer import ViewVerdict
 
 MODEL_WORDS = ("list", "use")
 MODEL_USAGE = "model list | model use N|latest"
@@ -38,7 +35,7 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
     right = len(trained.verdicts) - len(wrong)
     text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
     lines = [f"{text} ({trained.seconds:.1f} s)."]
-    lines += [f"  {_describe_verdict(v)}" for v in wrong]
+    lines += [f"  {v.view}: taken for {v.named} ({v.reason})" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
     frontend.shown = trained.version
     judged = await _judged(context, trained.version)
@@ -167,10 +164,6 @@ async def _not_amid_a_pick(context: CommandContext, frontend: Frontend) -> None:
         )
     if not await yes_or_no(frontend, f"{what}: the next part will be picked with another model. Change it now? [y/n]"):
         raise CommandError("cancelled; the model is unchanged")
-
-
-def _describe_verdict(verdict: ViewVerdict) -> str:
-    return f"{verdict.view}: taken for {verdict.named} ({verdict.reason})"
 
 
 COMMANDS = (train, accept, rollback, model)

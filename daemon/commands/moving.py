@@ -1,7 +1,5 @@
 """Commands that let the arm move, hold it, or stop it. Every motion itself is the cycle's, and guarded there."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Commands that only look: status, look, try, where, parts. Nothing moves but for `look around`, no model changes."""
 
-from __future__ import annotations
-
 import textwrap
 import time
 from collections.abc import Sequence

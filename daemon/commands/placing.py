@@ -1,18 +1,15 @@
 """Commands for where parts belong: show, check, teach, clear and drop places. Where the arm goes is positions.py's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import numpy as np
 
 from daemon import frames
-from daemon.arrays import Array
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
-from daemon.console.phrases import at_utc, millimetres, plural
+from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.placing import flattened, spot_of
@@ -53,14 +50,7 @@ def _further(context: CommandContext, word: str) -> Sequence[str]:
     return (*_known(context), *more.get(word, ()))
 
 
-@command(
-    USAGE,
-    "move",
-    most=3,
-    looks=lambda words: not words or words[0] == "show",
-    choices=ACTS,
-    further=_further,
-)
+@command(USAGE, "move", most=3, looks=lambda words: not words or words[0] == "show", choices=ACTS, further=_further)
 async def place(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show, check and teach where parts belong.
 
@@ -93,7 +83,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
         state, part = placing.statuses.of(name), placing.places.named(name)
         assert part is not None
         goal = placing.goals.get(name)
-        where = placing.unusable[name] if goal is None else _at(goal.centre)
+        where = placing.unusable[name] if goal is None else at_mm(goal.centre)
         rows.append((name, f"{part.part}: {_told(state)}; {where}"))
         data[name] = {
             "part": part.part,
@@ -241,7 +231,7 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     _recorded(context, name, label, status, f"taught by {frontend.who}")
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
     lies = "is in the gripper" if held else "lies"
-    told = f"{name} is where the {label} {lies}, {_at(middle)}. When you take it away: `place clear {name}`."
+    told = f"{name} is where the {label} {lies}, {at_mm(middle)}. When you take it away: `place clear {name}`."
     if why := context.cycle.placing.unusable.get(name):
         told += f"\nIt cannot be used: {why}"
     return CommandResult(told, {"place": name, "world_from_part": pose.tolist()})
@@ -251,10 +241,6 @@ def _recorded(context: CommandContext, name: str, label: str, status: PlaceStatu
     goal = context.cycle.placing.goals.get(name)
     outline = None if goal is None else goal.outline
     context.log.record("place", place=name, label=label, status=str(status), why=why, outline=outline)
-
-
-def _at(point: Array) -> str:
-    return "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*point)
 
 
 def _entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:

@@ -1,7 +1,5 @@
 """Commands for whoever sets a cell up: small moves relative to where the arm is, and positions with names."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 
@@ -12,7 +10,7 @@ from daemon.arrays import Array
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
-from daemon.console.phrases import at_utc, plural
+from daemon.console.phrases import at_mm, at_utc, plural
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.quantities import decimal, shown
 from daemon.store.named_positions import NamedPositions
@@ -66,8 +64,7 @@ async def jog(context: CommandContext, words: list[str], frontend: Frontend) -> 
     )
     if context.cycle.status()["dry"]:
         return CommandResult("Dry run: planned, not sent.")
-    x, y, z = pose[:3, 3]
-    return CommandResult(f"At x {x:.1f}  y {y:.1f}  z {z:.1f} mm.", {"world_from_tool": pose.tolist()})
+    return CommandResult(f"At {at_mm(pose[:3, 3])}.", {"world_from_tool": pose.tolist()})
 
 
 def _distance(word: str, unit: str) -> float:
@@ -137,8 +134,7 @@ async def here(context: CommandContext, words: list[str], frontend: Frontend) ->
         if off_mm > SAME_MM or np.degrees(turned) > SAME_DEG:
             raise CommandError(f"the arm has moved since the question: repeat `here {name}`")
     kept(context).keep(name, pose, frontend.who)
-    x, y, z = pose[:3, 3]
-    return CommandResult(f"{name} is x {x:.1f}  y {y:.1f}  z {z:.1f} mm; `go {name}` returns here.", {"place": name})
+    return CommandResult(f"{name} is {at_mm(pose[:3, 3])}; `go {name}` returns here.", {"place": name})
 
 
 @command(
@@ -170,7 +166,7 @@ async def positions(context: CommandContext, words: list[str], frontend: Fronten
 
 
 def _at(pose: Array | None) -> str:
-    return "dropped" if pose is None else "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*pose[:3, 3])
+    return "dropped" if pose is None else at_mm(pose[:3, 3])
 
 
 COMMANDS = (go, jog, here, positions)

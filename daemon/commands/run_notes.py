@@ -1,7 +1,5 @@
 """Commands that put people's words into the run: who works here, and comments."""
 
-from __future__ import annotations
-
 import re
 
 from daemon.console.context import CommandContext

@@ -1,7 +1,5 @@
 """Commands for the line's signals: show, read, find how inputs are read, test an output; and serving the line."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +13,6 @@ from daemon.errors import NOT_DONE
 from daemon.events.codes import BY_OPERATOR
 from daemon.signals.input_form import FORMS, form_found, keep_form
 from daemon.signals.line import keep_watch
-from daemon.signals.packml import PackMLState
 
 USAGE = "signal show | read | find INPUT | test OUTPUT"
 ACTS = ("show", "read", "find", "test")
@@ -27,14 +24,7 @@ def _further(context: CommandContext, word: str) -> Sequence[str]:
     return context.cycle.line.names(word == "find") if word in ("find", "test") else ()
 
 
-@command(
-    USAGE,
-    "move",
-    most=2,
-    looks=lambda words: not words or words[0] == "show",
-    choices=ACTS,
-    further=_further,
-)
+@command(USAGE, "move", most=2, looks=lambda words: not words or words[0] == "show", choices=ACTS, further=_further)
 async def signal(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show, read and test the signals of the line.
 
@@ -163,11 +153,6 @@ def reset_by_line(context: CommandContext) -> None:
         why = str(error)
     text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; `resume`"
     context.notices.tell(text, NoticeLevel.FAULTS)
-
-
-async def last_word(context: CommandContext) -> None:
-    """The outputs as facetd ends: as after a stop."""
-    await context.cycle.line.set_outputs(PackMLState.ABORTED)
 
 
 HANDLERS = {"show": _show, "read": _read, "find": _find, "test": _test}

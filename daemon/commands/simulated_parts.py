@@ -3,8 +3,6 @@
 In a real cell a person does this; these commands exist only where the cell is not real.
 """
 
-from __future__ import annotations
-
 import asyncio
 
 from daemon.cell.simulated_operator import DEFAULT_PARTS, SimulatedOperator
@@ -91,7 +89,7 @@ async def switch(context: CommandContext, words: list[str], _: Frontend) -> Comm
     """(simulated) switch an input of the line, as a person or a PLC would."""
     name = one_of(words, 0, context.cycle.line.names(inputs=True), "input of facetd.yaml", switch.usage)
     on, signal = one_of(words, 1, ("on", "off"), "word", switch.usage) == "on", context.cycle.line.signals[name]
-    _hand(context).switch_input(signal.number, on is (signal.level == "high"))
+    _hand(context).cell.switch_input(signal.number, on is (signal.level == "high"))
     return CommandResult(f"{name} is {'on' if on else 'off'}.")
 
 

@@ -1,8 +1,6 @@
 """Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked; that
 `pause` holds it is told, too."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import time

@@ -4,8 +4,6 @@ What is said of it, asked and kept; where to look from is daemon/pick/around.py'
 daemon/teaching/walked_round.py's.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -13,10 +11,10 @@ import numpy as np
 from daemon.arm import RefusedError
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
-from daemon.console.interpreter import CommandError, CommandResult, Frontend, number, yes_or_no
+from daemon.console.interpreter import CommandError, CommandResult, Frontend, yes_or_no
 from daemon.console.phrases import plural
 from daemon.errors import NOT_DONE
-from daemon.pick.around import LEAST_PLACES, MOST_PLACES, SECONDS_A_PLACE, USUAL_PLACES, CircledPart, NoThingError
+from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoThingError
 from daemon.pick.fused_objects import seen_from
 from daemon.pick.looking import Look
 from daemon.pick.pose_fusion import Doubt
@@ -27,11 +25,6 @@ from daemon.vision.geometry import Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_name
 
 USAGE = "teach LABEL --around [6..12]"
-
-
-def places_asked(words: list[str]) -> int:
-    """How many places, of the words behind --around."""
-    return int(number(words[0], "PLACES", LEAST_PLACES, MOST_PLACES)) if words else USUAL_PLACES
 
 
 async def learnt(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:

@@ -1,7 +1,5 @@
 """Commands that teach: show a part, or its drawing, keep the view, remove it again. Models are made in models.py."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import re
@@ -24,6 +22,7 @@ from daemon.console.interpreter import (
 from daemon.console.phrases import at_utc, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, spelt
+from daemon.pick.around import LEAST_PLACES, MOST_PLACES, USUAL_PLACES
 from daemon.pick.looking import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
@@ -108,7 +107,9 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     """Learn a part by walking round it as it lies on the table."""
     at = words.index("--around")
     no_more(words[at:], 2, teach_around.USAGE)
-    count = teach_around.places_asked(words[at + 1 :])
+    count = USUAL_PLACES
+    if len(words) > at + 1:
+        count = number(words[at + 1], "PLACES", LEAST_PLACES, MOST_PLACES)
     label = await _label(context, words[:at], frontend)
     context.cycle.supervisor.may_move()
     hand = context.hardware.operator

@@ -3,8 +3,6 @@
 Old names in recorded runs are in daemon/events/upgrade.py.
 """
 
-from __future__ import annotations
-
 COMMANDS = {"eyes": "cameras", "places": "positions"}
 """Commands of the daemon."""
 JOBS = {"hall": "fleet", "live": "dashboard"}

@@ -3,8 +3,6 @@
 service.py builds it, starts and ends its parts.
 """
 
-from __future__ import annotations
-
 import asyncio
 import importlib.metadata
 import socket

@@ -3,8 +3,6 @@
 The table of commands, look-up by name, help, permission, the record of each command, and errors as one line.
 """
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import importlib.metadata
@@ -196,11 +194,6 @@ def first_screen(commands: Iterable[ConsoleCommand]) -> str:
     return "\n".join([*lines, "help all every command, page by page", "help WORD one command in full"])
 
 
-def every_line(commands: Iterable[ConsoleCommand], columns: int = 80) -> str:
-    """The list of `help all`: every command with its summary."""
-    return table([(command.usage, command.summary) for command in commands], columns)
-
-
 class Interpreter:
     """The interpreter, one for the daemon. context: what the commands work with."""
 
@@ -358,9 +351,8 @@ class Interpreter:
             return CommandResult(first_screen(self.commands.values()), {"commands": every})
         if words[0] != "all":
             return _described(self._find(words[0]), frontend)
-        return CommandResult(
-            await by_pages(every_line(self.commands.values(), frontend.columns), frontend), {"commands": every}
-        )
+        every_line = table([(c.usage, c.summary) for c in self.commands.values()], frontend.columns)
+        return CommandResult(await by_pages(every_line, frontend), {"commands": every})
 
 
 def version() -> str:

@@ -3,8 +3,6 @@
 Shown at every frontend, each at the level that its operator chose. Called from the main loop only; does not block.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from enum import IntEnum

@@ -1,7 +1,5 @@
 """Phrases that several commands share: counts, durations, yes and no."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from daemon.events.pick_order import PickOrder
@@ -29,6 +27,11 @@ def at_utc(iso: str) -> str:
 def millimetres(lengths: Iterable[float]) -> str:
     """50 50 49.6 mm -> `50 50 50 mm`."""
     return " ".join(f"{length:.0f}" for length in lengths) + " mm"
+
+
+def at_mm(point: Iterable[float]) -> str:
+    """(3,) mm -> `x 12.0  y 3.4  z -5.0 mm`."""
+    return "x {:.1f}  y {:.1f}  z {:.1f} mm".format(*point)
 
 
 def cut_off(pick_order: PickOrder) -> str:

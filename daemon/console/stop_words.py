@@ -1,7 +1,5 @@
 """Recognise lines that stop the arm, even as an answer to a question. Every frontend checks each line first."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
