@@ -1,7 +1,5 @@
 """The arm over VAL II: the daemon's Robot protocol on a drivers/val2 Link. Matrices in, readings out."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Build the hardware of a cell from its configuration; open and close it as one."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import random

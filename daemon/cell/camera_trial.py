@@ -4,8 +4,6 @@ After a fault each camera is tested alone. A camera that was out of use is used 
 scene in agreement with the calibration. The operator decides (daemon/commands/camera_selection.py).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

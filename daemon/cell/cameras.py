@@ -1,8 +1,6 @@
 """The cameras as asynchronous calls, in a thread of their own; recorded pairs that repeat until the next is
 requested."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import time

@@ -3,8 +3,6 @@
 In: the findings (drivers/val2/acquaintance.py). calibration/arm_from_readings.py fits the arm to the readings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

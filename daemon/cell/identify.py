@@ -4,8 +4,6 @@ identified_arm.py finds the arm. Also replays a transcript: lines of JSON, each 
 is out, in, heard (ends an exchange: what came in before belongs to it), speed, says, asks, answers, unclear or stop.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json
@@ -15,16 +13,7 @@ from typing import Any
 
 from daemon.errors import FacetdError
 from drivers.val2 import introduction
-from drivers.val2.acquaintance import (
-    Acquaintance,
-    Consult,
-    Exchange,
-    Heard,
-    Speed,
-    Step,
-    Tell,
-    UnclearError,
-)
+from drivers.val2.acquaintance import Acquaintance, Consult, Exchange, Heard, Speed, Step, Tell, UnclearError
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.introduction import BAUDS, BY_PENDANT
@@ -152,12 +141,7 @@ class _Line:
 
 
 async def identify(
-    path: str,
-    open_port: OpenPort,
-    person: Person,
-    write: Write,
-    bauds: Sequence[int] = BAUDS,
-    pendant: bool = False,
+    path: str, open_port: OpenPort, person: Person, write: Write, bauds: Sequence[int] = BAUDS, pendant: bool = False
 ) -> Acquaintance:
     """Identify the controller at a port. write: receives each line of the transcript; pendant: whether the person moves
     the arm to more poses.

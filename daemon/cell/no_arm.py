@@ -1,7 +1,5 @@
 """The Robot of a cell without an arm (recorded pairs): it refuses every motion in one clear line."""
 
-from __future__ import annotations
-
 from typing import NoReturn
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Workcell and settings of a pick, with standard deviations from the calibration's quality."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import degrees, sqrt
 from statistics import median

@@ -1,39 +1,27 @@
 """The arm of a recorded run as bodies in the world, for pages that draw it. Reads the kept files; opens no device."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daemon.arm import KeepOut, body_of
+from daemon.arm import body_of
 from daemon.arrays import Array
 from daemon.cell.arm_on_link import PumaKinematics
 from daemon.cell.sections import arm_geometry, guarded
 from daemon.config import OBSOLETE, Config, ConfigFile
+from daemon.pick.settings import Settings
 from daemon.store.yamlfile import read
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedArm:
-    """Kinematics and bodies of the arm, and what it must not touch."""
+    """Kinematics of the arm; settings: with the limits that its bodies, table and boxes are in."""
 
     kinematics: PumaKinematics
-    config: Config
-
-    @property
-    def table_z_mm(self) -> float:
-        """Height of the table in the world, mm."""
-        return self.config.values.pick.limits.table_z_mm
-
-    @property
-    def keep_out(self) -> tuple[KeepOut, ...]:
-        """The boxes of the configuration that the arm keeps out of."""
-        return self.config.values.pick.limits.keep_out
+    settings: Settings
 
     def capsules(self, joints_rad: Array) -> tuple[list[float], Array]:
         """Radii of its C capsules, mm, and their ends (N, C, 2, 3), mm in the world, at joints (N, 6) rad."""
-        pick = self.config.values.pick
-        limits = guarded(pick.limits, self.kinematics.arm, pick.gripper.body)
+        limits = guarded(self.settings.limits, self.kinematics.arm, self.settings.gripper.body)
         body = body_of(limits.capsules, ())
         solid = body.radius_mm > 0
         return body.radius_mm[solid].tolist(), body.placed(self.kinematics.frames(joints_rad))[:, solid]
@@ -46,4 +34,4 @@ def recorded_arm(config: Path, arm_file: Path | None) -> RecordedArm:
     if arm_file is not None:
         values = replace(values, arm=replace(values.arm, file=str(arm_file)))
     made = Config(values, document, values.cell)
-    return RecordedArm(PumaKinematics(arm_geometry(made)), made)
+    return RecordedArm(PumaKinematics(arm_geometry(made)), values.pick)

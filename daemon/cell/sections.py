@@ -3,8 +3,6 @@
 In: Config. Out: the drivers' settings, or a ConfigError that names file, line and key. Opens no device.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Read a run without its scenes' corners, nine tenths of a look's record, so that hundreds of runs take seconds."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterable, Mapping
 from datetime import datetime

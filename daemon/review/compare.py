@@ -1,7 +1,5 @@
 """Compare what two runs used: differing lines of configuration and calibration, and the models."""
 
-from __future__ import annotations
-
 from difflib import unified_diff
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 Needs the extra `plots`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib import resources
 from importlib.util import find_spec

@@ -3,8 +3,6 @@
 Accepts every version of the format; a field that a run does not have is None, never an error.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ parts: a pick, an auto or a job, from its beginning to its end, stops included. 
 not count: the cell could have picked.
 """
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

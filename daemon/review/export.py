@@ -1,7 +1,5 @@
 """Export a run for other tools: CSV tables (columns: tables.py), or MCAP for Foxglove (extra `export`)."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import json

@@ -3,8 +3,6 @@
 The page shows a strip closed unless a value came near its limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

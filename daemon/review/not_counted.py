@@ -4,8 +4,6 @@ After a reported miss the gripper still opens over the bin, because a look may e
 whether it did: where they no longer find the part, it is likely in the bin, and the pick did not count.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.events.codes import DecisionCode

@@ -1,7 +1,5 @@
 """Write the HTML page of a run: one file with data, images and the script that shows them; no network needed."""
 
-from __future__ import annotations
-
 import base64
 import html
 import json

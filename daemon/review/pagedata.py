@@ -3,8 +3,6 @@
 Keys are short because a run of a thousand cycles has tens of thousands of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

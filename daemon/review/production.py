@@ -3,8 +3,6 @@
 daemon/events/outcomes.py defines what counts as tried.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import chain

@@ -3,8 +3,6 @@
 Model and calibration are those in use at each look, from the run's kept/, or others given instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -2,8 +2,6 @@
 last status of every place; figures by place over one run or many. Pure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -4,8 +4,6 @@ For the page of a cycle, and for the live one. The arm is drawn as the capsules 
 that the controller reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -150,8 +148,10 @@ def space_of(arm: RecordedArm | None, joints: Array, way: list[list[float]]) -> 
     return {
         "way": way,
         "arm": _bodies(arm, joints),
-        "table_z": None if arm is None else arm.table_z_mm,
-        "keep_out": [] if arm is None else [[box.name, box.low_mm, box.high_mm] for box in arm.keep_out],
+        "table_z": None if arm is None else arm.settings.limits.table_z_mm,
+        "keep_out": []
+        if arm is None
+        else [[box.name, box.low_mm, box.high_mm] for box in arm.settings.limits.keep_out],
     }
 
 

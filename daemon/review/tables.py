@@ -1,7 +1,5 @@
 """Tables of looks and of cycles for a spreadsheet. Add a new column at the end."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from daemon.events.records import Record

@@ -1,7 +1,5 @@
 """Write the page of a week of runs: trends from day to day, each point a link to its run's page."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ the cycle weighs most; measures from before weigh more than consequences; other 
 the earlier record comes first: it may have caused the other.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,15 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.events.codes import (
-    BY_MEASURE,
-    BY_RULE,
-    BY_UNNAMED,
-    MISSED_BY,
-    CauseCode,
-    DecisionCode,
-    cause_code,
-)
+from daemon.events.codes import BY_MEASURE, BY_RULE, BY_UNNAMED, MISSED_BY, CauseCode, DecisionCode, cause_code
 from daemon.events.outcomes import NOTHING_TO_PICK, UNFINISHED, Outcome, is_success
 from daemon.events.records import Record
 from daemon.pick.pose_fusion import CHI_SQUARE_6
