@@ -2,8 +2,6 @@
 them, one question after the other. A stop never waits in it.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
@@ -51,13 +49,8 @@ class CommandQueue:
     ) -> None:
         """show_question: puts a question before the operator; None takes it away again. sign: called again and again
         while a stop that the controller has answered waits to be confirmed."""
-        self._sign = sign
-        self._interpreter, self._frontend, self._interrupt, self._show_question = (
-            interpreter,
-            frontend,
-            interrupt,
-            show_question,
-        )
+        self._interpreter, self._frontend = interpreter, frontend
+        self._interrupt, self._show_question, self._sign = interrupt, show_question, sign
         self.busy = False
         """A command is being done that others wait for."""
         self.question = 0

@@ -1,7 +1,5 @@
 """What the prompt offers by itself: earlier commands at the arrows, and at Tab what the daemon says a line may be."""
 
-from __future__ import annotations
-
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
 from pathlib import Path
 

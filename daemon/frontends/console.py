@@ -1,7 +1,5 @@
 """`facetctl console`: what is typed at this terminal, or comes through a pipe, is said to the daemon."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 

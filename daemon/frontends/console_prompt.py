@@ -5,15 +5,11 @@ as many lines as it has: Enter says them, and a stop among them does not wait fo
 person at a terminal only.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
-import os
 import signal
 from collections import deque
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 from prompt_toolkit import PromptSession
@@ -31,6 +27,7 @@ from daemon.frontends import client
 from daemon.frontends.client import EMERGENCY, DaemonLink, DaemonUnreachableError, file_in_pieces, files_begun
 from daemon.frontends.completion_and_history import CommandHistory, DaemonCompleter
 from daemon.frontends.keyboard import RawKeyboard
+from daemon.store.folders import own_folder
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
@@ -72,7 +69,7 @@ class ConsolePrompt:
         self._keyboard: RawKeyboard | None = None
         self._at_controller: asyncio.Task[None] | None = None
         self._left_controller = asyncio.Event()
-        self._history = CommandHistory(_state_folder() / "facetctl-history")
+        self._history = CommandHistory(own_folder().with_name("facetctl-history"))
         self._session: PromptSession[str] = PromptSession(
             self._prompt,
             history=self._history,
@@ -429,7 +426,3 @@ class ConsolePrompt:
         if self._at_controller is not None:
             await self._at_controller
         self._at_controller = None
-
-
-def _state_folder() -> Path:
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")

@@ -5,8 +5,6 @@ control-N and the arrows (history), control-L (draw again, and ask how large the
 control-C (interrupt), control-D (end).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -15,8 +15,6 @@ What a command is, to look, to move or to change, its grade says (console/interp
 allowed. A serial terminal may what `console.tty.may` says.
 """
 
-from __future__ import annotations
-
 import contextlib
 import grp
 import os

@@ -3,8 +3,6 @@
 The port is opened again when it went away. Nothing here waits for a slow terminal: what it does not take yet is queued.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

@@ -17,8 +17,6 @@ Who is speaking is what the kernel says of the other end, not what it says of it
 Whoever comes after too many others may still say one thing: stop. Room is kept for that.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import contextlib
