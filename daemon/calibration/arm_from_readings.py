@@ -16,8 +16,6 @@ parameter sets describe the same geometry (such as a forearm that points backwar
     all of them, with covariance           Levenberg-Marquardt on positions and orientations together
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product

@@ -4,8 +4,6 @@ Angles are those of the standard Denavit-Hartenberg table in drivers/puma560.py.
 NAMES, rad and mm. arm_from_readings.py finds the arm that made given readings.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Corner numbers run along the rows of inner corners. The board frame has its orig
 row, y along a column, z into the board, mm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 Where the image shows another board than the named one, the message names it, by its markers or its squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 hand_eye.py measures where the camera is mounted on the tool.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ each corner is projected, blurred like the lens, and shifted until it matches th
 the light are free.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

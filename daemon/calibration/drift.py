@@ -5,8 +5,6 @@ measured length of parts' edges shows its yaw. One observation is noisy, a drift
 exponentially weighted mean is compared with the spread of the observations just after the calibration.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 In: a path. Out: checked geometry, or a ConfigError that names file, line, key, found and expected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime

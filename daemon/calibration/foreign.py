@@ -4,8 +4,6 @@ ROS camera_info (as camera_calibration or OpenCV write it, or as `ros topic echo
 Kalibr's camchain, easy_handeye's result. Rectification is dropped: facetd uses the geometry only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

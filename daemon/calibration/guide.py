@@ -1,7 +1,5 @@
 """Which views of a hand-held board are still missing, as instructions for a person. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ refinement minimises the corners' residuals in px over the hand-eye, the board's
 because an arm errs once a pose and not once a corner. How far it errs is estimated from the poses themselves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise

@@ -4,8 +4,6 @@ All of it is linear algebra on the normal equations of each pose at the joint so
 solved again: between a solution and the ones without some poses, everything is linear to a hundredth of its error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

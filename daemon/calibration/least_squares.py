@@ -4,8 +4,6 @@ A problem is a function from parameters to residuals and their Jacobian; `solve`
 returns the covariance of the parameters. Residuals are in px with unit weight unless a problem scales them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Convert lens models of other tools to k1 k2 p1 p2 k3, by least squares on rays over the image. Pure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

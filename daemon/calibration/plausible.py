@@ -4,8 +4,6 @@ Out: each implausible value with its keys in calibration.yaml and one line with 
 option of `calibrate import`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

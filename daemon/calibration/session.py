@@ -4,8 +4,6 @@ The supervisor runs a tour as a job, and the guard checks each of its moves. tou
 camera.py and hand_eye.py solve.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 A residual measures how well the model fits these images; it is not an accuracy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ Source: sequential optimal design (Fedorov, Theory of Optimal Experiments, 1972)
 as the criterion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

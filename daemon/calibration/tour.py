@@ -4,8 +4,6 @@ Rotation about two axes determines the hand-eye, tilt and distance the focal len
 distortion. Each pose is the reachable one that differs most from all before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import product
 

@@ -4,8 +4,6 @@ It has configuration, calibration in use, model state, records of the newest run
 limit, journal, versions, and the kernel's messages about devices.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.metadata
 import io

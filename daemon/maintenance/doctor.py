@@ -3,8 +3,6 @@
 It works with a running daemon, which has the devices open, and without one.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

@@ -1,8 +1,6 @@
 """Write to systemd's journal and notify systemd (sd_notify); without systemd, or without its library, lines on
 stderr."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import queue
@@ -119,10 +117,7 @@ def notify(*states: str) -> None:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
-    with (
-        contextlib.suppress(OSError),
-        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender,
-    ):
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
         sender.setblocking(False)
         sender.connect(address)
         sender.sendall("\n".join(map(printable, states)).encode())

@@ -1,7 +1,5 @@
 """Prometheus metrics on the loopback interface (extra `metrics`), off unless metrics.port is set."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Active troubles of the daemon, and the part of the running daemon that maintenance watches."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol

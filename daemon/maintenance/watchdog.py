@@ -4,8 +4,6 @@ systemd's watchdog is fed while the main loop runs and every device check has en
 driver that hangs lets systemd restart the daemon, a pulled cable does not, as a restart would not help.
 """
 
-from __future__ import annotations
-
 import asyncio
 import shutil
 import time

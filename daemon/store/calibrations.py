@@ -6,8 +6,6 @@ They take precedence over the file that the configuration names, until that file
 new one used.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

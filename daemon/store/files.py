@@ -1,7 +1,5 @@
 """Write files so that a full, slow or removed disk never leaves half a line: appending, syncing, atomic replacement."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

@@ -1,7 +1,5 @@
 """Default paths of configuration, state, runs and socket, and the environment variables that override them."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

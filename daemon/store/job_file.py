@@ -2,8 +2,6 @@
 missing. People write these files; each is read when it is asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path

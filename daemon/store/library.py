@@ -3,8 +3,6 @@
 Errors are ConfigErrors that name file, line and key. daemon/vision/model/facet_types.py defines the types.
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Annotated, Any, Literal

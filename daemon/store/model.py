@@ -3,8 +3,6 @@
 daemon/vision/model/model.py defines the values. Every error is a ModelError that says what is wrong and where.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import asdict, dataclass, replace

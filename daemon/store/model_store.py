@@ -6,8 +6,6 @@ models/<version>.npz, models/state.json                      {"current", "candid
 models/last_views.json                                       {label: the highest number that was a view's}
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

@@ -5,8 +5,6 @@ Readers skip a line that a power failure cut short. A name whose last line has n
 keeps the name that earlier releases gave it.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Pack arrays into the bytes of an .npz, the same bytes for the same arrays, and unpack them; never a pickle."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct

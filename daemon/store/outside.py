@@ -3,8 +3,6 @@
 Every package that reads files sets the limit and interprets the bytes. Whatever is wrong raises a FileError.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -1,7 +1,5 @@
 """Read images from disk: a file in, pixels out, or an error. Size limits apply before anything is decoded."""
 
-from __future__ import annotations
-
 import math
 import re
 import zlib

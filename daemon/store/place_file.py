@@ -6,8 +6,6 @@ line and key. A cell without the file has no places: its parts go to the bin. Ho
 to it is place_status.py's.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping

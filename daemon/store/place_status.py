@@ -10,8 +10,6 @@ used. That is worked out at each reading from what is on the disk and where the 
 matter who edited places.yaml when.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ being written, and a full disk does not matter. A counter shows which slot is ne
 The file and the key in it keep the name `standing` that earlier releases gave them.
 """
 
-from __future__ import annotations
-
 import os
 import zlib
 from collections.abc import Mapping

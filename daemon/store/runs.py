@@ -3,8 +3,6 @@
 Nothing here writes into a run.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

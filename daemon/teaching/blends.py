@@ -2,8 +2,6 @@
 edges are worn: the flat faces beside them are carried on until they meet. Pure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -2,8 +2,6 @@
 slicers do it, each with a line that says so. Pure.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 cylinder (a bore, a boss, a fillet), a cone, or another shape. Pure.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The OBJ is what is kept and learned from: a daemon without the extra trains on i
 out cut into strips, as they do from a program that writes STL.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from typing import Any

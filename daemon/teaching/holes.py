@@ -4,8 +4,6 @@ A border at which the surface rises from the face is the foot of a boss and no h
 does not show. A round rim is drawn anew on its circle, which the drawing has cut into chords.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ STL is stl.py's, OBJ obj.py's. How a solid is made of the polygons is solid_from
 and names in the files are not looked at.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The text of a drawing's file, as editors and programs write it: its encoding, its lines, its numbers. Pure."""
 
-from __future__ import annotations
-
 import codecs
 import re
 

@@ -1,7 +1,5 @@
 """OBJ files, as programs and people write them, to a mesh. Pure."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.teaching.mesh import Mesh, MeshError

@@ -2,8 +2,6 @@
 few chords, and which sides do not show because the surface goes on smoothly there. Pure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 

@@ -2,8 +2,6 @@
 of a simulated cell; nothing is recognised by it. Pure.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

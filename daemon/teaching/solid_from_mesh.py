@@ -5,8 +5,6 @@ none: where the surface goes on smoothly into one, the facet has no edge to be s
 (a corner in the middle of a straight side) goes. How the surface is closed is closed_surface.py's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """STL files, ASCII or binary, as programs write them, to a mesh. Pure."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.arrays import Array

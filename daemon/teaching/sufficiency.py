@@ -4,8 +4,6 @@ A part is turned before imagined cameras and its known facets are given to the r
 what it then answers is what it would answer in the cell.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

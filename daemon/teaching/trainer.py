@@ -3,8 +3,6 @@
 Learning itself is daemon/vision/model/model.py's, files are daemon/store/model_store.py's. No talk.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections import Counter
 from collections.abc import Mapping, Sequence

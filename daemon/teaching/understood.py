@@ -1,7 +1,5 @@
 """What was understood of a drawing, in lines for a person who is to say whether that is the part. Pure."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -2,8 +2,6 @@
 it is from a drawing, and an STL of it. Pure; the tour is daemon/pick/around.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

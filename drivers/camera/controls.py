@@ -1,7 +1,5 @@
 """V4L2 controls (exposure, gain, white balance, focus and others): list, set, read back, freeze automatic ones."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Numbers change at boot; by-id and by-path links and card names survive unplugging.
 """
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager

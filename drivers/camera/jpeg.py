@@ -4,8 +4,6 @@ libjpeg fills in missing data and reports it on stderr only. Here the scan must 
 header announces, with valid Huffman codes and brightnesses within 8 bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -157,12 +155,7 @@ def _standard_tables() -> dict[int, tuple[int, ...]]:
 
 
 def _scan(
-    data: bytes,
-    at: int,
-    body: bytes,
-    header: _Header,
-    tables: dict[int, tuple[int, ...]],
-    steps: dict[int, int],
+    data: bytes, at: int, body: bytes, header: _Header, tables: dict[int, tuple[int, ...]], steps: dict[int, int]
 ) -> int:
     """Check the scan. Returns the offset of the picture's end. Raises JpegError."""
     if not header.components or not header.width or not header.height:
@@ -218,10 +211,7 @@ def _unstuffed(raw: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _walk(
-    piece: NDArray[np.uint8],
-    units: int,
-    plan: Sequence[tuple[int, tuple[int, ...], tuple[int, ...], int]],
-    planes: int,
+    piece: NDArray[np.uint8], units: int, plan: Sequence[tuple[int, tuple[int, ...], tuple[int, ...], int]], planes: int
 ) -> None:
     """Follow the codes of so many MCUs; plan: plane, tables and largest DC of each block in one. Raises JpegError where
     the bytes end before or after."""

@@ -3,8 +3,6 @@
 Tests replace `LINUX` by a fake `System`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import mmap

@@ -1,7 +1,5 @@
 """Stereo pairs, and the protocol and error of every stereo camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Protocol
 

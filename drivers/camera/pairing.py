@@ -3,8 +3,6 @@
 Times are in seconds on the monotonic clock.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

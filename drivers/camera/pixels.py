@@ -1,7 +1,5 @@
 """Decode the bytes of a V4L2 buffer to a grey image: pixel formats and frame sizes. Pure."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -4,8 +4,6 @@ Two layouts: folders with left.png and right.png each (as `facetctl snap` writes
 NAME-right.png (a run's images). Pairs are in the order of their names.
 """
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ A grab drains the frames queued since the last one and waits for exposures after
 grabs. Any error closes both streams and raises CameraError; the next grab finds the devices by name and starts again.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Stream of one V4L2 camera: negotiate the format, set controls, map buffers, take frames."""
 
-from __future__ import annotations
-
 import contextlib
 import mmap
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Every function raises OSError with the kernel's errno.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable, Iterator
 from ctypes import c_char, c_int32, c_int64, c_long, c_uint8, c_uint32, c_ulong

@@ -3,8 +3,6 @@
 Board frame: origin at the outer corner of the first square, x along the row, y down the rows, z into the plate; mm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

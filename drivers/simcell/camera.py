@@ -3,8 +3,6 @@
 The cell provides the scene at a moment (`scene_at`), render.py its radiance.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

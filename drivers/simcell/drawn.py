@@ -1,7 +1,5 @@
 """Shape of a part from a drawing: cut the solid into convex pieces. Pure; corners and facets in."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise

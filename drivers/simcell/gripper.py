@@ -3,8 +3,6 @@
 Tool frame: jaws close along y, symmetrically; fingers along z, tips at +tip_mm; lengths mm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 Values only, in the controller's seconds; nothing typed at the controller can change them.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Illumination of the simulated cell: grey levels of facets and table for a linear sensor, float32."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
@@ -151,11 +149,7 @@ class CellLight:
         return facet_levels(points, normal, albedo, viewer_mm, self.lighting, lit)
 
     def _lit(
-        self,
-        key: tuple[int, tuple[int, ...]],
-        ring: Array,
-        points: Array32,
-        in_the_way: Callable[[int, Array], bool],
+        self, key: tuple[int, tuple[int, ...]], ring: Array, points: Array32, in_the_way: Callable[[int, Array], bool]
     ) -> list[Array32 | None]:
         """The shares (N,) of each lamp at points (N, 3) of a flat face, whose corners are ring (4, 3) or more.
 

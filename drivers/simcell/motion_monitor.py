@@ -5,8 +5,6 @@ byte of the line and nothing the daemon believes comes in here. Violations are t
 motion. Times are the controller's seconds, lengths mm.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Geometry of one simulated camera: points to pixels, pixels to rays, lens distortion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -3,8 +3,6 @@
 In the part's own frame (mm, origin at the centroid of the corners).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache

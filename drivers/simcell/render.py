@@ -3,8 +3,6 @@
 Pixels crossed by an edge are sampled many times, so that an edge is within about 0.01 px of its projection.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 The daemon has its own, since drivers never import the daemon.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

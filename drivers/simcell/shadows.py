@@ -1,7 +1,5 @@
 """Soft shadows: share of a lamp's disc that is visible from each point of a plane, past the bodies in between."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A program that uses the loop's clock runs through an hour in the time of its own
 jobs of an executor run at once, in turn.
 """
 
-from __future__ import annotations
-
 import asyncio
 import selectors
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Poses of a part held before the cameras for teaching, one for each of its characteristic views."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -4,8 +4,6 @@ Tool frame: the lip's middle at the origin, its plane across z, the part beyond 
 are laid through lip and cup and meet the part's true surface, with its bores and roundings.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Random textures of tables and prints on parts, as albedo. One seed gives one texture."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """True values of the simulated cell: etc/simcell.yaml as typed values with bounds. The daemon never reads that file."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path

@@ -5,8 +5,6 @@ a line {"rule", "at_s", "by", "text"} for each violation that needs no such know
 which all processes share.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import threading

@@ -1,7 +1,5 @@
 """Ground truth of the simulated cell, for demos and tests; never for the daemon's decisions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

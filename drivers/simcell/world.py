@@ -3,8 +3,6 @@
 Poses only; the caller passes the pose of the tool.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum

@@ -3,8 +3,6 @@
 A verb acts on a machine at once, or returns a generator that yields lines to print, waits, and questions.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass

@@ -12,8 +12,6 @@ a time and prints the prompt after it; ABORT, control-C and mishaps end it early
     anything      a mishap                      the arm stops, the command is dropped, the message is printed
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass

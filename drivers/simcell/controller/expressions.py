@@ -1,7 +1,5 @@
 """Parse arguments of VAL II commands: numbers, names, TRANS(...), compound locations."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field

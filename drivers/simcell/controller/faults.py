@@ -1,7 +1,5 @@
 """Fault injection: scripted faults of the line and the machine. Deterministic; no clock."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal

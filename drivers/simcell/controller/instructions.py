@@ -1,7 +1,5 @@
 """Program instructions of VAL II, typed after DO: motion, gripper, configuration."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

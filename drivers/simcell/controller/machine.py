@@ -3,8 +3,6 @@
 Commands call its methods; it has no line of its own. A test of a minute is a command and `advance(60)`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 

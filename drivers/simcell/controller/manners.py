@@ -20,8 +20,6 @@ Sources (S: seen in a manual or a client that drove real arms; R: general knowle
     joint_signs, joint_zeros_deg, against_horizon  S: two published tables that differ so; R: the horizon
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 

@@ -1,7 +1,5 @@
 """Monitor commands of VAL II. instructions.py has those typed after DO."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Generator, Iterable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Line editing and echo of the simulated controller's terminal. Bytes only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Literal
