@@ -201,7 +201,6 @@ class ArmOnLink:
 
     @property
     def kinematics(self) -> PumaKinematics:
-        """See Robot."""
         return PumaKinematics(self.arm)
 
     @property

@@ -65,7 +65,6 @@ class ThreadedCameras:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def describe(self) -> str:
-        """One line for people."""
         return self.camera.describe()
 
     async def _call(self, job: Callable[[], Any]) -> Any:

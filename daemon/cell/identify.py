@@ -65,7 +65,6 @@ class _Line:
         self._port = self._open_port(self._path, Dialect(baud=baud), self._hear, self._end)
 
     def close(self) -> None:
-        """Close the port."""
         self._note_heard()
         if self._port is not None:
             self._port.close()

@@ -18,19 +18,15 @@ class NoKinematics:
     """Kinematics of a cell without an arm: nothing is reachable."""
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """None: nothing is reachable."""
         return None
 
     def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """The origin."""
         return np.eye(4)
 
     def frames(self, joints_rad: Array) -> Array:
-        """All links at the origin."""
         return np.tile(np.eye(4), (len(joints_rad), 8, 1, 1))
 
     def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """nan: nothing is reachable."""
         return np.full((len(world_from_tool), 6), np.nan)
 
 
@@ -54,11 +50,9 @@ class NoArm:
     open = close = check = abort = _nothing
 
     async def at_rest(self) -> bool:
-        """True."""
         return True
 
     async def where(self) -> Reading:
-        """The origin."""
         return Reading(np.eye(4), np.zeros(6))
 
     rest = where

@@ -30,7 +30,6 @@ class SimulatedOperator:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of all parts."""
         return tuple({**self._views, **self._drawn})
 
     def draw(self, parts: Mapping[str, DrawnPart]) -> dict[str, str]:
@@ -65,7 +64,6 @@ class SimulatedOperator:
         self.cell.lay(label)
 
     def scatter(self, labels: Sequence[str] = DEFAULT_PARTS, steady: bool = False) -> None:
-        """Scatter parts over the table; steady: each on the side that leaves its mass centre lowest."""
         self._set_aside = None
         self.cell.scatter(labels, steady=steady)
 
@@ -75,7 +73,6 @@ class SimulatedOperator:
         self._set_aside = None
 
     def clear(self) -> None:
-        """Take all parts away."""
         self._set_aside = None
         self.cell.clear()
 

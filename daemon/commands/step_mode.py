@@ -57,11 +57,9 @@ class PendingMoveReminder:
         if waiting is told and (waiting is None or now_s < told_s + REMIND_S):
             return None
         self._told = waiting, now_s
-        return (
-            None
-            if waiting is None
-            else f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
-        )
+        if waiting is None:
+            return None
+        return f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
 
 
 async def tell_what_waits(context: CommandContext) -> None:

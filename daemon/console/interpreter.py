@@ -137,7 +137,6 @@ class ConsoleCommand:
     """Whether it only looks with these arguments, whatever its grade."""
 
     def does(self, words: list[str]) -> Grade:
-        """Its grade with these arguments."""
         return "look" if self.looks(words) else self.grade
 
     def offered(self, context: CommandContext) -> Iterable[str]:
@@ -283,12 +282,10 @@ class Interpreter:
 
     @property
     def awaits_confirmation_s(self) -> float | None:
-        """See Supervisor."""
         return self.context.cycle.supervisor.awaits_confirmation_s
 
     @property
     def heard_asking(self) -> int:
-        """See Supervisor."""
         return self.context.cycle.supervisor.heard_asking
 
     def complete(self, typed: str) -> list[str]:
@@ -307,7 +304,6 @@ class Interpreter:
             return []
 
     def moves(self, text: str) -> bool:
-        """Whether a line moves the arm."""
         words = text.split()
         command = self._meant(words)
         return command is not None and command.does(words[1:]) == "move"

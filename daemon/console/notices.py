@@ -39,7 +39,6 @@ class Notices:
         self._stopping: list[tuple[object, tuple[str, ...]]] = []
 
     def listen(self, frontend: Listener) -> None:
-        """Start showing notices at this frontend."""
         self._frontends.append(frontend)
 
     def leave(self, frontend: Listener) -> None:
@@ -53,7 +52,6 @@ class Notices:
         return self._levels.get(id(frontend), NoticeLevel.OUTCOMES) if listens else None
 
     def set_level(self, frontend: object, level: NoticeLevel) -> None:
-        """Set the level of this frontend."""
         self._levels[id(frontend)] = level
 
     def tell(self, text: str, level: NoticeLevel = NoticeLevel.FAULTS, by: str | None = None) -> None:

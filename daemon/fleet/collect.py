@@ -42,7 +42,6 @@ class RunSource:
 
     @property
     def remote(self) -> bool:
-        """Whether it is on another computer."""
         return ":" in self.where.split("/")[0]
 
 

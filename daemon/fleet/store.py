@@ -49,7 +49,6 @@ class Store:
 
     @property
     def local(self) -> bool:
-        """Whether the store is a local folder."""
         return "file" in ((self.fs.protocol,) if isinstance(self.fs.protocol, str) else self.fs.protocol)
 
     def names(self, *parts: str) -> list[str]:

@@ -88,7 +88,6 @@ class DaemonLink:
             raise StopUnansweredError(f"{EMERGENCY}: the stop was not said; no daemon has answered yet") from None
 
     def close(self) -> None:
-        """Hang up."""
         self.socket.close()
 
     def stop_beside(self, text: str, frontend: str, say: Callable[[str], None]) -> dict[str, Any]:

@@ -106,7 +106,6 @@ class CommandQueue:
 
     @property
     def asking(self) -> bool:
-        """Whether a question stands."""
         return self._asked is not None and not self._asked.done()
 
     async def ask(self, question: str) -> str:

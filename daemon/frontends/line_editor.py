@@ -73,11 +73,9 @@ class LineEditor:
 
     @property
     def text(self) -> str:
-        """The line as it is typed so far."""
         return self._text
 
     def feed(self, data: bytes) -> EditorOutput:
-        """Take what the terminal sent."""
         typed = EditorOutput()
         for byte in data:
             self._take(byte, typed)

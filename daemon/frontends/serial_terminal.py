@@ -80,7 +80,6 @@ class SerialFrontend:
             self._close()
 
     async def say(self, text: str) -> None:
-        """Show some lines now."""
         self.notice(text)
 
     async def ask(self, question: str) -> str:
@@ -103,7 +102,6 @@ class SerialFrontend:
             self._keys = None
 
     def show(self, data: bytes) -> None:
-        """Bytes onto the terminal, as they are."""
         self._write(data)
 
     @property
@@ -113,7 +111,6 @@ class SerialFrontend:
 
     @property
     def rows(self) -> int | None:
-        """As the terminal says."""
         return self._editor.rows
 
     def notice(self, text: str) -> None:

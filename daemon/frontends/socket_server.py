@@ -266,7 +266,6 @@ class SocketFrontend:
             self._write({"notice": text})
 
     async def ask(self, question: str) -> str:
-        """Put a question and wait for the answer."""
         return await self._queue.ask(question)
 
     async def fetch(self, path: str) -> bytes:
@@ -291,7 +290,6 @@ class SocketFrontend:
             self._write({"terminal": False})  # a stop has ended with this: it waits for nobody's reading
 
     def show(self, data: bytes) -> None:
-        """Bytes onto the operator's terminal."""
         self._write({"show": data.decode("latin-1")})
 
     async def _next_line(self) -> bytes:

@@ -42,7 +42,6 @@ class CheckResult:
     mend: str = ""
 
     def line(self) -> str:
-        """The result as one line of text."""
         sign = {"good": "ok  ", "note": "note", "bad": "BAD "}[self.level]
         return f"{sign} {self.what}: {self.found}" + (f". {self.mend}" if self.mend else "")
 

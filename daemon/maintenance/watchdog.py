@@ -123,11 +123,9 @@ class Watchdog:
                 context.cycle.supervisor.line_opened_anew()
                 await robot.open()
             if robot.question is not None:
-                what = (
-                    "`stop` answers N and ends the program that asks"
-                    if robot.asks_whether_to_move
-                    else "answer it: `robot power-up`"
-                )
+                what = "answer it: `robot power-up`"
+                if robot.asks_whether_to_move:
+                    what = "`stop` answers N and ends the program that asks"
                 context.troubles.report("controller", f"the controller asks `{robot.question}`: {what}")
             else:
                 await robot.check()
@@ -171,12 +169,8 @@ class Watchdog:
         except OSError as error:
             context.troubles.report("disk", f"disk: old runs cannot be removed: {plain(error)}")
             return
-        low = (
-            f"disk: {free / 1e6:.0f} MB free in {runs}; free some space, or looks will not be recorded"
-            if free < limits.keep_free_mb * 1e6
-            else None
-        )
-        context.troubles.report("disk", low)
+        low = f"disk: {free / 1e6:.0f} MB free in {runs}; free some space, or looks will not be recorded"
+        context.troubles.report("disk", low if free < limits.keep_free_mb * 1e6 else None)
         size = await asyncio.to_thread(run_bytes, current)
         if size > limits.roll_mb * 1_000_000:
             context.roll_due = True

@@ -136,7 +136,6 @@ class PickCycle:
 
     @property
     def belief(self) -> CellBelief:
-        """What is believed of them now."""
         return self.beliefs.now
 
     def status(self) -> dict[str, object]:
@@ -173,7 +172,6 @@ class PickCycle:
 
     @property
     def packml(self) -> PackMLState:
-        """PackML's state of the cell."""
         at_work = self.supervisor.busy and self.supervisor.job_moves and not self.line.waits_to_begin
         return packml_state(self.supervisor.status(), at_work, self.line.done)
 
@@ -283,7 +281,6 @@ class PickCycle:
         return await self.supervisor.run("where", self.cell.robot.where(), moves=False)
 
     async def go(self, position: str) -> None:
-        """Move to a named position."""
         poses = self.positions()
         if position not in poses:
             raise RefusedError(f"no position {position!r}; there are {', '.join(poses)}")
@@ -320,7 +317,6 @@ class PickCycle:
         return reading.world_from_tool
 
     async def hand(self, closed: bool) -> None:
-        """Open or close the gripper."""
         await self.supervisor.run("close the hand" if closed else "open the hand", self._hand(closed))
 
     def positions(self) -> dict[str, Array]:

@@ -70,27 +70,22 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
 
     @property
     def body(self) -> HandBody:
-        """See Gripper."""
         return two_fingers(self.opening_mm, self.finger_width_mm, self.finger_thick_mm, self.pad_back_mm, self.tip_mm)
 
     @property
     def outside(self) -> tuple[str, float]:
-        """See Gripper."""
         return "opening_mm", self.opening_mm / 2 + self.finger_thick_mm
 
     @property
     def held_about(self) -> HeldAbout:
-        """See Gripper."""
         return HeldAbout(self.pad_back_mm, self.tip_mm, self.finger_width_mm)
 
     @property
     def widest_mm(self) -> float:
-        """See Gripper."""
         return self.opening_mm
 
     @property
     def empty(self) -> Polyhedron:
-        """See Gripper."""
         return closed_fingers(self)
 
     def works_s(self, closed: bool) -> float:
@@ -115,7 +110,6 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return ""
 
     def in_the_way(self, world_from_tool: Array, neighbour: Array) -> bool:
-        """See Gripper."""
         return in_the_way(world_from_tool, neighbour, self)
 
 
@@ -129,18 +123,15 @@ class FingerGrasp(PlannedGrasp):
 
     @property
     def risk(self) -> float:
-        """See PlannedGrasp."""
         return self.slip_deg / SLIPS_DEG
 
     @property
     def told(self) -> str:
-        """See PlannedGrasp."""
         told = f"{self.width_mm:.0f} mm wide, tilted {self.tilt_deg:g} degrees"
         return f"{told}, contacts {self.slip_deg:.0f} degrees off square"
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """See PlannedGrasp."""
         return {"slip_deg": self.slip_deg}
 
 

@@ -29,7 +29,6 @@ class PlannedGrasp:
 
     @property
     def told(self) -> str:
-        """The grasp in words."""
         raise NotImplementedError
 
     @property

@@ -113,7 +113,6 @@ class Look(ByReference):
 
     @property
     def pictures(self) -> Pictures:
-        """Both images."""
         return self.taken.pictures
 
     @property

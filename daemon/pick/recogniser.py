@@ -79,7 +79,6 @@ class ModelRecogniser(ByReference):
         return standing(group, self.model)
 
     def report(self, scene: Scene) -> dict[str, object]:
-        """The scene as JSON values."""
         return scene_json(scene)
 
     def shape(self, label: str) -> Polyhedron | None:
@@ -89,7 +88,6 @@ class ModelRecogniser(ByReference):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What was taught."""
         return self.model.labels
 
 

@@ -46,7 +46,6 @@ class ObservedPart:
 
     @property
     def label(self) -> str:
-        """The name it was given."""
         return self.taken_for.label
 
     @property

@@ -48,7 +48,6 @@ class ToolPosition:
     """How far the tool leans from straight down, degrees."""
 
     def pose(self) -> Array:
-        """world_from_tool (4, 4)."""
         rotation = tool_rotation(heading(self.heading_deg), float(np.radians(self.tilt_deg)))
         return frames.rigid(rotation, np.array(self.point_mm))
 

@@ -73,27 +73,22 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
 
     @property
     def tip_mm(self) -> float:
-        """See Gripper."""
         return 0.0
 
     @property
     def body(self) -> HandBody:
-        """See Gripper."""
         return suction_cup(self.cup_radius_mm, self.cup_length_mm)
 
     @property
     def outside(self) -> tuple[str, float]:
-        """See Gripper."""
         return "cup_radius_mm", self.cup_radius_mm
 
     @property
     def held_about(self) -> HeldAbout:
-        """See Gripper."""
         return HeldAbout(0.0, 0.0, 2 * self.cup_radius_mm)
 
     @property
     def widest_mm(self) -> None:
-        """See Gripper."""
         return None
 
     @property
@@ -102,7 +97,6 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         return None
 
     def works_s(self, closed: bool) -> float:
-        """See Gripper."""
         return self.dwell_s if closed else self.blow_off_s
 
     @property
@@ -233,12 +227,10 @@ class CupGrasp(PlannedGrasp):
 
     @property
     def risk(self) -> float:
-        """See PlannedGrasp."""
         return self.load
 
     @property
     def told(self) -> str:
-        """See PlannedGrasp."""
         told = (
             f"by facet {self.facet}, tilted {self.tilt_deg:.0f} degrees, room for a lip of {self.room_mm:.1f} mm radius"
         )
@@ -246,7 +238,6 @@ class CupGrasp(PlannedGrasp):
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """See PlannedGrasp."""
         return {"facet": self.facet, "room_mm": self.room_mm, "load": self.load}
 
 

@@ -44,7 +44,6 @@ class LookStep:
 
     @property
     def parts(self) -> list[dict[str, Any]]:
-        """The recognised parts, as recorded."""
         return parts_of(self.look)
 
 
@@ -67,7 +66,6 @@ class Cycle:
 
     @property
     def tried(self) -> bool:
-        """Whether it counts as tried."""
         return is_tried(self.outcome)
 
     @property
@@ -140,7 +138,6 @@ class Cycle:
 
     @cached_property
     def named_looks(self) -> int:
-        """Number of looks with a named part."""
         return sum(any(part.get("label") != "unknown" for part in stop.parts) for stop in self.stops)
 
     @property
@@ -150,7 +147,6 @@ class Cycle:
         return ", ".join(dict.fromkeys(used)) or None
 
     def of(self, *kinds: str) -> list[Record]:
-        """The records of these kinds, in order."""
         return [r for r in self.records if r["kind"] in kinds]
 
 
@@ -168,7 +164,6 @@ class Digest:
     going: bool
 
     def of(self, *kinds: str) -> list[Record]:
-        """The records of these kinds, in order."""
         return [r for r in self.records if r["kind"] in kinds]
 
     @property

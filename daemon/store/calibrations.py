@@ -58,7 +58,6 @@ class Calibrations:
         return self.path(self.current)
 
     def path(self, number: int) -> Path:
-        """The file of a number."""
         return self.configured if number == CONFIGURED else self.folder / f"{number:04d}.yaml"
 
     def numbers(self) -> list[int]:

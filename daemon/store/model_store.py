@@ -190,7 +190,6 @@ class ModelStore:
         return self._state().history
 
     def path(self, version: int) -> Path:
-        """The file of a version."""
         return self.folder / "models" / f"{version:04d}.npz"
 
     def load(self, version: int) -> files.ModelFile:

@@ -173,7 +173,6 @@ class Place:
 
     @property
     def part(self) -> str:
-        """Label of the part."""
         return self.manner.part
 
 
@@ -209,7 +208,6 @@ class CellPlaces:
         return tuple(p for p in of_part if name is None or name in (p.name, pattern_of(p.name)))
 
     def named(self, name: str) -> Place | None:
-        """The place of that name."""
         return next((place for place in self.places if place.name == name), None)
 
 

@@ -264,7 +264,6 @@ class _Worker:
         return self._jobs.qsize()
 
     def do(self, job: Callable[[], None]) -> None:
-        """Queue a job."""
         self._jobs.put(job)
 
     def end(self, timeout_s: float) -> bool:

@@ -165,11 +165,9 @@ class Trainer:
                 if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
                     return f"this drawing is kept already, as {view.name}"
         known = self.learnt()[0].metric.get(label)
-        return (
-            None
-            if known is None
-            else _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
-        )
+        if known is None:
+            return None
+        return _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
         """Keep a drawing of a part on disk, which is STL or OBJ. Raises ModelStoreError, MeshError, TeachError."""

@@ -54,7 +54,6 @@ class FileNode:
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
     def fileno(self) -> int:
-        """The descriptor, for select."""
         return self._fd
 
     def ioctl(self, request: int, argument: ctypes.Structure | ctypes.c_int32) -> None:
@@ -86,7 +85,6 @@ class Linux:
         return [f"/dev/video{n}" for n in sorted(int(n) for n in numbers if n.isdigit())]
 
     def resolve(self, name: str) -> str | None:
-        """See System."""
         return os.path.realpath(name) if name.startswith("/") and os.path.exists(name) else None
 
     def links(self, path: str) -> list[str]:
@@ -109,7 +107,6 @@ class Linux:
         return FileNode(path)
 
     def wait(self, nodes: Sequence[OpenNode], timeout_s: float) -> bool:
-        """See System."""
         poll = select.poll()
         for node in nodes:
             if isinstance(node, FileNode):

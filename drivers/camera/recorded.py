@@ -88,5 +88,4 @@ class RecordedCamera:
         self._pairs = []
 
     def describe(self) -> str:
-        """One line for people."""
         return f"recorded pairs from {self._folder}: {self._next} of {len(self._pairs)} shown"

@@ -45,7 +45,6 @@ class V4L2StereoCamera:
         self._used = settings.devices
 
     def use(self, alone: EyeName | None) -> None:
-        """See StereoCamera."""
         devices = self._settings.devices
         used = devices if alone is None else {name: device for name, device in devices.items() if name == alone}
         if len(used) < (2 if alone is None else 1):
@@ -160,11 +159,9 @@ class V4L2StereoCamera:
         return f"no {what} within {timeout_s:g} s from {where}: {'; '.join([why, *damage])}; streams restarted"
 
     def reports(self) -> tuple[CameraReport, ...]:
-        """The state of each open camera."""
         return tuple(CameraReport(e.describe(), e.settings_taken, e.renamed, e.tally) for e in self._streams)
 
     def describe(self) -> str:
-        """One line for people."""
         if self._streams:
             return "; ".join(camera.describe() for camera in self._streams)
         return f"closed: {', '.join(f'{name} `{device}`' for name, device in self._used.items())}"

@@ -181,7 +181,6 @@ class SimulatedArm:
         return pose
 
     def at_rest(self, now_s: float) -> bool:
-        """Whether no motion is under way."""
         return now_s >= self.rests_s
 
     @property

@@ -92,11 +92,9 @@ class SimulatedPair:
         self._is_open = True
 
     def close(self) -> None:
-        """Close the cameras."""
         self._is_open = False
 
     def describe(self) -> str:
-        """One line for people."""
         width, height = self._truth.image_size
         rate = self._truth.sensor.frame_rate_hz
         return f"simulated pair, {width}x{height} grey, {rate:g} frames/s of the cell's time"
@@ -131,7 +129,6 @@ class SimulatedPair:
         return StereoPair(left, right)
 
     def use(self, alone: EyeName | None) -> None:
-        """See StereoCamera."""
         self._alone = alone
 
     def expose(self, left: float, right: float) -> tuple[float, float]:
@@ -161,15 +158,11 @@ class SimulatedPair:
                 self._faults[side] = fault
 
     def unplug(self, unplugged: bool = True) -> None:
-        """Unplug the cable, or plug it in again."""
         self._unplugged = unplugged
 
     def _frame(self, side: str, middle_s: float, number: int) -> Frame:
-        light = (
-            np.full(self._vignette.shape, 0.0, np.float32)
-            if side in self._covered
-            else self._mean_radiance(side, middle_s)
-        )
+        covered = side in self._covered
+        light = np.zeros_like(self._vignette) if covered else self._mean_radiance(side, middle_s)
         light = self._lit[side] = self._lit.get(side, light) if self._faults.get(side) == "stale" else light
         pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{side}") * self._exposure_factors[side])
         fault = self._faults.get(side)

@@ -169,7 +169,6 @@ class SimulatedCell:
         return self.world.stand(label, rest, x_mm, y_mm, float(self._scattering.uniform(0, 2 * np.pi)))
 
     def clear(self) -> None:
-        """Remove all parts and the board."""
         self._board = self._held_board = ()
         self.world.clear()
 

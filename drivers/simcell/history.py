@@ -32,7 +32,6 @@ class MotionRecord:
 
     @property
     def began_s(self) -> float:
-        """When the motion started."""
         return self.motion.started_s
 
 
@@ -108,7 +107,6 @@ class History:
         return iter(self.since(0)[1])
 
     def add(self, event: HistoryRecord) -> None:
-        """Append an event."""
         with self._lock:
             self._events.append(event)
             self._count += 1

@@ -22,7 +22,6 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         self._clock_resolution = 1e-6
 
     def time(self) -> float:
-        """Simulated seconds."""
         return self._now_s
 
     def sleep(self, seconds: float) -> None:

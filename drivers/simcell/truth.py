@@ -52,7 +52,6 @@ class CameraTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         rigid_matrix(self.cyclopean_from_camera, "cyclopean_from_camera")
 
     def lens(self) -> LensCamera:
-        """The camera's geometry."""
         return LensCamera(
             np.array(self.camera_matrix), np.array(self.distortion), rigid_matrix(self.cyclopean_from_camera)
         )
@@ -88,13 +87,11 @@ class ArmTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         self.controller_manners()
 
     def geometry(self) -> ArmGeometry:
-        """The arm's geometry."""
         a2, a3, d3, d4 = self.lengths_mm
         frames = (self.world_from_base, self.flange_from_tool, self.controller_flange)
         return ArmGeometry(a2, a3, d3, d4, *(rigid_matrix(rows) for rows in frames))
 
     def controller_manners(self) -> Manners:
-        """The controller's variant."""
         return msgspec.convert(self.manners, Manners)
 
 

@@ -61,7 +61,6 @@ class Closing:
 
     @property
     def held(self) -> bool:
-        """Whether the gripper then held the part."""
         return self.grip is not None and self.grip.held
 
 
@@ -94,7 +93,6 @@ class World:
         return next((part for part in self.parts if part.where is PartPlace.HAND), None)
 
     def clear(self) -> None:
-        """Remove all parts."""
         with self._lock:
             self._parts.clear()
             self._changed()
@@ -105,7 +103,6 @@ class World:
             self._drawn = {shape.label: shape for shape in shapes}
 
     def drawn(self, label: str) -> bool:
-        """Whether a label's shape is from a drawing."""
         return label in self._drawn
 
     def shape(self, label: str) -> PartShape:
@@ -157,7 +154,6 @@ class World:
                 self._set(part)
 
     def remove(self, name: str) -> None:
-        """Remove one part."""
         with self._lock:
             del self._parts[name]
             self._changed()

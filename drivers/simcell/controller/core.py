@@ -80,7 +80,6 @@ class Controller:
 
     @property
     def now_s(self) -> float:
-        """The machine's time."""
         return self.machine.now_s
 
     # The line
@@ -135,7 +134,6 @@ class Controller:
 
     @property
     def half_typed(self) -> str:
-        """The incomplete line."""
         return self._terminal.typed
 
     @property
@@ -152,7 +150,6 @@ class Controller:
         self._start(come_to_rest(self.machine))
 
     def mishap(self, what: Mishap) -> None:
-        """Cause a mishap now."""
         self.machine.befall(what)
         self._end_by_mishap(what)
 

@@ -34,7 +34,6 @@ class Memory:
     programs: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def named(self, name: str) -> dict[str, Array]:
-        """The table of a name."""
         return self.precision_points if name.startswith("#") else self.transforms
 
 

@@ -60,7 +60,6 @@ class Machine:
     # Time
 
     def advance(self, seconds: float) -> Mishap | None:
-        """Advance time; see advance_to."""
         return self.advance_to(self.now_s + seconds)
 
     def advance_to(self, moment_s: float) -> Mishap | None:
@@ -105,7 +104,6 @@ class Machine:
     # Motion
 
     def at_rest(self) -> bool:
-        """Whether no motion is under way."""
         return self.arm.at_rest(self.now_s)
 
     def check_ready(self) -> None:
@@ -176,7 +174,6 @@ class Machine:
         self.halt()
 
     def hand(self, closed: bool) -> None:
-        """Close or open the gripper."""
         self.hand_closed = closed
         self.history.add(GripperRecord(self.now_s, self.by, self.given_s, closed, self.theirs))
         self._on_hand(closed)
@@ -194,14 +191,12 @@ class Machine:
         )
 
     def input_is_on(self, number: int) -> bool:
-        """Whether a digital input is on now."""
         self.before_input()
         return number in self.inputs
 
     # What may befall it
 
     def befall(self, what: Mishap) -> None:
-        """Cause a mishap now."""
         self.halt(EMERGENCY_BRAKING)
         self.spare()
         if what is Mishap.DEAD:

@@ -24,7 +24,6 @@ class MemoryLine:
         self.unplugged = False
 
     def now_s(self) -> float:
-        """The controller's time."""
         return self._loop.time()
 
     @contextlib.contextmanager
@@ -52,7 +51,6 @@ class MemoryLine:
             lost.on_lost(PortError(f"{self.port}: the port is gone"))
 
     def forget(self, port: MemoryPort) -> None:
-        """Forget a closed port."""
         if self._open is port:
             self._open = None
 

@@ -154,11 +154,9 @@ def _point(machine: Machine, arguments: str) -> Command | None:
 def _typed_point(machine: Machine, name: str) -> Command:
     """Show a location and take changes until an empty line."""
     precise, places = name.startswith("#"), machine.memory.named(name)
-    typed = (
-        list(np.degrees(places[name]) if precise else location_from_matrix(places[name]).values())
-        if name in places
-        else []
-    )
+    typed: list[float] = []
+    if name in places:
+        typed = list(np.degrees(places[name]) if precise else location_from_matrix(places[name]).values())
     while True:
         yield JOINT_HEADER if precise else LOCATION_HEADER
         yield _row(typed or [0.0] * 6)

@@ -48,7 +48,6 @@ class PtyServer:
         self._thread.start()
 
     def now_s(self) -> float:
-        """The controller's time."""
         return (time.monotonic() - self._began_s) * self._time_scale
 
     @contextlib.contextmanager

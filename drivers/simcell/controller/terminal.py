@@ -43,7 +43,6 @@ class ControllerTerminal:
 
     @property
     def typed(self) -> str:
-        """The line so far."""
         return self._typed.decode("ascii", "replace")
 
     def take(self, byte: int) -> tuple[bytes, Line | LineKey | None]:
@@ -74,7 +73,6 @@ class ControllerTerminal:
         return self._add(byte), None
 
     def clear(self) -> None:
-        """Clear the line."""
         self._typed.clear()
         self._too_long = False
 
