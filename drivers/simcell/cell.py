@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
+from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -19,14 +21,13 @@ from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
-from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, PtyServer
+from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
 from drivers.simcell.history import DropRecord, GraspRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid, rendered
 from drivers.simcell.rigid import apply, rigid
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
@@ -51,6 +52,34 @@ BOARD_ON_TABLE = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
 """World axes of a board face up on the table, its rows across the arm's reach and its top farthest out."""
 
 
+class LineServer(Protocol):
+    """Serves the controller's line at `port`."""
+
+    port: str
+
+    def now_s(self) -> float:
+        """The controller's time."""
+
+    def controller(self) -> AbstractContextManager[Controller]:
+        """Context: the controller at the present moment, to read or change it."""
+
+    def stop(self) -> None:
+        """End; safe to call twice."""
+
+
+class CellLoop(Protocol):
+    """An event loop with a time of its own, on which a cell can run."""
+
+    def time(self) -> float:
+        """Seconds."""
+
+    def sleep(self, seconds: float) -> None:
+        """Advance the time."""
+
+    def serve(self, controller: Controller) -> LineServer:
+        """Serve a controller's line in this time."""
+
+
 class SimulatedCell:
     """A running simulated cell; `stop` ends it. Also a context manager.
 
@@ -66,12 +95,12 @@ class SimulatedCell:
         manners: Manners | None = None,
         faults: Faults | None = None,
         cold: bool = False,
-        loop: SimulatedLoop | None = None,
+        loop: CellLoop | None = None,
         table: TableKind = "plain",
         parts: PartsKind = "plain",
         verdict: Path | None = None,
     ) -> None:
-        """loop: runs the cell on its simulated time, without pty or thread (None: real time); verdict: file to which
+        """loop: runs the cell on its own time, without pty or thread (None: real time); verdict: file to which
         the motion monitor writes its findings for another process (verdict.py).
 
         Patterns and prints are on the table and the parts there; a part held up for teaching is bare, over a plain
@@ -112,11 +141,11 @@ class SimulatedCell:
         self.motion_monitor = MotionMonitor(self._machine.history, body, barred, self._settings.table)
         boxes = [hull(box(each.low_mm, each.high_mm)) for each in self._settings.fixture]
         self._fixture = tuple(RenderedSolid(each, np.eye(4), self._settings.lighting.table_albedo) for each in boxes)
-        self.server: PtyServer | MemoryLine
+        self.server: LineServer
         if loop is None:
             self.server = PtyServer(self.controller, settings.baud, time_scale)
         else:
-            self.server = MemoryLine(self.controller, loop)
+            self.server = loop.serve(self.controller)
         self.port = self.server.port
         sleep = time.sleep if loop is None else loop.sleep
         pattern = np.random.default_rng([seed, 1]) if table == "patterned" else None

@@ -23,12 +23,12 @@ import numpy as np
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, PtyServer
-from drivers.simcell.controller.memory_line import MemoryLine
 from drivers.val2 import commands
 from drivers.val2.conversation import ControllerAnswer, Conversation
 from drivers.val2.link import Dialect, Link, Start, Then
 from drivers.val2.location import Location
 from drivers.val2.wire import Where
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import PacedPort
 from tests.fakes.whole_daemon import Story
 

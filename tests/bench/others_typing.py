@@ -16,13 +16,13 @@ import numpy as np
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, LineFault
-from drivers.simcell.controller.memory_line import MemoryLine
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
 from drivers.val2.link import Link, Start
 from drivers.val2.location import Location
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import paced
+from tests.fakes.simulated_time import SimulatedLoop
 
 BAUD = 9600
 STORIES = 100

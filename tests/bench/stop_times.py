@@ -20,14 +20,14 @@ from daemon.frontends.command_queue import SIGN_S
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
-from drivers.simcell.controller.memory_line import MemoryLine
 from drivers.simcell.history import StopRecord
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link, Start
 from drivers.val2.location import Location
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import paced
+from tests.fakes.simulated_time import SimulatedLoop
 from tests.fakes.strange_controllers import draw, in_simulated_time, stop_of_a_drawn_one
 
 BAUDS = (1200, 2400, 4800, 9600, 19200)

@@ -11,10 +11,10 @@ from daemon.calibration.drift import DriftWatch
 from daemon.calibration.file import load_calibration
 from daemon.calibration.session import CalibrationSession, SessionError, solve_camera, solve_hand_eye, verify, view_tour
 from daemon.cli.demo import PARTS
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes import simulated_cell
 from tests.fakes.simulated_cell import rig
 from tests.fakes.simulated_hours import cell_in_time
+from tests.fakes.simulated_time import SimulatedLoop
 
 pytestmark = pytest.mark.slow
 

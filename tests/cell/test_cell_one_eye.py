@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from daemon.commands.moving import resume
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes import simulated_cell
 from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_hours import Hours, cell_in_time
+from tests.fakes.simulated_time import SimulatedLoop
 
 pytestmark = pytest.mark.slow
 

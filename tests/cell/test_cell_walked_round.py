@@ -15,8 +15,8 @@ from daemon.console.interpreter import CommandError
 from daemon.teaching.mesh import read_mesh
 from daemon.teaching.walked_round import deviations
 from daemon.vision.geometry import Polyhedron
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.fake_context import FakeFrontend
+from tests.fakes.simulated_time import SimulatedLoop
 from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 pytestmark = pytest.mark.slow

@@ -10,12 +10,13 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any
 
-from drivers.simcell.controller import Controller, Faults, MemoryLine, PtyServer
-from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.simcell.controller import Controller, Faults, PtyServer
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import Link
 from drivers.val2.port import OpenPort
+from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import PacedPort
+from tests.fakes.simulated_time import SimulatedLoop
 
 QUICK = Dialect(resync_s=0.4, typing_s=0.4, answer_s=1.0, stall_s=0.3)
 

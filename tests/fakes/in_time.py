@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
-from drivers.simcell.simulated_time import SimulatedLoop
+from tests.fakes.simulated_time import SimulatedLoop
 
 T = TypeVar("T")
 

@@ -33,9 +33,9 @@ from daemon.service import Service
 from daemon.store import runlog
 from daemon.vision.values import Facet, Scene
 from drivers.puma560 import PUMA560
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.computing import ComputesHere
 from tests.fakes.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
+from tests.fakes.simulated_time import SimulatedLoop
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 CONFIG = """version: 1

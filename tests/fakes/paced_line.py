@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from drivers.simcell.controller.memory_line import MemoryLine, MemoryPort
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
+from tests.fakes.memory_line import MemoryLine, MemoryPort
 
 CHARACTER_BITS = 10
 

@@ -28,10 +28,10 @@ from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
 from daemon.vision.model.model import Model, empty_model
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
 from tests.fakes.simulated_cell import CONFIG, ListLog, Rig, tell_the_motion_monitor
+from tests.fakes.simulated_time import SimulatedLoop
 
 
 @dataclass(eq=False)

@@ -19,15 +19,15 @@ from daemon.cell.identify import Person, identify
 from drivers.puma560 import ArmGeometry
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Manners, MemoryLine
+from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import drawn
-from drivers.simcell.controller.memory_line import MemoryPort
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.acquaintance import Acquaintance, Consult
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
 from drivers.val2.introduction import PACES_S
 from drivers.val2.link import Link
+from tests.fakes.memory_line import MemoryLine, MemoryPort
+from tests.fakes.simulated_time import SimulatedLoop
 
 BAUDS = (9600, 9600, 9600, 4800, 1200)
 START_DEG = np.array([10.0, 60.0, -150.0, 20.0, -40.0, 30.0])

@@ -63,12 +63,12 @@ from drivers.simcell.controller import Manners, Mishap
 from drivers.simcell.history import DropRecord
 from drivers.simcell.motion_monitor import Violation
 from drivers.simcell.rigid import rigid, turn
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.stand import VIEWS as STANDS
 from drivers.simcell.world import PartPlace
 from drivers.val2.link import Link
 from tests.fakes.computing import ComputesHere
 from tests.fakes.others_heard import OthersHeard
+from tests.fakes.simulated_time import SimulatedLoop
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 PIXELS = 0.5

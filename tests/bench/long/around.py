@@ -26,8 +26,8 @@ from daemon.teaching.solid_from_mesh import DRAWN_MM
 from daemon.teaching.walked_round import Deviation, deviations
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.model import FacetLibrary, Model, empty_model, learn_solid, type_facet
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.fake_context import FakeFrontend
+from tests.fakes.simulated_time import SimulatedLoop
 from tests.fakes.walked_round import DRAWN, drawn_cell, lay
 
 SCENES, TOURS, PLACES = 6, 2, 12

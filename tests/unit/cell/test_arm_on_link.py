@@ -17,18 +17,19 @@ from daemon.arm import Beliefs, StopRefusedError
 from daemon.cell.arm_on_link import ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, Faults, Manners, MemoryLine, Mishap, instructions
+from drivers.simcell.controller import Controller, Faults, Manners, Mishap, instructions
 from drivers.simcell.controller.commands import Ask
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.conversation import Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
 from drivers.val2.link import Link
 from tests.fakes.arm_line import QUICK, ArmLine, line_in_time
+from tests.fakes.memory_line import MemoryLine
+from tests.fakes.simulated_time import SimulatedLoop
 
 BENT = READY_RAD + np.radians([20.0, 0.0, 0.0, 0.0, 30.0, 0.0])
 

@@ -13,8 +13,8 @@ from daemon.calibration.file import load_calibration
 from daemon.cell.camera_trial import camera_faults, pair_fault
 from daemon.cell.cameras import ThreadedCameras
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.simulated_cell import CONFIG
+from tests.fakes.simulated_time import SimulatedLoop
 
 RIG = load_calibration(CONFIG.parent / "calibration.yaml").rig
 

@@ -20,10 +20,10 @@ from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.events.pick_order import ALL, PickOrder
 from daemon.service import Service
-from drivers.simcell.simulated_time import SimulatedLoop
 from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_cell import CONFIG
 from tests.fakes.simulated_hours import Hours, cell_in_time
+from tests.fakes.simulated_time import SimulatedLoop
 
 FAULT = "CameraError: simulated pair: no frame within 5.00 s (right camera unplugged)"
 

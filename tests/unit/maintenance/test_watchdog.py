@@ -24,7 +24,7 @@ from daemon.maintenance.troubles import Troubles
 from daemon.maintenance.watchdog import CHECK_LIMIT_S, QUOTA_S, Watchdog
 from daemon.store.runlog import RunLog
 from daemon.store.runs import list_runs, read_run
-from drivers.simcell.simulated_time import SimulatedLoop
+from tests.fakes.simulated_time import SimulatedLoop
 
 
 class WatchedCell:

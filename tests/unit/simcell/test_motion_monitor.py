@@ -18,8 +18,8 @@ from drivers.simcell.gripper import finger_rods
 from drivers.simcell.history import KEPT, DropRecord, GraspRecord, MotionRecord, ReleaseRecord, StopRecord
 from drivers.simcell.motion_monitor import APART_MM, TYPED_S, ArmSpheres, MotionMonitor
 from drivers.simcell.rigid import rigid, turn
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.simcell.truth import Box, Rod, load_truth, rigid_matrix
+from tests.fakes.simulated_time import SimulatedLoop
 
 TRUTH = load_truth(Path(__file__).parents[3] / "etc" / "simcell.yaml")
 ABOVE_TABLE = "DO MOVE TRANS(520,0,-100,0,90,0)"

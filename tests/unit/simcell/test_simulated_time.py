@@ -14,10 +14,11 @@ import pytest
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.cell import SimulatedCell
-from drivers.simcell.controller import Controller, Faults, LineFault, MemoryLine, Mishap
-from drivers.simcell.simulated_time import SimulatedLoop
+from drivers.simcell.controller import Controller, Faults, LineFault, Mishap
 from drivers.val2.link import ControllerError, Link, PortError, Preempted
 from drivers.val2.location import Location, location_from_matrix
+from tests.fakes.memory_line import MemoryLine
+from tests.fakes.simulated_time import SimulatedLoop
 
 TRUTH = Path(__file__).parents[3] / "etc" / "simcell.yaml"
 

@@ -12,16 +12,17 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.arm import SimulatedArm
-from drivers.simcell.controller import Controller, LineFault, Manners, MemoryLine, Mishap
+from drivers.simcell.controller import Controller, LineFault, Manners, Mishap
 from drivers.simcell.controller.commands import Ask, bare
 from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
-from drivers.simcell.simulated_time import SimulatedLoop
 from drivers.val2.dialect import Dialect
 from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import ControllerQuestion
+from tests.fakes.memory_line import MemoryLine
+from tests.fakes.simulated_time import SimulatedLoop
 
 FAR = location_from_matrix(forward(READY_RAD + np.radians([90, -20, 5, 0, 10, 0])))
 SPOILED = ["flip", "drop", "double", "insert"]

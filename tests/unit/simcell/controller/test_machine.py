@@ -60,7 +60,7 @@ def test_what_is_out_of_reach_is_refused_and_nothing_moves() -> None:
 def test_the_device_knows_nothing_of_its_line_and_no_file_imports_itself_by_a_detour() -> None:
     graph = grimp.build_graph("drivers")
     beneath = graph.find_upstream_modules("drivers.simcell.controller.machine")
-    line = {"core", "terminal", "monitor", "instructions", "commands", "server", "memory_line"}
+    line = {"core", "terminal", "monitor", "instructions", "commands", "server"}
     assert not beneath & {f"drivers.simcell.controller.{name}" for name in line}
     for module in graph.modules:
         assert not any(graph.chain_exists(needed, module) for needed in graph.find_modules_directly_imported_by(module))

@@ -10,6 +10,9 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from typing import Any
 
+from drivers.simcell.controller import Controller
+from tests.fakes.memory_line import MemoryLine
+
 
 class SimulatedLoop(asyncio.SelectorEventLoop):
     """For `asyncio.Runner(loop_factory=SimulatedLoop)`."""
@@ -27,6 +30,10 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
     def sleep(self, seconds: float) -> None:
         """Advance the clock for code that does not await; timers due meanwhile run afterwards."""
         self._now_s += seconds
+
+    def serve(self, controller: Controller) -> MemoryLine:
+        """A line to a controller that keeps this time."""
+        return MemoryLine(controller, self)
 
     def run_in_executor(  # type: ignore[override]
         self, executor: Executor | None, func: Callable[..., Any], *args: Any
