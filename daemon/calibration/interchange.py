@@ -18,10 +18,9 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, Quality, load_calibration, save_calibration
 from daemon.calibration.foreign import ImportedGeometry, InterchangeError, read_foreign
 from daemon.calibration.plausible import UNITS_MM, changed, implausible_rig
-from daemon.calibration.recorded import keep_old
+from daemon.calibration.recorded import calibration_before, keep_old
 from daemon.quantities import decimal, shown, whole
 from daemon.store.files import write_atomically
-from daemon.store.outside import FileError
 from daemon.vision.geometry import StereoRig
 
 MM_PER_M = 1000.0
@@ -105,7 +104,7 @@ def _import(args: argparse.Namespace) -> int:
         raise InterchangeError("no file was named: facetctl calibrate import FILE... --out calibration.yaml")
     found = read_foreign(files, _size(args.size), _unit_mm(args.unit), args.swap)
     print(f"{', '.join(map(str, files))}: read as {found.kind}")
-    before = _before(args.out)
+    before = calibration_before(args.out)
     calibration = _hand_eye_added(found, before, args.out) if found.rig is None else _of_rig(found.rig, before)
     for wrong in implausible_rig(calibration.rig):
         raise InterchangeError(f"{', '.join(map(str, files))}: not written: {wrong.problem}")
@@ -124,14 +123,6 @@ def _import(args: argparse.Namespace) -> int:
         f"baseline {rig.baseline_mm:.2f} mm" + (f"; the old one is {kept.name}" if kept else "")
     )
     return 0
-
-
-def _before(path: Path) -> Calibration | None:
-    """The calibration in the file at path, or None."""
-    try:
-        return load_calibration(path)
-    except (FileError, OSError):
-        return None
 
 
 def _of_rig(rig: StereoRig, before: Calibration | None) -> Calibration:

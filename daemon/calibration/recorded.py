@@ -11,8 +11,8 @@ from glob import glob
 from pathlib import Path
 
 from daemon.calibration.board import USUAL_DICTIONARY, Board, BoardError, parse_board
-from daemon.calibration.board_detection import Grey, find_board
-from daemon.calibration.file import calibration_of, load_calibration, save_calibration
+from daemon.calibration.board_detection import find_board
+from daemon.calibration.file import Calibration, calibration_of, load_calibration, save_calibration
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise BoardError(f"--left names {len(left)} pictures and --right {len(right)}: name the same number of each")
     pairs, unused, size = read_pairs(list(zip(left, right, strict=True)), board)
     result = calibrate_stereo(pairs, board, size)
-    warning = _changed_baseline(args.out, result)
+    warning = _changed_baseline(calibration_before(args.out), result)
     kept = keep_old(args.out)
     save_calibration(calibration_of(result), args.out)
     _print(args, result, unused, kept, warning)
@@ -88,7 +88,9 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
         name = f"{left.name}, {right.name}" if unique else f"{left}, {right}"
         try:
             for path in (left, right):
-                _same_size(path, images[path], size)
+                height, width = images[path].shape
+                if (width, height) != size:
+                    raise BoardError(f"{path.name} is {width}x{height} px, most are {size[0]}x{size[1]}")
             pairs.append(Pair(name, find_board(images[left], board), find_board(images[right], board)))
         except BoardError as error:
             unused[name] = str(error)
@@ -98,10 +100,12 @@ def read_pairs(files: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[P
     return pairs, unused, size
 
 
-def _same_size(path: Path, image: Grey, size: tuple[int, int]) -> None:
-    height, width = image.shape
-    if (width, height) != size:
-        raise BoardError(f"{path.name} is {width}x{height} px, most are {size[0]}x{size[1]}")
+def calibration_before(path: Path) -> Calibration | None:
+    """The calibration that is in a file that will be written, or None."""
+    try:
+        return load_calibration(path)
+    except (FileError, OSError):
+        return None
 
 
 def keep_old(path: Path) -> Path | None:
@@ -115,18 +119,16 @@ def keep_old(path: Path) -> Path | None:
     return kept
 
 
-def _changed_baseline(path: Path, result: StereoResult) -> str | None:
+def _changed_baseline(before: Calibration | None, result: StereoResult) -> str | None:
     """A warning where the baseline differs from the old file's, which a wrong square size causes."""
-    try:
-        before = load_calibration(path).rig.baseline_mm
-    except (FileError, OSError):
+    if before is None:
         return None
-    now = result.rig.baseline_mm
-    if abs(now / before - 1) < 0.03:
+    was, now = before.rig.baseline_mm, result.rig.baseline_mm
+    if abs(now / was - 1) < 0.03:
         return None
     return (
-        f"the baseline is {now:.1f} mm, {before:.1f} mm in the old file: a wrong --square-mm "
-        f"(x {before / now:.3f} would agree), or other cameras"
+        f"the baseline is {now:.1f} mm, {was:.1f} mm in the old file: a wrong --square-mm "
+        f"(x {was / now:.3f} would agree), or other cameras"
     )
 
 
