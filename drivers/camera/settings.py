@@ -50,9 +50,6 @@ class CameraSettings:
         unknown = [name for name in self.formats if name not in FORMATS]
         if unknown or not self.formats:
             raise ValueError(f"formats: expected some of {', '.join(FORMATS)}; found {', '.join(unknown) or 'none'}")
-        for name in ("width", "height", "fps", "max_skew_ms"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name}: expected above 0, found {getattr(self, name)}")
 
     @property
     def devices(self) -> dict[EyeName, Device]:
