@@ -19,6 +19,7 @@ from daemon.pick.looking import Look
 from daemon.pick.next_view import (
     Gain,
     PartHypothesis,
+    allowed,
     freshest,
     hypotheses_of,
     in_words,
@@ -336,7 +337,7 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     survey = context.settings.surveys[0]
     middle = np.mean([part.centre for part in world.found] or [np.array(survey.centre_mm)], axis=0)
     poses = places_round(middle, context.cell.mounting, survey.distance_mm, tilts=SIDES_DEG)
-    poses = await context.cell.compute(_allowed, poses, context.mover.reach)
+    poses = await context.cell.compute(allowed, poses, context.mover.reach)
     eyes = [context.cell.mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses]
     before = [one.world_from_cyclopean[:3, 3] for one in world.looks]
     for place in freshest(middle, eyes, before):
@@ -352,10 +353,6 @@ async def other_side(context: PickContext, world: WorldModel) -> bool:
     return False
 
 
-def _allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
-    return [pose for pose in poses if reach.allows(pose)]
-
-
 def _next_views(
     part: ObservedPart,
     others: Sequence[ObservedPart],
@@ -369,7 +366,7 @@ def _next_views(
     """What a part may be; places it can be looked at from; these by their numbers, in the order in which to try them.
     eyes_before: (L, 3) from where it was looked at so far."""
     before = () if part.named else hypotheses_of(part, recogniser, settings.limits.table_z_mm)
-    poses = _allowed(places_round(part.centre, mounting), reach)
+    poses = allowed(places_round(part.centre, mounting), reach)
     if not poses:
         return before, [], []
     return (

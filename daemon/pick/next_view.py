@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting
+from daemon.arm import CameraMounting, Reach
 from daemon.arrays import Array
 from daemon.pick import viewpoints
 from daemon.pick.recogniser import PartRecogniser
@@ -282,6 +282,11 @@ def places_round(
     x, y, z = (float(v) for v in centre)
     views = [SurveyView((x, y, z), distance_mm, float(h), float(t)) for h in range(-180, 180, 30) for t in tilts]
     return [view.pose(mounting) for view in views]
+
+
+def allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
+    """Those of the poses, world_from_tool (4, 4), that the arm can have."""
+    return [pose for pose in poses if reach.allows(pose)]
 
 
 def next_best(

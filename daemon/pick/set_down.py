@@ -19,7 +19,6 @@ from daemon.arm import (
     MovedByOthersError,
     MoveRefusedError,
     OutOfReachError,
-    Reach,
     RefusedError,
     carried_part,
 )
@@ -28,7 +27,7 @@ from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick.following import Target, at_place, held_by_edges, held_pose, in_hand, mount_of, sighted
 from daemon.pick.looking import Expected, Look, Taken
-from daemon.pick.next_view import freshest, places_round
+from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.placing import Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
@@ -228,7 +227,7 @@ async def _go_round(
     (3,) world mm."""
     mounting = context.cell.mounting
     poses = places_round(centre, mounting, context.settings.verify_mm)
-    poses = await context.cell.compute(_reached, poses, context.mover.reach)
+    poses = await context.cell.compute(allowed, poses, context.mover.reach)
     order: Sequence[int] = range(len(poses))
     if eyes_before:
         order = freshest(centre, [mounting.world_from_cyclopean_at(pose)[:3, 3] for pose in poses], eyes_before)
@@ -244,10 +243,6 @@ async def _go_round(
             continue
         return
     raise refused
-
-
-def _reached(poses: Sequence[Array], reach: Reach) -> list[Array]:
-    return [pose for pose in poses if reach.allows(pose)]
 
 
 async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus) -> PlaceStatus:
