@@ -1,8 +1,6 @@
 """The states in which a part is approached, look by look: stop_n, looking, estimating. See world.py for what a handler
 is."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from daemon.events.codes import CauseCode, DecisionCode, suspected

@@ -2,8 +2,6 @@
 mover's, so that a stop, a pause and step mode are honoured as in a pick.
 """
 
-from __future__ import annotations
-
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 

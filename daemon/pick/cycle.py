@@ -5,8 +5,6 @@ supervisor (arm/supervisor.py: enable, stop, pause, step ... are asked of it); a
 ..."). A pick goes on when the one who asked for it goes away.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import statistics
@@ -399,13 +397,7 @@ class PickCycle:
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover
         return PickContext(
-            cell,
-            mover,
-            recogniser,
-            self.settings,
-            self.observer,
-            placing=self.placing,
-            part_held=self.line.part_held,
+            cell, mover, recogniser, self.settings, self.observer, placing=self.placing, part_held=self.line.part_held
         )
 
     async def _look(self, purpose: str) -> Look:
@@ -513,9 +505,7 @@ class PickCycle:
             return
         shapes = [] if recogniser is None else [recogniser.shape(label) for label in recogniser.labels]
         held = held_anyhow(
-            [shape.corners_mm for shape in shapes if shape is not None],
-            "what may be in the hand",
-            *gripper.held_about,
+            [shape.corners_mm for shape in shapes if shape is not None], "what may be in the hand", *gripper.held_about
         )
         loads = self.belief.capsules + (() if held is None else (held,))
         if loads:

@@ -1,7 +1,5 @@
 """The states in which a part is found and chosen: survey, choose, second_view. See world.py for what a handler is."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import Literal

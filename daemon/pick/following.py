@@ -3,8 +3,6 @@
 Values and geometry; nothing here moves, waits or writes a log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -310,11 +308,7 @@ def least_error(mount: CameraMount, distance_mm: float, doubt: Doubt) -> Estimat
 
 
 def _sighted(
-    seen: tuple[Array, Array],
-    there: tuple[Array, Array, Array | None],
-    rig: StereoRig,
-    doubt: Doubt,
-    one_moment: bool,
+    seen: tuple[Array, Array], there: tuple[Array, Array, Array | None], rig: StereoRig, doubt: Doubt, one_moment: bool
 ) -> Sighting:
     """seen: cyclopean_from_part and its covariance; there: world_from_tool, world_from_cyclopean and the pivot of fixed
     cameras. What is in a fit of a moved pair already does not count again: the arm's errors, and no offset of one eye

@@ -6,8 +6,6 @@ hollow edge, as parts that touch do, piece by piece. Fusing is vision's, and so 
 the event loop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One look: a stereo pair taken once the arm has settled, and what is seen in it. Nothing here moves the arm."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

@@ -10,8 +10,6 @@ by itself: its size says how far it is, so that the arm's error counts as that o
 parallax (`weighed`). And a look says no more of the calibration than that error leaves (`hints`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -7,8 +7,6 @@ cameras err, it tells them apart. Pure: hypotheses and places in, bits and an or
 Source: expected entropy after an observation (Lindley 1956); of views, Denzler and Brown (2002).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,14 +20,7 @@ from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart
 from daemon.pick.settings import SurveyView
 from daemon.vision.facets import merge_vertices
-from daemon.vision.geometry import (
-    Polyhedron,
-    StereoRig,
-    area_vector,
-    chi_square_limit,
-    corner_covariance,
-    visible_from,
-)
+from daemon.vision.geometry import Polyhedron, StereoRig, area_vector, chi_square_limit, corner_covariance, visible_from
 from daemon.vision.values import UNKNOWN, Group
 
 CLOSE_MM = 340.0

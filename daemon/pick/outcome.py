@@ -1,7 +1,5 @@
 """How a pick ends, and who is told. Values only."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import dataclass
 from enum import StrEnum

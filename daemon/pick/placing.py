@@ -4,8 +4,6 @@ A place holds the pose of the part, never of the tool: that follows from how the
 set_down.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

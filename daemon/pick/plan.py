@@ -3,8 +3,6 @@
 Pure: what is seen and what the arm can reach in, plans out. Doing them is approach.py's and take.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

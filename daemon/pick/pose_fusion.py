@@ -6,8 +6,6 @@ What errs the same way in every look (hand-eye, the cameras' calibration) is kep
 much more sharply than either is known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated

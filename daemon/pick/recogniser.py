@@ -3,8 +3,6 @@
 Recognition itself is daemon/vision/look.py's; which model is in use is daemon/teaching/trainer.py's.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from time import thread_time
 from typing import Any, Protocol

@@ -3,8 +3,6 @@
 Pure. What is made of them is find.py's business; one part followed closely is following.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

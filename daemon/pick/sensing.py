@@ -2,8 +2,6 @@
 two differ, the arm stops, what is in the gripper is unknown from then on, and a person is asked.
 """
 
-from __future__ import annotations
-
 import asyncio
 
 from daemon.arm import BeliefSource, NotSettledError

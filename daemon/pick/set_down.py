@@ -4,8 +4,6 @@ The status of the place is on the disk before anything follows from it (daemon/s
 the part is carried there, set before the gripper opens, and what the look showed before the pick goes on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -1,7 +1,5 @@
 """What a pick is set to do: views, places, limits, the order of parts. Values and their meaning only; no behaviour."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 

@@ -1,8 +1,6 @@
 """The states from the blind stretch to the bin: final, closing, retreat, verify, place, home. See world.py for what a
 handler is."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 
@@ -121,11 +119,7 @@ async def verify(
 
 
 def _judged(
-    target: Target,
-    seen: Look,
-    found: Sequence[ObservedPart],
-    settings: Settings,
-    mount: CameraMount,
+    target: Target, seen: Look, found: Sequence[ObservedPart], settings: Settings, mount: CameraMount
 ) -> tuple[bool, tuple[str, DecisionCode] | None]:
     """Whether a look shows the part in the hand, and what it says against that; None where it says nothing. found: what
     lay there before."""

@@ -4,8 +4,6 @@ A state is left only by the events of its rows. What each does is the handler of
 take.py; the words are those of the run log and of `status` (of earlier releases: daemon/events/upgrade.py).
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -157,10 +155,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(PickState.BIN, PickEvent.BINNED, PickState.HOME, "let go over the bin"),
     Row(
-        PickState.BIN,
-        PickEvent.DROPPED,
-        PickState.HOME,
-        "the gripper came to the bin empty: the part fell on the way",
+        PickState.BIN, PickEvent.DROPPED, PickState.HOME, "the gripper came to the bin empty: the part fell on the way"
     ),
     Row(
         PickState.BIN,

@@ -1,7 +1,5 @@
 """What shows of a part from a viewpoint. Pure: shapes and poses in, worths out."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

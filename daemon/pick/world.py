@@ -5,8 +5,6 @@ it, as its annotation says (transitions.py has the table). Whatever it raises is
 it is reported. A part that cannot be had is skipped, and named, and that is no fault.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -304,12 +302,7 @@ async def plan_again(
 
 
 async def travel(
-    context: PickContext,
-    world: WorldModel,
-    pose: Array,
-    purpose: str,
-    look: Look | None = None,
-    straight: bool = False,
+    context: PickContext, world: WorldModel, pose: Array, purpose: str, look: Look | None = None, straight: bool = False
 ) -> None:
     """Go there in bounded steps; slower the nearer a part is (a target known) or at travel speed."""
     settings, target = context.settings, world.target
