@@ -111,7 +111,7 @@ class FolderSettings:
 
     state: Name | None = None
     """Folder of runs, models, taught views and calibrations. Unset: systemd's state directory, else var/ of the
-    checkout."""
+    checkout. `facetd --sim` where facetd is installed: ~/.local/state/facetd."""
     runtime: Name | None = None
     """Folder of the operators' socket. Unset: systemd's runtime directory, else var/ of the checkout."""
     runs: Name | None = None

@@ -40,6 +40,8 @@ PIECE = re.compile(r"^ *```\n(.*?)^ *```|`([^`\n]+)`", re.MULTILINE | re.DOTALL)
 TOUR = re.compile(r"(?:facetctl )?calibrate (stereo|hand-eye|verify|touch)(?: 9x6 16)?")
 KEY = re.compile(r"\b(Tab|arrows|[Cc]ontrol-[A-Z\]])")
 SPAN = re.compile(r"`([^`\n]+)`")
+MADE = re.compile(r"<!-- made causes -->.*?<!-- end -->", re.DOTALL)
+"""Names commands without their arguments."""
 
 ELSEWHERE = (
     (r"git |sudo |systemctl |udevadm |ls -l /dev|DESTDIR=|make ", "tests/rig/run.py", "the machine's own"),
@@ -86,7 +88,8 @@ def typed_in(guide: Path) -> list[tuple[str, str]]:
     """(section, what is to be typed) in the order of the text; a line once a section, a calibration's tour once."""
     found: dict[tuple[str, str], None] = {}
     toured: set[str] = set()
-    for part in re.split(r"^(?=##)", guide.read_text(encoding="utf-8"), flags=re.MULTILINE):
+    whole = MADE.sub("", guide.read_text(encoding="utf-8"))
+    for part in re.split(r"^(?=##)", whole, flags=re.MULTILINE):
         section = part.splitlines()[0].strip("# ")
         for block, span in PIECE.findall(part):
             for line in block.splitlines() or [span]:

@@ -86,12 +86,13 @@ def test_an_operator_s_page_says_first_what_it_is_for(page: Path) -> None:
 
 
 def test_the_manuals_are_as_readable_as_they_were_made() -> None:
-    """Mean length of a sentence 14.9 and 27 % passives before they were written anew; 11.5 and 11 % then."""
+    """Mean length of a sentence 14.9 and 27 % passives before they were written anew; 11.5 and 11 % then, 10.8 and 7 %
+    after a reader whose second language it is had marked what he read twice."""
     found = measured("\n\n".join(pages(None).values()))
-    assert found.mean < 12.5
-    assert found.p95 <= 29
-    assert found.passive_pct < 14
-    assert found.astray_per_1000 < 2
+    assert found.mean < 11.5
+    assert found.p95 <= 25
+    assert found.passive_pct < 9
+    assert found.astray_per_1000 < 1
 
 
 def test_a_measure_finds_a_passive_a_long_sentence_and_a_word_astray() -> None:
