@@ -10,12 +10,15 @@ import numpy as np
 
 from daemon.arm import EYES, EyeName
 from daemon.cell.build import EXPECTED_ERRORS
-from daemon.cell.cameras import ThreadedCameras
+from daemon.cell.cameras import StereoPair, ThreadedCameras
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import MEASURES, Finding, examine, misleading, troubles
+from daemon.vision.health import MEASURES, Finding, examine, measure_steadiness, misleading, overridden, troubles
 
 TRIAL_S = 2.0
 """Time limit of a picture in a test."""
+STILL_IMAGES, AFTER_IMAGES = 8, 12
+"""Pictures of a still scene before and after the exposure was shortened: automatic exposure needs some to act."""
+SHORTENED = 0.7
 
 
 async def camera_faults(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, str]:
@@ -42,6 +45,40 @@ async def _fault(cameras: ThreadedCameras, name: EyeName, clock: Callable[[], fl
     pictures = [(pair.left.pixels, pair.left.pixels) for pair in (now, first)]
     wrong = misleading(examine(pictures[0], pictures[1], sharp=False))
     return str(wrong[0]).partition(": ")[2] if wrong else None
+
+
+async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, list[str]]:
+    """What each camera in use does not hold before a still scene: exposure, gain, focus; empty where it holds all.
+
+    The exposure is shortened for some pictures and set back. Raises CameraError.
+    """
+    before = await _series(cameras, clock, STILL_IMAGES)
+    accepted = await cameras.expose(SHORTENED, SHORTENED)
+    after = before
+    if accepted is not None:
+        try:
+            after = await _series(cameras, clock, AFTER_IMAGES)
+        finally:
+            await cameras.expose(1 / accepted[0], 1 / accepted[1])
+    faults: dict[EyeName, list[str]] = {}
+    for k, name in enumerate(EYES):
+        if cameras.alone not in (None, name):
+            continue
+        images = [[(pair.left, pair.right)[k] for pair in pairs] for pairs in (before, after)]
+        pixels = [[frame.pixels for frame in some] for some in images]
+        lines = measure_steadiness(pixels[0], [frame.taken_s for frame in images[0]]).faults()
+        if accepted is not None and (wrong := overridden(pixels[0], pixels[1], accepted[k])) is not None:
+            lines.append(wrong)
+        if lines:
+            faults[name] = lines
+    return faults
+
+
+async def _series(cameras: ThreadedCameras, clock: Callable[[], float], count: int) -> list[StereoPair]:
+    pairs = [await cameras.grab(clock(), TRIAL_S)]
+    while len(pairs) < count:
+        pairs.append(await cameras.grab(max(pairs[-1].left.taken_s, pairs[-1].right.taken_s), TRIAL_S))
+    return pairs
 
 
 async def pair_fault(cameras: ThreadedCameras, rig: StereoRig, clock: Callable[[], float]) -> str | None:

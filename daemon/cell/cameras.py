@@ -10,8 +10,9 @@ from typing import Any
 
 from daemon.arm import EyeName
 from drivers.camera.find import device_rows as device_rows
-from drivers.camera.pair import CameraError, Frame, StereoPair
+from drivers.camera.pair import CameraError, Frame
 from drivers.camera.pair import StereoCamera as StereoCamera
+from drivers.camera.pair import StereoPair as StereoPair
 from drivers.camera.recorded import RecordedCamera
 from drivers.camera.stereo import camera_rows as camera_rows
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +20,7 @@ from daemon.quantities import decimal, whole, within
 from daemon.store import folders
 
 if TYPE_CHECKING:
-    from daemon.cell.cameras import StereoCamera
+    from daemon.cell.cameras import StereoCamera, StereoPair
     from daemon.cli.preview import Shot
     from daemon.config import Config
 
@@ -122,18 +124,28 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
         took = ", ".join(f"{k} {v}" for k, v in one["controls"].items()) or "as found"
         yield f"    {one['line']}: {one['frames']} frames, {one['dropped']} dropped, {one['damaged']} damaged; {took}"
         yield from (f"        {old} is called {new} here: use that name" for old, new in one["renamed"].items())
+    for eye, found in measured["steadiness"].items():
+        yield from (f"    {eye} camera: {fault}" for fault in found["faults"])
+    if any(found["readout_ms"] is None for found in measured["steadiness"].values()):
+        yield (
+            "    Rolling shutter: not measured, as nothing moved to and fro. Repeat with --seconds 5; meanwhile move "
+            "the arm with its pendant, or a newspaper that fills the view."
+        )
 
 
 def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) -> dict[str, Any]:
-    """Grab pairs for a while: rate, skew and age, and the frames that each camera lost."""
+    """Grab pairs for a while: rate, skew and age, the frames that each camera lost, and what it does not hold."""
     from daemon.cell.cameras import camera_rows
+    from daemon.vision.health import MOST_IMAGES
 
     camera.grab(clock(), GRAB_S)
     began_s = clock()
     skews: list[float] = []
     ages = []
+    kept: deque[StereoPair] = deque(maxlen=MOST_IMAGES)
     while not skews or clock() - began_s < seconds:
         pair = camera.grab(clock(), GRAB_S)
+        kept.append(pair)
         skews.append(abs(pair.skew_ms))
         ages.append((clock() - pair.right.taken_s) * 1000.0)
     took_s = clock() - began_s
@@ -141,8 +153,21 @@ def measure(camera: StereoCamera, seconds: float, clock: Callable[[], float]) ->
     return {
         "cameras": camera.describe(), "seconds": took_s, "pairs": len(skews), "rate_hz": len(skews) / took_s,
         "skew_ms": sorted(skews)[middle], "worst_skew_ms": max(skews), "age_ms": sorted(ages)[middle],
-        "eyes": camera_rows(camera),
+        "eyes": camera_rows(camera), "steadiness": _steadiness(kept),
     }  # fmt: skip
+
+
+def _steadiness(pairs: Collection[StereoPair]) -> dict[str, dict[str, Any]]:
+    """What each camera does not hold, and how long it takes to read out its rows, as rows for people and JSON."""
+    from daemon.vision.health import measure_steadiness
+
+    found = {}
+    for eye in ("left", "right"):
+        frames = [getattr(pair, eye) for pair in pairs]
+        one = measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
+        readout_ms = None if math.isnan(one.readout_s) else round(1000 * one.readout_s, 1)
+        found[eye] = {"faults": one.faults(), "readout_ms": readout_ms}
+    return found
 
 
 def _snap(args: argparse.Namespace) -> int:

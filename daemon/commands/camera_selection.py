@@ -4,7 +4,7 @@ Nothing here moves the arm. With one eye each look is two pictures with a move b
 """
 
 from daemon.arm import EyeName
-from daemon.cell.camera_trial import camera_faults, pair_fault
+from daemon.cell.camera_trial import camera_faults, pair_fault, unsteady
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.errors import NOT_DONE
@@ -23,7 +23,7 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
 
     left, right   that camera alone, when the other is missing, dark or frozen; the arm moves it between two images
     both          both again, after a test that they still agree with the calibration
-    Without a word both cameras are tested and shown; nothing moves.
+    Without a word both cameras are tested and shown, also whether they hold exposure and focus; nothing moves.
     """
     if not words:
         return await _told(context)
@@ -53,11 +53,18 @@ async def cameras(context: CommandContext, words: list[str], _: Frontend) -> Com
 
 
 async def _told(context: CommandContext) -> CommandResult:
-    wrong = {} if context.calibration.alone is not None else await _ailments(context)
+    wrong: dict[EyeName, str] = {} if context.calibration.alone is not None else await _ailments(context)
     used = context.hardware.cameras.alone
     lines = ["Using both cameras." if used is None else f"Using the {used} camera alone."]
     lines += [f"{eye} camera: {why}" for eye, why in wrong.items()]
-    return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong)})
+    not_held: dict[EyeName, list[str]] = {}
+    if not wrong and context.hardware.kind != "recorded":
+        trial = unsteady(context.hardware.cameras, context.hardware.clock)
+        not_held = await context.cycle.supervisor.run("look at a still scene", trial, moves=False)
+        context.not_held = {eye: tuple(whys) for eye, whys in not_held.items()}
+        lines += [f"{eye} camera: {why}" for eye, whys in not_held.items() for why in whys]
+        lines += [] if not_held else ["Exposure and focus are held before a still scene."]
+    return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong), "not_held": not_held})
 
 
 async def _ailments(context: CommandContext) -> dict[EyeName, str]:

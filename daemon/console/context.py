@@ -8,7 +8,7 @@ import importlib.metadata
 import socket
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -74,6 +74,8 @@ class CommandContext:
     """The model version checked last for sufficient views, and the result."""
     one_camera_allowed: bool = False
     """An operator permitted picking with one camera after a fault of the other."""
+    not_held: Mapping[EyeName, Sequence[str]] | None = None
+    """What each camera did not hold in the last test before a still scene; None: not tested."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
     _begun: PickOrder = ALL
     """What the last auto was to bring."""

@@ -8,12 +8,13 @@ import shutil
 import stat
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from daemon.arm import EyeName
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import sections
 from daemon.cell.build import Hardware
@@ -57,12 +58,23 @@ def examine(config: Config, running: bool) -> list[CheckResult]:
     return findings
 
 
-def from_service(hardware: Hardware, troubles: Mapping[str, str], fault: str | None) -> list[CheckResult]:
-    """Checks that only the running daemon can make. fault: the active one."""
+def from_service(
+    hardware: Hardware,
+    troubles: Mapping[str, str],
+    fault: str | None,
+    not_held: Mapping[EyeName, Sequence[str]] | None = None,
+) -> list[CheckResult]:
+    """Checks that only the running daemon can make. fault: the active one; not_held: by camera, what it did not hold
+    when the command `cameras` tested it."""
     heard_s = hardware.robot.heard_s
     findings = []
     if "cameras" not in troubles:
         findings.append(CheckResult("good", "cameras", hardware.cameras.describe()))
+    if not_held is None and hardware.kind != "recorded":
+        mend = "Give `cameras`, with parts in view and nothing in motion"
+        findings.append(CheckResult("note", "cameras", "not tested whether they hold exposure and focus", mend))
+    for eye, whys in (not_held or {}).items():
+        findings += [CheckResult("bad", f"{eye} camera", why) for why in whys]
     if "controller" not in troubles and heard_s is not None:
         ago = f"answered {hardware.clock() - heard_s:.0f} s ago at {hardware.where}"
         findings.append(CheckResult("good", "controller", ago))

@@ -24,10 +24,15 @@ from drivers.simcell.truth import Truth
 
 SIDES = ("left", "right")
 BLACK_LEVEL = 4.0
-CameraFault = Literal["away", "frozen", "stale", "half"]
-"""Fault of a camera: no frame, always its last one, its last radiance with fresh noise, or half of each."""
+CameraFault = Literal["away", "frozen", "stale", "half", "auto_exposure", "autofocus", "rolling"]
+"""Fault of a camera: no frame, always its last one, its last radiance with fresh noise, half of each; exposure that
+follows the scene whatever is set, focus that hunts, rows that are exposed one after the other over a frame's period."""
+AUTO_LEVEL = 90.0
+"""Mean grey level that automatic exposure keeps."""
+HUNTING_PX, HUNTING_FRAMES = 1.5, 6
+"""Most blur of a focus that hunts, and its period."""
 STILL_MM, STILL_RAD = 0.01, 2e-5
-BLUR_STEPS = 6
+BLUR_STEPS, ROLLING_BANDS = 6, 12
 SHORTEST, LONGEST = 1 / 64, 64.0
 """Limits of the exposure, relative to the truth's; it changes the grey level, not the motion blur."""
 
@@ -164,8 +169,14 @@ class SimulatedPair:
         covered = side in self._covered
         light = np.zeros_like(self._vignette) if covered else self._mean_radiance(side, middle_s)
         light = self._lit[side] = self._lit.get(side, light) if self._faults.get(side) == "stale" else light
-        pixels = self._expose(light, getattr(self._truth.sensor, f"gain_{side}") * self._exposure_factors[side])
         fault = self._faults.get(side)
+        gain = getattr(self._truth.sensor, f"gain_{side}") * self._exposure_factors[side]
+        if fault == "auto_exposure":
+            gain = AUTO_LEVEL / max(float(light.mean()), 1.0)
+        elif fault == "autofocus":
+            blur_px = 0.01 + HUNTING_PX * abs(np.sin(np.pi * number / HUNTING_FRAMES))
+            light = np.asarray(cv2.GaussianBlur(light, (0, 0), blur_px), np.float32)
+        pixels = self._expose(light, gain)
         if fault == "frozen":
             pixels = self._shown.get(side, pixels).copy()
         elif fault == "half":
@@ -176,6 +187,8 @@ class SimulatedPair:
 
     def _mean_radiance(self, side: str, middle_s: float) -> Array32:
         """The mean radiance over the exposure; one image where the arm is at rest."""
+        if self._faults.get(side) == "rolling":
+            return self._row_by_row(side, middle_s)
         half = self._exposure_s / 2
         scenes = [self._scene_at(middle_s - half), self._scene_at(middle_s + half)]
         if _moving(scenes):
@@ -183,6 +196,12 @@ class SimulatedPair:
             seen = [self._radiance(side, self._scene_at(middle_s + step)) for step in steps]
             return np.asarray(np.mean(seen, axis=0), np.float32)
         return self._radiance(side, scenes[0])
+
+    def _row_by_row(self, side: str, middle_s: float) -> Array32:
+        """The radiance of a rolling shutter: bands of rows, each at its own moment within the frame's period."""
+        moments = middle_s + self._period_s * (np.arange(ROLLING_BANDS) + 0.5 - ROLLING_BANDS / 2) / ROLLING_BANDS
+        seen = [np.array_split(self._radiance(side, self._scene_at(at)), ROLLING_BANDS) for at in moments]
+        return np.concatenate([bands[k] for k, bands in enumerate(seen)])
 
     def _radiance(self, side: str, scene: SimulatedScene) -> Array32:
         """The radiance of one camera's image, computed again only after a motion."""

@@ -14,12 +14,14 @@ from daemon.arm import EyeName, RefusedError, said
 from daemon.arm.belief import BeliefSource
 from daemon.commands.camera_selection import cameras
 from daemon.commands.cycle_observer import CycleObserver
+from daemon.commands.maintaining import doctor
 from daemon.commands.moving import resume
 from daemon.commands.observing import look
 from daemon.commands.teaching import teach
 from daemon.console.interpreter import CommandError
 from daemon.events.pick_order import ALL, PickOrder
 from daemon.service import Service
+from drivers.simcell.camera import CameraFault
 from tests.fakes.fake_context import FakeFrontend
 from tests.fakes.simulated_cell import CONFIG
 from tests.fakes.simulated_hours import Hours, cell_in_time
@@ -335,3 +337,30 @@ async def _end(here: Hours) -> Any:
     here.cycle.supervisor.resume()
     here.cell.clear()
     return await here.cycle._one(ALL)
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [("auto_exposure", "automatic exposure overrides it"), ("autofocus", "autofocus that is not held"), (None, "")],
+)
+def test_a_camera_that_does_not_hold_exposure_or_focus_is_told_by_cameras_and_then_by_doctor(
+    fault: CameraFault | None, told: str
+) -> None:
+    async def story(here: Hours) -> None:
+        assert "note cameras: not tested whether they hold" in (await doctor.run(here.context, [], FakeFrontend())).text
+        here.cell.camera.set_fault("right", fault)
+        answer = await cameras.run(here.context, [], FakeFrontend())
+        findings = (await doctor.run(here.context, [], FakeFrontend())).text
+        assert "not tested whether" not in findings
+        if fault is None:
+            assert "Exposure and focus are held" in answer.text
+            return
+        for text in (answer.text, findings):
+            assert "right camera" in text
+            assert told in text
+            assert "left camera:" not in text
+        assert list(answer.data["not_held"]) == ["right"]
+        here.cell.camera.set_fault("right", None)
+        assert "Exposure and focus are held" in (await cameras.run(here.context, [], FakeFrontend())).text
+
+    lived(story)

@@ -128,6 +128,16 @@ def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatc
     assert "removes only old runs" in found.mend
 
 
+def test_what_a_camera_did_not_hold_is_to_correct_and_an_untested_camera_is_noted() -> None:
+    cameras = SimpleNamespace(describe=lambda: "two")
+    hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
+    assert "note cameras: not tested whether" in from_service(hardware, {}, None)[1].line()
+    found = from_service(hardware, {}, None, {"left": ["autofocus"]})
+    assert [(one.level, one.line()) for one in found[1:]] == [("bad", "BAD  left camera: autofocus")]
+    hardware.kind = "recorded"
+    assert len(from_service(hardware, {}, None)) == 1
+
+
 def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     hardware: Any = SimpleNamespace(
         clock=lambda: 50.0,
@@ -135,18 +145,18 @@ def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
         robot=SimpleNamespace(heard_s=47.0),
         where="/dev/facetd-arm",
     )
-    lines = [finding.line() for finding in from_service(hardware, {"disk": "disk: 12 MB free"}, None)]
+    lines = [finding.line() for finding in from_service(hardware, {"disk": "disk: 12 MB free"}, None, {})]
     assert lines == [
         "ok   cameras: two eyes at 30 Hz",
         "ok   controller: answered 3 s ago at /dev/facetd-arm",
         "BAD  disk: 12 MB free",
     ]
-    lines = [f.line() for f in from_service(hardware, {"cameras": "cameras: unplugged"}, "*Arm power off*")]
+    lines = [f.line() for f in from_service(hardware, {"cameras": "cameras: unplugged"}, "*Arm power off*", {})]
     assert [line[:20] for line in lines] == ["ok   controller: ans", "BAD  fault: *Arm pow", "BAD  cameras: unplug"]
     assert "switch arm power on" in lines[1], "`All is well` was said under a fault"
     assert "plug it in" in lines[2]
     hardware.robot.heard_s = None
-    assert [finding.what for finding in from_service(hardware, {}, None)] == ["cameras"]
+    assert [finding.what for finding in from_service(hardware, {}, None, {})] == ["cameras"]
 
 
 @pytest.mark.parametrize(

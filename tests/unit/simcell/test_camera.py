@@ -199,6 +199,24 @@ def test_a_longer_exposure_gathers_as_much_more_light_in_that_eye_within_what_a_
     assert pair.expose(1e-9, 1.0)[0] == pytest.approx(1 / 32)
 
 
+def test_a_rolling_shutter_shears_what_moves_and_nothing_else() -> None:
+    def shear_px(speed_mm_s: float) -> float:
+        """How much farther the cube's lower edges lie from a global shutter's than its upper ones."""
+        offs = []
+        for fault in (None, "rolling"):
+            pair, _ = pair_of(speed_mm_s)
+            pair.set_fault("left", fault)  # type: ignore[arg-type]
+            pixels = pair.grab(100.0, 1.0).left.pixels.astype(float)
+            bright = np.maximum(pixels - np.median(pixels) - 20, 0)
+            columns = np.arange(pixels.shape[1])
+            rows = np.flatnonzero(bright.sum(axis=1) > 500)
+            offs.append([float((bright[row] @ columns) / bright[row].sum()) for row in (rows[5], rows[-5])])
+        return (offs[1][1] - offs[0][1]) - (offs[1][0] - offs[0][0])
+
+    assert abs(shear_px(0.0)) < 0.5
+    assert abs(shear_px(800.0)) > 2.0
+
+
 @pytest.mark.parametrize("how", ["away", "frozen", "half"])
 def test_an_eye_fails_as_it_is_told_and_is_well_again(how: str) -> None:
     pair, clock = pair_of()
