@@ -81,6 +81,8 @@ class CommandQueue:
             self._start(_tell_dropped([(text, answered)], NOT_IN_BLOCK))
         elif not self.busy:
             self._begin(text, answered, block)
+        elif block is None and self.asking and self._interpreter.leaves_question(text):
+            self.beside(lambda: self._beside_question(text, answered))
         elif block is None and self._interpreter.at_once(text):
             self.beside(lambda: self._do(self._interpreted(text), answered))
             if self._interpreter.withdraws(text):
@@ -129,10 +131,12 @@ class CommandQueue:
         self._show_question(question)
 
     def answer(self, text: str) -> bool:
-        """Take a line as the answer to what is asked. False where nothing is asked, and for what takes the arm's leave
-        to move: it is no answer. Where nobody can have read the question, it was for the one before, and this one is
-        put again."""
+        """Take a line as the answer to what is asked. False where nothing is asked, and for what is no answer: it takes
+        the arm's leave to move, or runs beside the question. Where nobody can have read the question, it was for the
+        one before, and this one is put again."""
         if self._asked is None or self._asked.done() or self._interpreter.withdraws(text):
+            return False
+        if self._interpreter.leaves_question(text):
             return False
         if asyncio.get_running_loop().time() < self._read_s:
             self._put(f"{TOO_SOON}: {self._words}")
@@ -192,6 +196,13 @@ class CommandQueue:
 
     async def _do(self, work: Awaitable[CommandResult], answered: Answered) -> None:
         await answered(await work)
+
+    async def _beside_question(self, text: str, answered: Answered) -> None:
+        """Do a command while a question is open, and put the question again below what it shows."""
+        question = self._asked
+        await self._do(self._interpreted(text), answered)
+        if question is self._asked and self.asking:
+            self._put(self._words)
 
     async def _stopping(self, work: Awaitable[T], who: str) -> T:
         """The arm first; then what was asked is no longer asked, and what was typed ahead is dropped, and told so."""

@@ -313,7 +313,9 @@ class SocketFrontend:
             if self._interpreter.withdraws(message.answer):
                 self._queue.take(message.answer, self._stopped)
             elif message.id == self._queue.question:
-                self._queue.answer(printable(message.answer))
+                answer = printable(message.answer)
+                if not self._queue.answer(answer) and self._queue.asking:
+                    self._queue.take(answer, self._shown)
         elif isinstance(message.file, str) or isinstance(message.no_file, str):
             self._take_file(message.file, message.no_file, message.more)
         elif isinstance(message.keys, str):
@@ -366,6 +368,9 @@ class SocketFrontend:
 
     async def _stop(self) -> None:
         await self._send({"stopped": await self._queue.stop(f"{self.who}, {self.name}")})
+
+    async def _shown(self, answer: CommandResult) -> None:
+        await self.say(answer.text)
 
     async def _stopped(self, answer: CommandResult) -> None:
         await self._send({"stopped": answer.text})

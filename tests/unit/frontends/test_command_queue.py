@@ -180,7 +180,7 @@ def test_whoever_disables_answers_no_question_and_it_is_not_asked_any_more(text:
     play(script)
 
 
-@pytest.mark.parametrize("text", ["disable now", "di", "status", "yes"])
+@pytest.mark.parametrize("text", ["disable now", "di", "resume", "yes"])
 def test_what_takes_nothing_away_is_an_answer(text: str) -> None:
     async def script(operator: Operator) -> None:
         operator.types("ask sure?")
@@ -219,6 +219,41 @@ def test_two_questions_are_put_one_after_the_other_and_each_gets_its_own_answer(
         await a_moment()
 
     assert play(script).answers == ["first?: 'y'", "second?: 'n'"]
+
+
+def test_status_at_a_question_is_shown_and_the_question_put_again_below_it() -> None:
+    async def script(operator: Operator) -> None:
+        operator.types("ask sure?")
+        await a_moment()
+        operator.types("status", "stat")
+        await a_moment()
+        assert operator.answers == ["now", "now"]
+        assert operator.shown == ["sure?", "sure?", "sure?"]
+        assert operator.turns.asking
+        operator.types("y")
+        await a_moment()
+
+    operator = play(script)
+    assert operator.answers[2:] == ["sure?: 'y'"]
+
+
+def test_what_decides_the_question_that_is_open_is_not_followed_by_that_question() -> None:
+    """As `confirm` does with a move that waits; y and n stay answers, though they are that command's other names."""
+
+    async def script(operator: Operator) -> None:
+        async def confirm(*_: Any) -> CommandResult:
+            operator.turns._unasked()
+            return CommandResult("confirmed")
+
+        commands = operator.turns._interpreter.commands
+        commands["confirm"] = ConsoleCommand("confirm", "confirm", "", confirm, "move", at_once=True)
+        operator.types("ask send?")
+        await a_moment()
+        operator.types("confirm")
+        await a_moment()
+        assert operator.shown == ["send?", None]
+
+    assert sorted(play(script).answers) == ["confirmed", "send?: ''"]
 
 
 def test_who_has_left_is_asked_nothing_and_what_they_typed_ahead_is_not_done() -> None:

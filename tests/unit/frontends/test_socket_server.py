@@ -161,6 +161,29 @@ def test_an_answer_that_does_not_say_to_which_question_answers_none(tmp_path: Pa
     assert answers[2]["done"]["status"] != 0
 
 
+def test_a_command_that_leaves_a_question_is_done_there_and_the_question_put_again(tmp_path: Path) -> None:
+    """With its number: what was typed before this question was shown confirms nothing either."""
+
+    def use(path: Path) -> list[dict[str, Any]]:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line, line.makefile("rwb") as file:
+            line.connect(str(path))
+            file.write(b'{"do": "forget cube", "asks": true}\n')
+            file.flush()
+            heard = [json.loads(file.readline())]
+            number = heard[0]["id"]
+            file.write(b'{"answer": "status"}\n' + json.dumps({"answer": "status", "id": number}).encode() + b"\n")
+            file.flush()
+            heard += [json.loads(file.readline()) for _ in range(2)]
+            file.write(json.dumps({"answer": "n", "id": heard[-1]["id"]}).encode() + b"\n")
+            file.flush()
+            return [*heard, *(json.loads(file.readline()) for _ in range(2))]
+
+    heard, _ = with_socket(tmp_path / "s", use)
+    assert [next(iter(message)) for message in heard] == ["ask", "say", "ask", "unasked", "done"]
+    assert heard[2]["ask"] == heard[0]["ask"]
+    assert "picked" in heard[1]["say"]
+
+
 @pytest.mark.parametrize(
     "line",
     [b"status\n", b"[]\n", b"{}\n", b'{"do": "status"\n', b"\xff\xfe\n", b'{"do": {"a": 1}}\n', b'{"answer": "y"}\n'],
