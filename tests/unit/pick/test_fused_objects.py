@@ -195,6 +195,18 @@ def test_one_look_alone_is_what_it_is(recogniser: ModelRecogniser) -> None:
     assert known([as_look((), np.eye(4))] * 2, recogniser, Doubt()) == []
 
 
+def test_where_looks_cannot_be_fused_what_each_says_by_itself_stands(
+    recogniser: ModelRecogniser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_no_extent(*_: object) -> Fused:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(fused_objects, "fuse", of_no_extent)
+    named, nameless = look_from(recogniser, 135, 40), look_from(recogniser, 0, 3, 1)
+    assert labels([named, nameless], recogniser) == ["block", "unknown"]
+    assert labels([nameless, named], recogniser) == ["block"], "what has no name is the newest look's"
+
+
 def test_a_named_part_hides_by_all_its_faces_and_another_by_what_was_seen(recogniser: ModelRecogniser) -> None:
     named, nameless = (known([look_from(recogniser, *way)], recogniser, Doubt())[0] for way in ((135, 40), (0, 3)))
     assert (len(outlines_of(named, recogniser)), len(outlines_of(nameless, recogniser))) == (6, 1)

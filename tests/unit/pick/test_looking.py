@@ -3,13 +3,16 @@
 import asyncio
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from daemon import frames
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
 from daemon.events.codes import BY_MEASURE
+from daemon.pick import looking
 from daemon.pick.looking import (
     Expected,
     MisleadingImagesError,
@@ -102,3 +105,27 @@ def test_every_measure_of_a_look_is_logged_and_what_is_out_of_order_in_words():
     health = world.said("look")[-1]["health"]
     assert (health["darkness_left"], health["darkness_right"]) == (80.0, 12.0)
     assert health["findings"] == {"darkness right": str(bad)}
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["another pair", "the same recorded pair"])
+def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_called_frozen(
+    again: bool, monkeypatch: pytest.MonkeyPatch
+):
+    images, before = (np.zeros((4, 4)), np.ones((4, 4))), (np.zeros((4, 4)), np.ones((4, 4)))
+    earlier = images if again else before
+    pictures = SimpleNamespace(left=SimpleNamespace(pixels=earlier[0]), right=SimpleNamespace(pixels=earlier[1]))
+    held_against = []
+
+    def examine(_, than, *__, **___):
+        held_against.append(than)
+        return (Finding("frozen", "left", 3.0, than is None),)
+
+    monkeypatch.setattr(looking, "examine", examine)
+    monkeypatch.setattr(looking, "misleading", lambda health: [one for one in health if not one.good])
+    one = SimpleNamespace(before=pictures, images=images, rig=rig())
+    if again:
+        assert [finding.good for finding in looking._health(one)] == [True]
+    else:
+        with pytest.raises(MisleadingImagesError, match="left"):
+            looking._health(one)
+    assert (held_against[0] is None) is again

@@ -3,16 +3,19 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.events.codes import CauseCode
 from daemon.pick import plan as planning
 from daemon.pick.grasp import in_the_way
 from daemon.pick.placing import goal_of
 from daemon.pick.plan import HEADINGS_DEG, NoPlan, last_stretch, plan_from_side, plan_part, regrasp, stable_sides
 from daemon.pick.settings import Settings
 from daemon.store.place_file import Manner, Place
+from daemon.vision.geometry import exact
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
 
@@ -104,3 +107,31 @@ def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_a
     none = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, nowhere)
     assert (none.found, none.grasp) == (0, "")
     assert "can set it down at nest" in none.why
+
+
+def test_a_part_whose_corners_span_no_volume_has_no_grasp():
+    flat = shape_of("cube").corners_mm * [1.0, 1.0, 0.0]
+    none = plan_part(exact(flat, []), lying("cube", 0), [], Settings(), ON_HAND, lambda _: True)
+    assert isinstance(none, NoPlan)
+    assert (none.code, none.why.partition(":")[0]) == ("no_grasp", "taught corners give no solid to grasp")
+
+
+def test_a_part_wider_than_the_gripper_opens_has_no_grasp_and_the_gripper_says_why():
+    narrow = msgspec.structs.replace(Settings().gripper, opening_mm=20.0)
+    settings = replace(Settings(), gripper=narrow)
+    none = plan_part(shape_of("cube"), lying("cube", 0), [], settings, ON_HAND, lambda _: True)
+    assert none == NoPlan(CauseCode.NO_GRASP, "no grasp holds it as it lies")
+
+
+def test_a_part_that_was_looked_for_from_every_side_is_looked_for_no_more():
+    around = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    away = [
+        300.0 * np.array([np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)])
+        for turn in around
+        for up in np.radians([15.0, 30.0, 45.0, 60.0, 75.0, 90.0])
+    ]
+    shape, pose = shape_of("cube"), lying("cube", 0)
+    none = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True, unseen_from=away)
+    assert none == NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
+    one = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True, unseen_from=away[:1])
+    assert not isinstance(one, NoPlan)

@@ -12,7 +12,7 @@ from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditio
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, Interleaved, NoAnswer, Preempted, ProcessorHalted
 from drivers.val2.owed import OwedAnswers
-from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, is_halted
+from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Text, is_halted
 from tests.fakes.in_time import lived
 
 TABLE = b"X Y Z O A T\r\n1 2 3 4 5 6\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 3 4 5 6\r\n"
@@ -403,3 +403,15 @@ def test_whoever_waits_for_a_conversation_that_was_ended_is_told_so_each_time() 
         return line.loop.time() - began_s
 
     assert lived(story()) == 0.0
+
+
+@pytest.mark.parametrize(("line_end", "ours"), [(b"\r", 0), (b"\r\n", 1)])
+def test_a_prompt_more_is_our_own_only_where_our_line_end_is_two_characters(line_end: bytes, ours: int) -> None:
+    async def story() -> None:
+        line = Line({}, line_end=line_end)
+        prompt, typed = Prompt(b"."), Text(b"SPEED 100\r\n", "SPEED 100")
+        assert line.talk.others_of([prompt]) == ["a prompt"] * (1 - ours)
+        assert line.talk.others_of([prompt, prompt]) == ["a prompt"] * (2 - ours)
+        assert line.talk.others_of([typed, prompt]) == ["SPEED 100", "a prompt"]
+
+    lived(story())
