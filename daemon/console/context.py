@@ -23,7 +23,7 @@ from daemon.config import Config
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.console.phrases import plural
 from daemon.errors import FacetdError
-from daemon.events.outcomes import BROUGHT, Outcome
+from daemon.events.outcomes import Outcome
 from daemon.events.pick_order import ALL, PickOrder, auto_record
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
@@ -135,7 +135,7 @@ class CommandContext:
             reason = "stopped before the first pick"
         else:
             reason = f"the last one ended as {outcome}" + (f": {why}" if why else "")
-        lacking = self._begun.missing(Counter(end.label for end in ends if end.label and end.outcome in BROUGHT))
+        lacking = self._begun.missing(Counter(end.label for end in ends if end.label and end.brought))
         still = ", ".join(f"{count} {label}" for label, count in lacking.items())
         return f"{plural(picked, 'part')} picked; {reason}." + (f" Still missing: {still}." if still else "")
 

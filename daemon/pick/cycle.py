@@ -40,7 +40,7 @@ from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looking import Look
-from daemon.pick.outcome import CycleEnd, Observer, Skipped, tell
+from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
 from daemon.pick.placing import Goal, PlaceTable
 from daemon.pick.plan import SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
@@ -378,9 +378,6 @@ class PickCycle:
         if event is PickEvent.PAUSE:
             self._held = self.state
         before, self.state = self.state, then
-        if event in (PickEvent.BINNED, PickEvent.SET_DOWN) and self.pick_order is not None:
-            target = None if self._world is None else self._world.target
-            self.pick_order = self.pick_order.brought(None if target is None else target.label)
         if event is not PickEvent.PAUSE:
             self._held = then
         if (before, then) != (PickState.IDLE, PickState.IDLE):
@@ -520,7 +517,7 @@ class PickCycle:
 
     def _seconds_left(self) -> float | None:
         """How long what is left of auto will take: as each of the last parts took (s). None: nobody knows."""
-        took = [end.seconds for end in islice(reversed(self.ends), LATEST) if end.outcome in BROUGHT]
+        took = [end.seconds for end in islice(reversed(self.ends), LATEST) if end.brought]
         count = None if self.pick_order is None else self.pick_order.count
         return None if count is None or not took else count * statistics.median(took)
 
@@ -536,7 +533,7 @@ class PickCycle:
                     break
                 ends.append(await self._one(self.pick_order))
                 every_s = self.pick_order.every_s
-                if ends[-1].outcome in BROUGHT and not await self._line_told():
+                if ends[-1].brought and not await self._line_told():
                     break
                 if self._auto and ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
                     return list(ends)
@@ -595,17 +592,16 @@ class PickCycle:
             await self._through(context, world)
         except asyncio.CancelledError:
             by_error = supervisor.fault is not None and supervisor.ended_by is Interruption.ERROR
-            world.outcome = Outcome.FAULT if by_error else Outcome.ABORTED
-            world.why = supervisor.fault or "aborted"
-            world.code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
+            outcome = Outcome.FAULT if by_error else Outcome.ABORTED
+            code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
+            world.result = PickResult(outcome, supervisor.fault or "aborted", code)
         except OperatorRefusedError as error:
-            world.outcome, world.why, world.code = Outcome.ABORTED, str(error), CauseCode.OPERATOR_NO
-            await self._stop_arm(Interruption.ABORT, world.why, None)
+            world.result = PickResult(Outcome.ABORTED, str(error), CauseCode.OPERATOR_NO)
+            await self._stop_arm(Interruption.ABORT, str(error), None)
         except Exception as error:
-            world.outcome, world.why = Outcome.FAULT, f"{type(error).__name__}: {error}"
-            cause = cause_of(error)
-            world.code = cause.code
-            await self._stop_arm(Interruption.ERROR, world.why, world.why, cause)
+            why, cause = f"{type(error).__name__}: {error}", cause_of(error)
+            world.result = PickResult(Outcome.FAULT, why, cause.code)
+            await self._stop_arm(Interruption.ERROR, why, why, cause)
         end = self._ended(world, before, started_s)
         self._world = None
         tell(self.observer, end)
@@ -621,7 +617,7 @@ class PickCycle:
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         await self.set_out()
         if self.belief.holds_part:
-            world.outcome, world.why = Outcome.EMPTIED, "put down what was in the hand"
+            world.result = PickResult(Outcome.EMPTIED, "put down what was in the hand", None)
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
         if self.belief.empty_unproven:
             await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
@@ -629,16 +625,25 @@ class PickCycle:
             event = await HANDLERS[self.state](context, world)
             if event in (PickEvent.GONE, PickEvent.MEASURED):
                 self.beliefs.learn(BeliefSource.OBSERVED, holding=True)
+            if event in (PickEvent.BINNED, PickEvent.SET_DOWN):
+                self._brought(world)
             self._enter(event)
+
+    def _brought(self, world: WorldModel) -> None:
+        """What was in the gripper was let go where it was to go: auto has less to bring."""
+        label = None if world.target is None else world.target.label
+        world.brought = label is not None
+        if self.pick_order is not None:
+            self.pick_order = self.pick_order.brought(label)
 
     def _ended(self, world: WorldModel, before: int, started_s: float) -> CycleEnd:
         target = world.target or world.last_target
         estimate = None if target is None else target.estimate
         end = CycleEnd(
             cycle=self._cycles,
-            outcome=world.outcome,
+            outcome=world.result.outcome,
             label=None if target is None else target.label,
-            why=world.why,
+            why=world.result.why,
             stops=0 if target is None else target.looks,
             seconds=self.cell.clock() - started_s,
             predicted_mm=None if estimate is None else estimate.predicted_mm,
@@ -646,6 +651,7 @@ class PickCycle:
             grasp=None if target is None else target.plan.grasp.world_from_tool,
             skipped=tuple(self.skipped[before:]),
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
+            brought=world.brought,
             place=world.set_down_at,
         )
         self.ends.append(end)
@@ -654,7 +660,7 @@ class PickCycle:
             "cycle_end",
             cycle=end.cycle,
             outcome=end.outcome,
-            code=world.code,
+            code=world.result.code,
             label=end.label,
             stops=end.stops,
             why=end.why,

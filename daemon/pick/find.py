@@ -26,6 +26,7 @@ from daemon.pick.next_view import (
     places_round,
     strange,
 )
+from daemon.pick.outcome import PickResult
 from daemon.pick.placing import deviation
 from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
@@ -79,7 +80,7 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
             await _settle_question(context, world)
             return PickEvent.SEEN
     await _settle_question(context, world)
-    if not world.found and world.outcome is Outcome.EMPTY:
+    if not world.found and world.result.outcome is Outcome.EMPTY:
         _tell_outlines(world)
     return PickEvent.SEEN if world.left(context) else PickEvent.NOTHING
 
@@ -89,10 +90,10 @@ def _tell_outlines(world: WorldModel) -> None:
     are not those of a pattern."""
     odd = [seen for seen in world.looks if all(outlines(seen.scene.view))]
     if odd and all(cause_of_nothing(seen.taken.images) is Cause.PATTERNED for seen in odd):
-        world.why = "no part shows on the patterned table"
+        world.result = PickResult(Outcome.EMPTY, "no part shows on the patterned table", None)
     elif odd:
-        world.outcome, world.code = Outcome.UNKNOWN, CauseCode.UNMATCHED_OUTLINES
-        world.why = "outlines in both images, but no facet: light, focus, a knocked camera?"
+        why = "outlines in both images, but no facet: light, focus, a knocked camera?"
+        world.result = PickResult(Outcome.UNKNOWN, why, CauseCode.UNMATCHED_OUTLINES)
 
 
 async def _settle_question(context: PickContext, world: WorldModel) -> None:
@@ -136,7 +137,7 @@ async def choose(
     world.target = None
     given_up = world.too_long(context)
     if given_up is not None:
-        world.outcome, world.why, world.code = Outcome.UNSURE, given_up, DecisionCode.GIVEN_UP
+        world.result = PickResult(Outcome.UNSURE, given_up, DecisionCode.GIVEN_UP)
         context.decide("give up", given_up, DecisionCode.GIVEN_UP)
         return PickEvent.NONE_LEFT
     for part in world.left(context):

@@ -6,8 +6,23 @@ from enum import StrEnum
 from typing import Protocol
 
 from daemon.arrays import Array
+from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick.looking import Look
+
+
+@dataclass(frozen=True)
+class PickResult:
+    """What a pick has come to: its outcome, why in words, and the code of what caused it; None where nothing did that a
+    person would look for."""
+
+    outcome: Outcome
+    why: str
+    code: CauseCode | DecisionCode | None
+
+
+NOTHING_THERE = PickResult(Outcome.EMPTY, "nothing on the table that can be picked", None)
+"""Of a pick that has found nothing yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +38,9 @@ class Skipped:
 @dataclass(frozen=True, eq=False)
 class CycleEnd:
     """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
-    corners: (N, 3) world mm, where the part's corners were estimated to be; place: where it was set down, None: not at
-    a place."""
+    corners: (N, 3) world mm, where the part's corners were estimated to be; brought: whether the part that
+    was grasped was let go over the bin or at its place, and not lost before; place: where it was set down, None: not
+    at a place."""
 
     cycle: int
     outcome: Outcome
@@ -37,6 +53,7 @@ class CycleEnd:
     grasp: Array | None
     skipped: tuple[Skipped, ...]
     corners: Array | None
+    brought: bool
     place: str | None = None
 
 
@@ -48,18 +65,18 @@ class InGripper(StrEnum):
     UNCLEAR = "unclear"
 
 
-def released(label: str, above: InGripper, opened: InGripper) -> tuple[Outcome, str]:
-    """How a pick ends whose gripper opened above the bin, and why. above, opened: what it showed before, and after."""
+def released(label: str, above: InGripper, opened: InGripper) -> PickResult:
+    """How a pick ends whose gripper opened above the bin. above, opened: what it showed before, and after."""
+    if opened is not InGripper.PART and above is InGripper.PART:
+        why = f"{label} showed in the gripper above the bin, and no longer once it had opened"
+        return PickResult(Outcome.PICKED, why, None)
     if opened is InGripper.PART:
-        return Outcome.RELEASED, f"{label} still shows in the gripper after it opened above the bin"
-    if above is InGripper.PART:
-        return Outcome.PICKED, f"{label} showed in the gripper above the bin, and no longer once it had opened"
-    if above is InGripper.EMPTY:
-        return Outcome.RELEASED, f"the gripper came to the bin empty: {label} fell on the way"
-    return (
-        Outcome.RELEASED,
-        f"{label} did not show in the gripper above the bin, so that nothing proves that it fell in",
-    )
+        why = f"{label} still shows in the gripper after it opened above the bin"
+    elif above is InGripper.EMPTY:
+        why = f"the gripper came to the bin empty: {label} fell on the way"
+    else:
+        why = f"{label} did not show in the gripper above the bin, so that nothing proves that it fell in"
+    return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 
 class Observer(Protocol):

@@ -4,7 +4,7 @@ The status of the place is on the disk before anything follows from it (daemon/s
 the part is carried there, set before the gripper opens, and what the look showed before the pick goes on.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,6 +26,7 @@ from daemon.events.outcomes import Outcome
 from daemon.pick.following import Target, at_place, held_by_edges, held_pose, in_hand, mount_of, sighted
 from daemon.pick.looking import Expected, Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
+from daemon.pick.outcome import PickResult
 from daemon.pick.placing import Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
@@ -39,6 +40,11 @@ LOWER_PCT = 10.0
 """Monitor speed of the last straight stretch, %: what the part touches there, it touches slowly."""
 MOST_LOOKS = 3
 """At a place; the last one decides."""
+BY_LOOK: Mapping[PlaceStatus, tuple[Outcome, CauseCode | None]] = {
+    PlaceStatus.RIGHT: (Outcome.PICKED, None),
+    PlaceStatus.OFF: (Outcome.OFF, CauseCode.OFF_PLACE),
+}
+"""How a pick ends by what the look at the place shows, and what causes that; released where it shows anything else."""
 SIGMAS = 3.0
 """A height that is off by more than so many predicted errors is no error of the looks."""
 
@@ -97,7 +103,7 @@ async def set_down(
         context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
         return PickEvent.UNREACHABLE
     if mover.dry:
-        world.outcome, world.why = Outcome.DRY, f"{target.label} would be set down at place {name} now"
+        world.result = PickResult(Outcome.DRY, f"{target.label} would be set down at place {name} now", None)
         return PickEvent.DRY
     await mover.still_there(f"the gripper is to open at place {name}")
     _note(context, goal, PlaceStatus.SET)
@@ -132,16 +138,11 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
     assert target.way is not None
     goal = target.way.goal
     await travel(context, world, target.way.look, f"look at place {goal.place.name}")
-    seen, code = await _judge(context, world, goal, PlaceStatus.MISSING), None
-    match seen:
-        case PlaceStatus.RIGHT:
-            world.outcome, code = Outcome.PICKED, DecisionCode.PICKED
-        case PlaceStatus.OFF:
-            world.outcome, world.code = Outcome.OFF, CauseCode.OFF_PLACE
-        case _:
-            world.outcome, world.code = Outcome.RELEASED, CauseCode.NOT_AT_PLACE
-    world.why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
-    context.decide(world.outcome, world.why, code or world.code or DecisionCode.PICKED, label=target.label)
+    seen = await _judge(context, world, goal, PlaceStatus.MISSING)
+    outcome, code = BY_LOOK.get(seen, (Outcome.RELEASED, CauseCode.NOT_AT_PLACE))
+    why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
+    world.result = PickResult(outcome, why, code)
+    context.decide(outcome, why, code or DecisionCode.PICKED, label=target.label)
     return PickEvent.SEEN
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from daemon import frames
 from daemon.arm import BeliefSource, carried_part
-from daemon.events.codes import CauseCode, DecisionCode
+from daemon.events.codes import DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick.following import (
     CameraMount,
@@ -19,7 +19,7 @@ from daemon.pick.following import (
     still_there,
 )
 from daemon.pick.looking import Look, Taken
-from daemon.pick.outcome import InGripper, released
+from daemon.pick.outcome import InGripper, PickResult, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
@@ -52,7 +52,7 @@ async def final(
         await unreachable(context, world, error)
         return PickEvent.UNREACHABLE
     if context.mover.dry:
-        world.outcome, world.why = Outcome.DRY, f"{target.label} would be grasped now"
+        world.result = PickResult(Outcome.DRY, f"{target.label} would be grasped now", None)
         return PickEvent.DRY
     return PickEvent.THERE
 
@@ -95,25 +95,26 @@ async def verify(
     sensor = await sensed(context, "lifted")
     ask_where_they_differ(context, contradiction(target.label, sensor, shown, failed is None))
     if failed is None:
-        world.outcome, world.why = Outcome.RELEASED, f"{target.label} {shown}"
+        why = f"{target.label} {shown}"
+        world.result = PickResult(Outcome.RELEASED, why, None)
         if target.way is not None:
             target.held = await measure(context, target, seen.taken)
             if target.held is not None:
                 text = f"bring it to place {target.way.goal.place.name}"
-                context.decide(text, world.why, DecisionCode.IN_GRIPPER, label=target.label)
+                context.decide(text, why, DecisionCode.IN_GRIPPER, label=target.label)
                 return PickEvent.MEASURED
-            why = f"{world.why}; its edges there do not say how it is held"
+            why = f"{why}; its edges there do not say how it is held"
             context.decide("bring it to the bin, not to its place", why, DecisionCode.NOT_MEASURED, label=target.label)
             return PickEvent.GONE
-        context.decide("bring it to the bin", world.why, DecisionCode.IN_GRIPPER, label=target.label)
+        context.decide("bring it to the bin", why, DecisionCode.IN_GRIPPER, label=target.label)
         return PickEvent.GONE
     world.failures += 1
-    words, world.code = failed
-    world.outcome, world.why = Outcome.MISSED, f"{target.label} {words}"
-    why = f"{world.why}; the hand opens over the bin, as this look may err"
-    context.decide("missed", why, world.code, label=target.label)
+    words, code = failed
+    world.result = PickResult(Outcome.MISSED, f"{target.label} {words}", code)
+    why = f"{world.result.why}; the hand opens over the bin, as this look may err"
+    context.decide("missed", why, code, label=target.label)
     if world.failures >= context.settings.tries:
-        skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", world.code)
+        skip(context, world, Outcome.MISSED, target, f"{words} after {world.failures} tries", code)
     await let_go(context, world)
     return PickEvent.MISSED
 
@@ -154,7 +155,7 @@ async def over_bin(
     before, lost = await gripper_pair(context, target), await sensed(context, "over the bin") is False
     await _open_gripper(context)
     if context.mover.dry:
-        world.outcome, world.why = Outcome.DRY, "what is in the hand would be put down now"
+        world.result = PickResult(Outcome.DRY, "what is in the hand would be put down now", None)
         return PickEvent.DRY
     sensor = await sensed(context, "let go")
     if target is None:
@@ -168,11 +169,9 @@ async def over_bin(
     if lost and above is InGripper.PART:
         ask_where_they_differ(context, contradiction(target.label, False, "was in it above the bin", True))
     above = InGripper.EMPTY if lost else above
-    world.outcome, world.why = released(target.label, above, opened)
+    world.result = result = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
-    code = CauseCode.RELEASE_UNCONFIRMED if world.outcome is Outcome.RELEASED else DecisionCode.PICKED
-    world.code = None if world.outcome is Outcome.PICKED else code
-    context.decide(world.outcome, world.why, code, label=target.label)
+    context.decide(result.outcome, result.why, result.code or DecisionCode.PICKED, label=target.label)
     if opened is InGripper.PART:
         context.mover.beliefs.learn(BeliefSource.OBSERVED, holding=True)
         return PickEvent.STILL_HELD
@@ -212,6 +211,6 @@ async def _open_gripper(context: PickContext) -> None:
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
     world.target = None
-    if context.order.count == 1 or world.outcome not in BROUGHT:
+    if context.order.count == 1 or world.result.outcome not in BROUGHT:
         await travel(context, world, context.settings.home.pose(), "home")
     return PickEvent.THERE

@@ -30,7 +30,7 @@ from daemon.pick.looking import (
     taken_here,
     whole_look,
 )
-from daemon.pick.outcome import Observer, Skipped, tell
+from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, tell
 from daemon.pick.placing import PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
@@ -173,7 +173,8 @@ class WorldModel:
     doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
     the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
     next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often;
-    set_down_at: the place at which the gripper was to open.
+    set_down_at: the place at which the gripper was to open; result: what the pick has come to so far; brought: whether
+    the part was let go over the bin or at its place.
     All in world, mm.
     """
 
@@ -198,10 +199,8 @@ class WorldModel:
     again: tuple[int, int] = (0, 0)
     odd: Counter[str] = field(default_factory=Counter)
     set_down_at: str | None = None
-    outcome: Outcome = Outcome.EMPTY
-    why: str = "nothing on the table that can be picked"
-    code: CauseCode | DecisionCode | None = None
-    """What the outcome is caused by."""
+    result: PickResult = NOTHING_THERE
+    brought: bool = False
 
     def the_target(self) -> Target:
         """The target, where a state has one."""
@@ -264,7 +263,7 @@ def skip(
     """Leave a part alone from now on."""
     seen_at = part.seen_at if isinstance(part, Target) and part.seen_at is not None else part.centre
     world.skipped.append(Skipped(part.label, seen_at, outcome, why))
-    world.outcome, world.why, world.code = outcome, f"{part.label}: {why}", code
+    world.result = PickResult(outcome, f"{part.label}: {why}", code)
     context.decide(f"skip {part.label}", f"{outcome}: {why}", code, label=part.label)
 
 

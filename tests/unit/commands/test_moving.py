@@ -9,7 +9,7 @@ from daemon.pick.outcome import CycleEnd, Outcome
 
 
 def end(outcome: Outcome, label: str | None, why: str, stops: int) -> CycleEnd:
-    return CycleEnd(1, outcome, label, why, stops, 18.0, None, None, None, (), None)
+    return CycleEnd(1, outcome, label, why, stops, 18.0, None, None, None, (), None, brought=False)
 
 
 def test_a_pick_that_approached_nothing_does_not_count_the_looks_of_its_approach() -> None:

@@ -16,6 +16,7 @@ from daemon.commands.moving import tell_end
 from daemon.commands.step_mode import tell_what_waits, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
+from daemon.events.outcomes import BROUGHT
 from daemon.events.pick_order import PickOrder
 from tests.fakes.waiting import until_so
 
@@ -108,6 +109,7 @@ def test_who_stops_is_answered_and_not_told_the_same_once_more() -> None:
 def end(outcome: str) -> Any:
     return SimpleNamespace(
         outcome=outcome,
+        brought=outcome in BROUGHT,
         label="cube",
         stops=3,
         seconds=12.0,

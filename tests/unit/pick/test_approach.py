@@ -26,7 +26,7 @@ def test_a_part_whose_stop_turns_out_of_reach_is_skipped():
     (skipped,) = world.skipped
     assert (skipped.label, skipped.outcome) == ("cube", "unreachable")
     assert "cannot reach" in skipped.why
-    assert world.outcome == "unreachable"
+    assert world.result.outcome == "unreachable"
 
 
 def test_a_stop_out_of_reach_once_the_part_was_seen_nearer_is_planned_again_from_that_look():
@@ -100,7 +100,7 @@ def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after
         assert step(context, world, PickState.LOOKING) is PickEvent.ELSEWHERE
     assert len(world.sides_unseen(world.the_target().centre)) == context.settings.views_of_doubtful
     assert step(context, world, PickState.LOOKING) is PickEvent.LOST
-    assert "not seen where it was" in world.why
+    assert "not seen where it was" in world.result.why
 
 
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):

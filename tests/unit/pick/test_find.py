@@ -8,6 +8,7 @@ from daemon.events.codes import CauseCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import find
 from daemon.pick.find import MOST_OLD
+from daemon.pick.outcome import PickResult
 from daemon.pick.plan import NoPlan
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError
@@ -116,8 +117,8 @@ def test_outlines_that_make_no_facet_are_told_only_of_a_table_on_which_nothing_w
     if not lies_there:
         fake.lying.clear()
     context, world = begun(fake)
-    world.outcome = before
+    world.result = PickResult(before, "so far", None)
     monkeypatch.setattr(find, "outlines", lambda view: (1, 1))
     monkeypatch.setattr(find, "cause_of_nothing", lambda images: None)
     step(context, world, PickState.SURVEY)
-    assert world.outcome is after
+    assert world.result.outcome is after

@@ -71,10 +71,10 @@ def test_other_settings_and_another_calibration_are_those_of_the_next_job() -> N
 def test_what_is_left_takes_as_long_as_each_of_the_last_parts_that_were_brought_took() -> None:
     cycle = cycle_of(one_part())
     assert cycle.status()["left_s"] is None
-    end = CycleEnd(1, Outcome.PICKED, "cube", "", 1, 10.0, None, None, None, (), None)
+    end = CycleEnd(1, Outcome.PICKED, "cube", "", 1, 10.0, None, None, None, (), None, brought=True)
     for seconds in range(1, 2 * LATEST + 1):
         cycle.ends.append(replace(end, seconds=float(seconds)))
-        cycle.ends.append(replace(end, outcome=Outcome.MISSED, seconds=500.0))
+        cycle.ends.append(replace(end, outcome=Outcome.MISSED, brought=False, seconds=500.0))
     cycle.pick_order = PickOrder(3)
     assert cycle.status()["left_s"] == 3 * (1.75 * LATEST + 0.5)
     cycle.pick_order = PickOrder(None)

@@ -94,7 +94,8 @@ def test_an_observer_that_finds_the_arm_must_stop_asks_the_supervisor_to(code):
 @pytest.mark.parametrize("opened", list(InGripper))
 @pytest.mark.parametrize("above", list(InGripper))
 def test_a_part_is_picked_only_where_it_showed_above_the_bin_and_no_longer_after(above, opened):
-    outcome, why = released("cube", above, opened)
+    result = released("cube", above, opened)
     picked = above is InGripper.PART and opened is not InGripper.PART
-    assert outcome is (Outcome.PICKED if picked else Outcome.RELEASED)
-    assert "cube" in why
+    assert result.outcome is (Outcome.PICKED if picked else Outcome.RELEASED)
+    assert result.code == (None if picked else "release_unconfirmed")
+    assert "cube" in result.why

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from daemon.pick.sensing import MORE_DWELLS, contradiction
 from daemon.pick.settings import Settings
@@ -114,9 +115,29 @@ def test_a_part_that_is_lost_on_the_way_to_the_bin_is_told_by_the_sensor() -> No
 
     fake.before = lost
     end, cycle = picked(fake, lambda: fake.held is not None)
-    assert end.outcome == "released"
+    assert (end.outcome, end.brought) == ("released", False)
     assert "came to the bin empty" in end.why
     assert cycle.belief.holds_part is False
+
+
+def test_the_line_hears_of_parts_that_were_brought_and_of_none_that_fell_on_the_way() -> None:
+    fake = one_part()
+    cycle = wired(cycle_of(fake), lambda: fake.held is not None)
+    told: list[str] = []
+
+    async def brought() -> None:
+        told.append(cycle.ends[-1].why)
+
+    cycle.line.brought = brought  # type: ignore[method-assign]
+
+    def lost(act: str) -> None:
+        if act == "move" and [r["purpose"] for r in fake.said("move")][-1] == "bin":
+            fake.held = None
+
+    fake.before = lost
+    asyncio.run(cycle.auto(PickOrder(1)))
+    assert [end.why for end in cycle.ends if "fell on the way" in end.why]
+    assert told == [end.why for end in cycle.ends if end.brought] == []
 
 
 def test_a_part_that_is_lost_on_the_way_to_its_place_is_told_and_the_place_is_free(tmp_path: Path) -> None:

@@ -107,6 +107,15 @@ def test_a_part_goes_to_its_place_and_not_to_the_bin(tmp_path: Path) -> None:
     assert ("back from place nest", "straight", 10.0) in moves
 
 
+def test_what_went_wrong_before_is_not_the_cause_of_an_end_that_is_right(tmp_path: Path) -> None:
+    story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0),))
+    story.fake.slippery = 1
+    end = story.pick()
+    assert [r["text"] for r in story.fake.said("decision")].count("missed") == 1
+    assert (end.outcome, story.status()) == ("picked", PlaceStatus.RIGHT), end.why
+    assert story.fake.said("cycle_end")[-1]["code"] is None
+
+
 def test_a_part_that_lies_off_its_place_is_told_with_how_far(tmp_path: Path) -> None:
     story = Story(tmp_path, off_mm=12.0)
     end = story.pick()

@@ -115,7 +115,7 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     monkeypatch.setattr(take, "in_hand", lambda *_: False)
     event = step(context, world, PickState.VERIFY)
     assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
-    assert world.outcome == ("missed" if empty else "released"), "nobody has seen it above the bin yet"
+    assert world.result.outcome == ("missed" if empty else "released"), "nobody has seen it above the bin yet"
     assert fake.closed is not empty, "a hand that missed is opened"
     if empty:
         assert np.allclose(fake.at, context.settings.bin.pose(), atol=0.1), "over the bin, as a look may err"
@@ -130,7 +130,7 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
         monkeypatch.setattr(take, denial, lambda *_: True)
     monkeypatch.setattr(take, "in_hand", lambda *_: True)
     assert step(context, world, PickState.VERIFY) is PickEvent.GONE
-    assert world.outcome == "released", "nobody has seen it above the bin yet"
+    assert world.result.outcome == "released", "nobody has seen it above the bin yet"
     assert fake.closed
 
 
@@ -202,8 +202,8 @@ def test_a_part_that_shows_in_the_gripper_above_the_bin_and_no_longer_once_it_op
     context, world = begun(fake)
     brought_to(PickState.BIN, context, world)
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
-    assert (world.outcome, fake.binned) == ("picked", ["cube"])
-    assert "no longer once it had opened" in world.why
+    assert (world.result.outcome, fake.binned) == ("picked", ["cube"])
+    assert "no longer once it had opened" in world.result.why
     assert released_as(fake) == [("cube", "part", "unclear")]
 
 
@@ -214,8 +214,8 @@ def test_a_part_that_was_lost_behind_the_verifying_look_is_released_and_not_pick
     brought_to(PickState.BIN, context, world)
     fake.held = None
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
-    assert world.outcome == "released"
-    assert "nothing proves that it fell in" in world.why
+    assert world.result.outcome == "released"
+    assert "nothing proves that it fell in" in world.result.why
     assert released_as(fake) == [("cube", "unclear", "unclear")]
     assert not fake.binned
 
@@ -227,8 +227,8 @@ def test_fingers_that_show_met_above_the_bin_say_that_the_part_fell_on_the_way(m
     fake.held = None
     monkeypatch.setattr(take, "came_back_empty", lambda *_: True)
     assert step(context, world, PickState.BIN) is PickEvent.DROPPED
-    assert world.outcome == "released"
-    assert "fell on the way" in world.why
+    assert world.result.outcome == "released"
+    assert "fell on the way" in world.result.why
 
 
 def test_an_arm_that_somebody_moved_from_above_the_bin_opens_no_gripper():
@@ -264,7 +264,7 @@ def test_a_part_that_still_shows_in_the_opened_gripper_is_believed_to_be_there()
 
     context.cell.robot.hand = sticky
     assert step(context, world, PickState.BIN) is PickEvent.STILL_HELD
-    assert world.outcome == "released"
+    assert world.result.outcome == "released"
     assert context.mover.belief.holds_part is True
 
 
@@ -276,7 +276,7 @@ def test_pictures_that_do_not_come_to_rest_above_the_bin_prove_nothing_and_are_n
     context.cell.eyes.shaking = 10_000
     assert step(context, world, PickState.BIN) is PickEvent.BINNED
     assert released_as(fake) == [("cube", "unclear", "unclear")]
-    assert world.outcome == "released"
+    assert world.result.outcome == "released"
 
 
 def test_what_was_in_the_gripper_before_the_pick_is_put_down_without_a_look():
