@@ -408,7 +408,7 @@ def test_a_line_that_is_no_record_is_named() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("baud", [9600, 1200])
+@pytest.mark.parametrize("baud", few([9600, 1200], 1))
 def test_a_controller_that_waits_for_two_stop_bits_is_typed_to_with_a_pause_and_known(baud: int) -> None:
     """Eleven bits a character: of ours, which have ten and follow at once, each second one comes too soon."""
     strange = replace(draw(2), baud=baud)
