@@ -1,6 +1,7 @@
 """What the pick cycle is given to work with: a robot, eyes, a log, a clock. Protocols and values only; no hardware.
 
-daemon/cell/build.py builds the real, recorded or simulated ones; tests hand in fakes. Anything a robot or camera raises
+daemon/cell/pick_cell.py puts a Workcell together from the real, recorded or simulated parts that daemon/cell/build.py
+builds; tests hand in fakes. Anything a robot or camera raises
 ends the motion: the cycle stops the arm first and then reports the exception's own text.
 """
 
@@ -135,7 +136,7 @@ class Pictures(Protocol):
 
 
 class Cameras(Protocol):
-    """The stereo camera, asynchronous (cell.py runs the driver's blocking grab in a thread)."""
+    """The stereo camera, asynchronous (daemon/cell runs the driver's blocking grab in a thread)."""
 
     async def grab(self, not_before_s: float, timeout_s: float) -> Pictures:
         """The newest pair whose frames were both exposed wholly after not_before_s, on the cell's clock."""

@@ -11,6 +11,7 @@ from daemon.pick.looking import whole_look
 from daemon.pick.plan import regrasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
+from daemon.pick.stand_offs import enough, next_stand_off
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import (
     MOVE_ERRORS,
@@ -29,7 +30,7 @@ from daemon.pick.world import (
 async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE, PickEvent.UNREACHABLE]:
     """Go to the next stand-off."""
     target, settings = world.the_target(), context.settings
-    distance = pose_fusion.next_stand_off(target.sightings, settings.doubt, settings.stops)
+    distance = next_stand_off(target.sightings, settings.doubt, settings.stops)
     pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
     try:
         if not context.mover.belief.is_open:
@@ -105,7 +106,7 @@ async def estimating(
         predicted_deg=estimate.predicted_deg,
         chi2=chi,
     )
-    if context.mover.dry or pose_fusion.enough(estimate, len(target.sightings), settings.stops):
+    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
         return PickEvent.UNSURE

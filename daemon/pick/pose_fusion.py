@@ -1,5 +1,4 @@
-"""What several looks at one part say together, and when that is enough to grasp. Pure: poses and covariances in,
-verdicts out.
+"""What several looks at one part say together. Pure: poses and covariances in, verdicts out.
 
 What errs the same way in every look (hand-eye, the cameras' calibration) is kept apart from what errs anew in each
 (pixels, the arm's repeatability): the first does not shrink by looking more often, and two looks may still be compared
@@ -8,14 +7,12 @@ much more sharply than either is known.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.quantities import Few, Length, Sigma, Turn
+from daemon.quantities import Sigma
 from daemon.vision.facets import shared_motion
 
 CHI_SQUARE_6 = 22.46
@@ -45,22 +42,6 @@ class Doubt:
         """Covariance (9, 9) of what all looks share: hand-eye motion (6), then u, v and disparity offsets in px."""
         hand_eye = [self.hand_eye_mm**2] * 3 + [np.radians(self.hand_eye_deg) ** 2] * 3
         return np.diag([*hand_eye, self.pixels**2, self.pixels**2, 2 * self.pixels**2])
-
-
-@dataclass(frozen=True)
-class Stops:
-    """Where the approach stops to look, and when it has looked enough."""
-
-    stand_offs_mm: Annotated[tuple[Length, ...], Meta(min_length=1)] = (450.0, 300.0, 200.0)
-    """Distances of the cameras from the part at which to stop and look, far to near, mm."""
-    enough_mm: Length = 1.0
-    """Predicted error at the grasp that is small enough, rms, mm."""
-    enough_deg: Turn = 1.0
-    """Predicted angular error at the grasp that is small enough, rms, degrees."""
-    least_looks: Few = 1
-    """Fewest looks before a grasp."""
-    most_looks: Few = 5
-    """Most looks at one part before it is left alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,32 +137,3 @@ def suspect(others: Sequence[float], epipolar_px: float, epipolar_limit_px: floa
     if not others:
         return "unclear"
     return "hand-eye" if sum(c > CHI_SQUARE_6 for c in others) * 2 >= len(others) else "part"
-
-
-def enough(estimate: Estimate, looks: int, stops: Stops) -> bool:
-    """Whether the last, blind stretch may be taken."""
-    good = estimate.predicted_mm <= stops.enough_mm and estimate.predicted_deg <= stops.enough_deg
-    return good and looks >= stops.least_looks
-
-
-def next_stand_off(sightings: Sequence[Sighting], doubt: Doubt, stops: Stops) -> float:
-    """The stand-off of the next look, mm: the nearest not yet passed whose look is predicted to be enough (nearer costs
-    no more, and says more), or the next one in the list where none is; the nearest again when all are passed.
-
-    A look's own covariance is taken to shrink with the square of the distance (depth from disparity), its shared part
-    as the cameras' would from there.
-    """
-    done = len(sightings)
-    ahead = stops.stand_offs_mm[min(done, len(stops.stand_offs_mm) - 1) :]
-    if not sightings or done + 1 < stops.least_looks:
-        return ahead[0]
-    last = sightings[-1]
-    for distance in reversed(ahead):
-        ratio = distance / last.distance_mm
-        shared = last.shared.copy()
-        shared[:3, 6:8] *= ratio
-        shared[:3, 8] *= ratio**2
-        imagined = Sighting(last.world_from_part, last.covariance * ratio**2, shared, distance)
-        if enough(fuse([*sightings, imagined], doubt), done + 1, stops):
-            return distance
-    return ahead[0]

@@ -1,4 +1,4 @@
-"""What a pick is set to do: views, places, limits, the order of parts. Values and their meaning only; no behaviour."""
+"""What a pick is set to do: views, places, limits, the order of parts; and the poses that follow from these values."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -10,7 +10,8 @@ from daemon import frames
 from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
 from daemon.pick.grasp import TwoFingers, tool_rotation
-from daemon.pick.pose_fusion import Doubt, Stops
+from daemon.pick.pose_fusion import Doubt
+from daemon.pick.stand_offs import Stops
 from daemon.pick.suction import SuctionCup
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 

@@ -1,4 +1,4 @@
-"""The states from the blind stretch to the bin: final, closing, retreat, verify, place, home. See world.py for what a
+"""The states from the blind stretch to the bin: final, closing, retreat, verify, bin, home. See world.py for what a
 handler is."""
 
 from collections.abc import Sequence

@@ -1,7 +1,8 @@
 """The pick cycle's table: which event leads from which state to which. Read it as the specification; no behaviour here.
 
-A state is left only by the events of its rows. What each does is the handler of its name in find.py, approach.py or
-take.py; the words are those of the run log and of `status` (of earlier releases: daemon/events/upgrade.py).
+A state is left only by the events of its rows. What each does is its handler in find.py, approach.py, take.py or
+set_down.py, by the table HANDLERS in cycle.py. The words are those of the run log and of `status` (of earlier releases:
+daemon/events/upgrade.py).
 """
 
 from enum import StrEnum

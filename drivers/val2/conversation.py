@@ -365,8 +365,8 @@ def _in_words(event: LineEvent) -> str:
 
 
 def _answer(command: str, events: Sequence[LineEvent], seconds: float, dialect: Dialect) -> ControllerAnswer:
-    """Sort what came into an Answer. Raises Garbled where noise came in between, or a second echo, Interleaved where
-    another's line did."""
+    """Sort what came into a ControllerAnswer. Raises Garbled where noise came in between, or a second echo;
+    Interleaved where another's line did."""
     said, typed = b"".join(event.raw for event in events).lstrip(b"\r\n"), command.encode("ascii")
     garbled = any(isinstance(event, Garble) for event in events)
     again = said.translate(None, b"\r\n").startswith(typed) if garbled else said.splitlines()[:1] == [typed]

@@ -5,9 +5,9 @@ followed by silence, a question mark (or the choice behind it) a question only a
 silence. Silence is not in the bytes: whoever owns the clock calls `silence()` when it has lasted.
 
     state    what comes                     what happens
-    LINE     bytes, CR or LF                lines -> Text, Error, Table (the lines of WHERE, in either form)
+    LINE     bytes, CR or LF                lines -> Text, Error, WhereTable (the lines of WHERE, in either form)
     LINE     silence                        lone dots -> Prompt, also right behind the last number of WHERE;
-                                            a line that ends in ? -> Question
+                                            a line that ends in ? -> ControllerQuestion
     ECHO     the bytes that were typed      all of them -> Echo, state TYPED; another byte -> Garble, state LINE
     TYPED    any byte                       Garble (a doubled last character), state LINE
     ENDED    CR or LF                       state LINE; another byte -> Garble, state LINE

@@ -1,9 +1,9 @@
 """The table as both eyes see it, where it has a pattern: the plane that most of the picture lies in.
 
-In: eyes. Out: a Table, or none. A coarse disparity image by blocks (Konolige 1997, OpenCV's StereoBM) on rectified
-pictures; a plane in space is a plane there as well, found by random samples (Fischler and Bolles 1981), fitted to what
-lies in it, and moved until both pictures agree in it (Lucas and Kanade 1981). What stands on the table is nearer, so
-that nothing may lie beyond it.
+In: both pictures. Out: a TablePlane, or none. A coarse disparity image by blocks (Konolige 1997, OpenCV's StereoBM)
+on rectified pictures; a plane in space is a plane there as well, found by random samples (Fischler and Bolles 1981),
+fitted to what lies in it, and moved until both pictures agree in it (Lucas and Kanade 1981). What stands on the table
+is nearer, so that nothing may lie beyond it.
 """
 
 from __future__ import annotations

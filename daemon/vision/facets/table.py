@@ -38,7 +38,7 @@ class TablePlane:
 
 
 def table_of(json: Mapping[str, Any] | None) -> TablePlane | None:
-    """What `Table.json` gave; None where nobody knew of a table."""
+    """What `TablePlane.json` gave; None where nobody knew of a table."""
     return TablePlane(np.array(json["up"], float), float(json["level_mm"])) if json else None
 
 

@@ -15,8 +15,9 @@ from daemon.arm import RefusedError
 from daemon.pick import pose_fusion
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import sighted
-from daemon.pick.pose_fusion import Doubt, Stops
+from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
+from daemon.pick.stand_offs import Stops
 from daemon.vision.refine import Fit
 from tests.fakes.fake_cell import HEAD_DOWN, TruthRecogniser, World, cycle_of, one_part, rig
 

@@ -1,4 +1,4 @@
-"""What looks say together: covariance that is honest, stops that are needed, disagreements that are blamed rightly."""
+"""What looks say together: covariance that is honest, disagreements that are blamed rightly."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arm import OnHand
 from daemon.pick import pose_fusion
 from daemon.pick.grasp import tool_rotation
-from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt, Stops
+from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from tests.fakes.fake_cell import TOOL_FROM_CYCLOPEAN
 
 DOUBT = Doubt()
@@ -109,24 +109,6 @@ def test_a_part_that_moved_three_millimetres_is_noticed():
 )
 def test_the_suspect_is_named(others, epipolar, who):
     assert pose_fusion.suspect(others, epipolar, 1.0) == who
-
-
-def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
-    rng = np.random.default_rng(5)
-    first = looked(rng, 450.0, np.zeros(9))
-    easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
-    assert pose_fusion.next_stand_off([], DOUBT, easy) == 450.0
-    assert pose_fusion.next_stand_off([first], DOUBT, easy) == 200.0
-    assert pose_fusion.next_stand_off([first], DOUBT, hard) == 300.0
-    assert pose_fusion.next_stand_off([first] * 5, DOUBT, hard) == 200.0
-
-
-def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
-    rng = np.random.default_rng(6)
-    stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
-    looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
-    estimate = pose_fusion.fuse(looks, DOUBT)
-    assert [pose_fusion.enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
 
 
 def test_an_arm_that_is_turned_moves_a_part_by_its_distance_from_the_tool() -> None:

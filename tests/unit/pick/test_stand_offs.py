@@ -1,0 +1,25 @@
+"""From how far a part is looked at: as near as is needed, and as often."""
+
+import numpy as np
+
+from daemon.pick.pose_fusion import fuse
+from daemon.pick.stand_offs import Stops, enough, next_stand_off
+from tests.unit.pick.test_pose_fusion import DOUBT, looked
+
+
+def test_a_good_first_look_goes_straight_to_the_nearest_stop_that_is_enough():
+    rng = np.random.default_rng(5)
+    first = looked(rng, 450.0, np.zeros(9))
+    easy, hard = Stops(enough_mm=1.2), Stops(enough_mm=0.05)
+    assert next_stand_off([], DOUBT, easy) == 450.0
+    assert next_stand_off([first], DOUBT, easy) == 200.0
+    assert next_stand_off([first], DOUBT, hard) == 300.0
+    assert next_stand_off([first] * 5, DOUBT, hard) == 200.0
+
+
+def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
+    rng = np.random.default_rng(6)
+    stops = Stops(enough_mm=1e6, enough_deg=1e6, least_looks=3)
+    looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
+    estimate = fuse(looks, DOUBT)
+    assert [enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
