@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from daemon.pick.transitions import PickState
 from daemon.signals.input_form import FORMS, InputForm
 from daemon.signals.line import LineSignals
 from daemon.signals.settings import SignalSettings
-from tests.fakes.fake_cell import World, cycle_of
+from tests.fakes.fake_cell import World, cycle_of, one_part
 
 NUMBERS = {"permit_pick": 1001, "permit_place": 1002, "cycle_start": 1003}
 
@@ -127,3 +128,16 @@ def test_an_auto_brings_one_part_for_each_start() -> None:
         return await auto
 
     assert [end.outcome for end in asyncio.run(story())] == ["picked"]
+
+
+@pytest.mark.parametrize("busy", [False, True])
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("waits", [False, True])
+def test_packml_says_at_work_of_a_job_that_may_move_the_arm_and_no_longer_waits_for_the_line(
+    busy: bool, moves: bool, waits: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cycle: Any = cycle_of(one_part())
+    cycle.supervisor = SimpleNamespace(busy=busy, job_moves=moves, status=dict)
+    cycle.line = SimpleNamespace(waits_to_begin=waits, done=3)
+    monkeypatch.setattr("daemon.pick.cycle.packml_state", lambda _, at_work, done: (at_work, done))
+    assert cycle.packml == (busy and moves and not waits, 3)

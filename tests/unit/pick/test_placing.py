@@ -65,10 +65,11 @@ def test_the_turns_that_look_the_same_fill_the_same_room(label: str, count: int)
         assert apart.min(axis=1).max() < 0.1
 
 
-def test_a_side_that_the_part_has_not_and_a_pose_in_which_it_would_not_lie_flat_are_refused() -> None:
+@pytest.mark.parametrize("lean", [[0.3, 0.2, 0.0], [0.3, 0.3, 0.0], [0.3, 0.0, 0.0]], ids=["askew", "corner", "edge"])
+def test_a_side_that_the_part_has_not_and_a_pose_in_which_it_would_not_lie_flat_are_refused(lean: list[float]) -> None:
     with pytest.raises(PartPlaceError, match="cube has 6 sides, and side_down is 7"):
         goal_of(place(side=7), shape_of("cube"))
-    leaning = frames.rigid(frames.rotation_from_vector(np.array([0.3, 0.2, 0.0])), np.array([500.0, 0.0, -250.0]))
+    leaning = frames.rigid(frames.rotation_from_vector(np.array(lean)), np.array([500.0, 0.0, -250.0]))
     with pytest.raises(PartPlaceError, match="would not lie flat there"):
         goal_of(Place("nest", Manner(part="cube"), np.eye(4), leaning), shape_of("cube"))
 
