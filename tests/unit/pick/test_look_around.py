@@ -171,6 +171,15 @@ def test_a_walk_round_sets_out_as_a_look_does_and_gives_what_it_saw(monkeypatch:
     assert done == ["set out", "walked 8"]
 
 
+def test_without_a_model_nothing_is_looked_for_and_the_arm_does_not_set_out() -> None:
+    world, cycle = nameless()
+    cycle.use(None)
+    for act in (cycle.look, cycle.held_here, lambda: cycle.locate("cube")):
+        with pytest.raises(RefusedError, match="there is no model"):
+            asyncio.run(act())
+    assert moves(world) == 0
+
+
 def test_dry_it_looks_once_and_nothing_moves() -> None:
     world, cycle = nameless()
     cycle.supervisor.dry(True)

@@ -29,6 +29,7 @@ from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickState
+from daemon.pick.world import WorldModel
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import AT_PLACE_MM, FILLABLE, PlaceStatus, PlaceStatuses
 from daemon.vision.refine import Fit
@@ -512,3 +513,10 @@ def test_how_a_part_is_held_is_taken_from_its_edges_where_these_agree_with_the_g
         ((source, load),) = learnt
         assert source is BeliefSource.OBSERVED
         assert load == carried_part(frames.apply(held, target.shape.corners_mm), "cube in the gripper")
+
+
+def test_dry_a_place_keeps_the_status_it_has_and_nobody_goes_to_look() -> None:
+    placing = SimpleNamespace(status={"nest": PlaceStatus.SET}.__getitem__)
+    context: Any = SimpleNamespace(mover=SimpleNamespace(dry=True), placing=placing)
+    goal: Any = SimpleNamespace(place=SimpleNamespace(name="nest"))
+    assert asyncio.run(set_down.look_at(context, WorldModel([]), goal)) is PlaceStatus.SET
