@@ -35,7 +35,7 @@ from daemon.vision.evidence import by_edges, missing, rivals
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
-from daemon.vision.refine import edge_adjustment, refined
+from daemon.vision.refine import edge_adjustment
 from tests.bench import poses
 from tests.bench.look_alikes import MODES, answers
 from tests.bench.recognise import matched, test_folders, trained
@@ -56,7 +56,7 @@ FAMILY_SEEDS = range(0, 24, 2)
 COMPONENTS: dict[str, Without] = {
     "the fine pass": Without(look_module, "_worth_a_closer_look", lambda _: False),
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
-    "the pose that shows most": Without(refined, "most_in_view", lambda *_: 0),
+    "the pose that shows most": Without(edge_adjustment, "most_in_view", lambda *_: 0),
     "wear": Without(edge_adjustment, "_wear", lambda _, variance_mm2: (0.0, 0.0)),
     "parts put on the table": Without(look_module, "snapped_to_support", lambda parts, *_: tuple(parts)),
     "hypotheses from facets": Without(by_edges, "hypotheses_from_facets", lambda *_: search.RankedHypotheses([], 0)),

@@ -17,8 +17,7 @@ from daemon.vision.image.edge_lines import (
     stretch_slopes,
 )
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
-from daemon.vision.image.outlines import Outline
-from daemon.vision.image.polygon_fit import MODEL_PX, Fitted, fitted_from
+from daemon.vision.image.outlines import MODEL_PX, Fitted, Outline, fitted_from
 from daemon.vision.image.regions import SMOOTHING_PX, Scale
 from daemon.vision.image.rims import STEP_PX, rim_slopes
 from daemon.vision.image.segments import (

@@ -18,19 +18,23 @@ from daemon.arrays import Array, Flags, Image32, Index, Real
 from daemon.vision.geometry import RectifiedCamera, outward
 from daemon.vision.image.calipers import (
     BLOCKS,
+    CLEAR,
     IN_BLOCK,
+    OFFSETS,
+    REACH_PX,
     Calipers,
     Images,
     bilinear,
+    face_planes,
     lay_calipers,
     lens_bow,
     profiles,
     stretch_profiles,
     stretches,
+    unclipped,
 )
 from daemon.vision.image.grey import SATURATED, Fine, Noise, noise_of_many
 from daemon.vision.image.regions import SMOOTHING_PX
-from daemon.vision.image.step_model import CLEAR, OFFSETS, REACH_PX, face_planes, unclipped
 
 # Set by eye on rendered sides, like the other numbers here that name no source.
 _TRIM_PX = 4.0

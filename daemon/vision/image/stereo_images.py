@@ -19,8 +19,15 @@ from daemon.arrays import Image32
 from daemon.vision.geometry import Baseline, RectifiedCamera, StereoRig, baseline
 from daemon.vision.image.edge_lines import MeasuredImage
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise, VisionError, as_grey, check_size, measure_noise
-from daemon.vision.image.outlines import Outline, Wanted, best_first, find_outlines, rough_polygons
-from daemon.vision.image.polygon_fit import Fitted, fit_polygons
+from daemon.vision.image.outlines import (
+    Fitted,
+    Outline,
+    Wanted,
+    best_first,
+    find_outlines,
+    fit_polygons,
+    rough_polygons,
+)
 from daemon.vision.image.regions import (
     Region,
     RoughPolygon,

@@ -1,6 +1,6 @@
 """Poses of taught shapes refined on the edges of both pictures, and what those edges show."""
 
-from daemon.vision.refine.edge_adjustment import WORN_MM
+from daemon.vision.refine.edge_adjustment import WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
@@ -15,7 +15,6 @@ from daemon.vision.refine.edge_pose import (
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, ExpectedEdges, across, turned
 from daemon.vision.refine.following import Fit, refit
-from daemon.vision.refine.refined import refined_parts
 
 __all__ = [
     "ROOM_PX",

@@ -15,17 +15,21 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, SolidBatch, chi_square_limit, solve, thickness, whitener
-from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, fit_sides, probe_sides
+from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, probe_sides
 from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import (
+    LEAST_EVIDENCE,
+    LEAST_SUPPORT,
     SCALE,
     THIN_PX,
     EdgeObservation,
     ExpectedEdges,
     across,
     expected,
+    measured,
     moved,
+    nothing_found,
     off_places,
 )
 from daemon.vision.refine.following import Fit
@@ -52,8 +56,6 @@ FARTHEST_CHI2 = chi_square_limit(6, 1e-3)
 """How far lines may lead a part from where stretches have it, by the covariance that it has there beforehand: one of
 which some edges only stay in view may be led along these."""
 SEARCH_DEG = 3.0
-LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
-"""What an edge must show to be there: step over its noise, and share of its length."""
 PASSES = 5
 LEAST_OUTLINE = 0.75
 """Of the length of the outline that an eye should see, what it must show on its place."""
@@ -290,7 +292,7 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
     """The strongest straight gradient within the reach of each edge."""
     count = len(edges.start)
     if not count:
-        return _nothing(edges)
+        return nothing_found(edges)
     reach_px = np.clip(reach_mm * edges.px_per_mm, FEWEST_PX, MOST_PX)
     image = [(view.smooth, count)]
     start, end, _ = find_sides(image, edges.start, edges.end, reach_px, np.zeros(count), reach_px / 2)
@@ -299,31 +301,6 @@ def _searched(edges: ExpectedEdges, view: CameraImage, reach_mm: float) -> EdgeO
     doubt_px = np.maximum(1.0, reach_px / 6) * np.where(edges.outline, 1.0, INNER_SIGMAS)
     doubt = np.eye(2) * (doubt_px**2)[:, None, None]
     return EdgeObservation(edges, off_places(edges.start, edges.end, start, end), doubt, there)
-
-
-def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
-    """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
-    counts = [len(edges.start) for edges in both]
-    if not any(counts):
-        return [_nothing(edges) for edges in both]
-    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
-    exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
-    own = [(each := np.bincount(edges.owner))[each > 0] for edges in both]
-    blurs = [view.blur_px for view in eyes.views]
-    known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
-    sides = fit_sides(exposures, start, end, np.concatenate(own), known)
-    found, every = [], np.arange(len(start))
-    for edges, which in zip(both, (every[: counts[0]], every[counts[0] :]), strict=True):
-        seen = sides.chosen(which)
-        doubt = seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)
-        there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
-        off = off_places(edges.start, edges.end, seen.start, seen.end)
-        found.append(EdgeObservation(edges, off, doubt, there, seen))
-    return found
-
-
-def _nothing(edges: ExpectedEdges) -> EdgeObservation:
-    return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))
 
 
 def _solved(observed: Sequence[EdgeObservation], reach_mm: float) -> tuple[Array, Array]:

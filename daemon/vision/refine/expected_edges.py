@@ -1,5 +1,5 @@
-"""Which edges each eye should see with known parts at known poses, and what was found of them. Values and projection;
-where the edges are in the images is looked for in edge_pose.py.
+"""Which edges each eye should see with known parts at known poses, and their sub-pixel lines as both images have them.
+Edges that may lie farther off are searched for in edge_pose.py.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Camera, SolidBatch, outward, sides_of, thickness
-from daemon.vision.image import CameraImage, Sides
+from daemon.vision.image import CameraImage, Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
@@ -22,6 +22,10 @@ ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 """An edge is on its place within so many times what the shape leaves open, which is this at least."""
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
+
+
+LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
+"""What an edge must show to be there: step over its noise, and share of its length."""
 
 
 def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
@@ -178,3 +182,29 @@ def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Ar
     first, last = np.where(~along & (speed < 0), at, 0.0), np.where(~along & (speed > 0), at, 1.0)
     outside = (along & (room < 0)).any(0)
     return first.max(0, initial=0.0), np.where(outside, -1.0, last.min(0, initial=1.0))
+
+
+def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: bool = False) -> list[EdgeObservation]:
+    """Each edge's sub-pixel line, in both eyes. on_place: they are expected to half a px."""
+    counts = [len(edges.start) for edges in both]
+    if not any(counts):
+        return [nothing_found(edges) for edges in both]
+    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
+    exposures = [(view.exposure, count) for view, count in zip(eyes.views, counts, strict=True) if count]
+    own = [(each := np.bincount(edges.owner))[each > 0] for edges in both]
+    blurs = [view.blur_px for view in eyes.views]
+    known = np.repeat([b for b in blurs if b], [len(o) for o in own]) if on_place and all(blurs) else None
+    sides = fit_sides(exposures, start, end, np.concatenate(own), known)
+    found, every = [], np.arange(len(start))
+    for edges, which in zip(both, (every[: counts[0]], every[counts[0] :]), strict=True):
+        seen = sides.chosen(which)
+        doubt = seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)
+        there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
+        off = off_places(edges.start, edges.end, seen.start, seen.end)
+        found.append(EdgeObservation(edges, off, doubt, there, seen))
+    return found
+
+
+def nothing_found(edges: ExpectedEdges) -> EdgeObservation:
+    """Of edges of which none is in view."""
+    return EdgeObservation(edges, np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, bool))

@@ -9,7 +9,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
-from daemon.vision.refine.refined import most_in_view
+from daemon.vision.refine.edge_adjustment import most_in_view
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import PENTAGONAL, Body, pose

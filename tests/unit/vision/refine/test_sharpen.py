@@ -8,7 +8,7 @@ from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.model import Model
-from daemon.vision.refine.refined import refined_parts
+from daemon.vision.refine.edge_adjustment import refined_parts
 from daemon.vision.values import UNKNOWN, Part, Recognition
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
