@@ -170,14 +170,14 @@ def strengths(slopes: Real, length: Array, grain: Array | float = 1.0) -> tuple[
     return mean / (one / np.sqrt(rows)), seen
 
 
-def stretch_slopes(smooth: Fine, start: Array, end: Array, reach_px: int) -> Image32:
+def stretch_slopes(images: Images, start: Array, end: Array, reach_px: int) -> Image32:
     """Slopes across stretches of straight sides (S, 2), (S, 2) px, in sigmas, at whole px up to the reach on either
-    hand, inwards first: (S, BLOCKS, 2 reach_px + 1). smooth: of unit noise, after a Gaussian of SMOOTHING_PX."""
+    hand, inwards first: (S, BLOCKS, 2 reach_px + 1). images: as for probe_sides."""
     if not len(start):
         return np.zeros((0, BLOCKS, 2 * reach_px + 1), np.float32)
     length, _ = stretches(start, end, _TRIM_PX)
     offsets = np.arange(-reach_px - 0.5, reach_px + 1.0)
-    values = stretch_profiles([(smooth, len(start))], start, end, _TRIM_PX, offsets, np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
     rows = np.clip(length / SMOOTHING_ROW_PX / BLOCKS, 1.0, IN_BLOCK)
     slopes: Image32 = values[:, :, 1:] - values[:, :, :-1]
     return slopes * (np.sqrt(rows) / SLOPE_NOISE).astype(np.float32)[:, None, None]

@@ -212,8 +212,7 @@ def _adjusted(
         return found
     laid, poses, open_ = SolidBatch.of(shapes), np.stack(near), np.ones(len(shapes), bool)
     for turn in range(ROUNDS):
-        seen_by = [expected(laid, view, poses, open_, tolerance_mm) for view in eyes.views]
-        both = measured(seen_by, eyes, on_place=turn == 0)
+        both = measured(expected(laid, eyes, poses, open_, tolerance_mm), eyes, on_place=turn == 0)
         for k in np.flatnonzero(open_).tolist():
             observed = [seen.only(k, laid) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES

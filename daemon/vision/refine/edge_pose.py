@@ -108,13 +108,16 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
     """
     laid, poses = SolidBatch.of([shape]), near[None]
     for share in ROUGHLY:
-        rough = [_searched(edges, view, reach_mm * share) for edges, view in _expected(laid, eyes, poses)]
+        rough = [
+            _searched(edges, view, reach_mm * share)
+            for edges, view in zip(_expected(laid, eyes, poses), eyes.views, strict=True)
+        ]
         shown_share = _share(rough, [seen.there for seen in rough])
         poses = moved(poses, _solved(rough, reach_mm)[0][None])
     if shown_share < HOPELESS:
         return None
     for turn in range(MOST_ROUNDS):
-        left, right = measured([edges for edges, _ in _expected(laid, eyes, poses)], eyes)
+        left, right = measured(_expected(laid, eyes, poses), eyes)
         motion, information = _solved((left, right), reach_mm)
         still = np.linalg.norm(motion / SCALE) < SMALL_MM
         if turn and not still and _share((left, right), (left.on_place, right.on_place)) < HOPELESS:
@@ -127,10 +130,9 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
 
 def _expected(
     laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
-) -> list[tuple[ExpectedEdges, CameraImage]]:
-    """What either eye should see of one placement, with the eye."""
-    wanted = np.ones(1, bool)
-    return [(expected(laid, view, poses, wanted, tolerance_mm), view) for view in eyes.views]
+) -> tuple[ExpectedEdges, ExpectedEdges]:
+    """What the left and the right camera should see of one placement."""
+    return expected(laid, eyes, poses, np.ones(1, bool), tolerance_mm)
 
 
 def fit_edges(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:
@@ -182,7 +184,7 @@ def fit_at(
     stays = Fit(pose, BY_PRIOR, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
-        left, right = measured([edges for edges, _ in _expected(laid, eyes, pose[None], tolerance_mm)], eyes)
+        left, right = measured(_expected(laid, eyes, pose[None], tolerance_mm), eyes)
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
@@ -201,7 +203,7 @@ def fit_at(
 def shown(shape: Polyhedron, eyes: StereoImages, pose: Array, reach_mm: float) -> float:
     """Share of the outline of a part at cyclopean_from_part (4, 4) near which both eyes have edges, within reach_mm;
     0 where an eye does not have it in view. Cheaper than a fit, and for what is only partly in view."""
-    both = _expected(SolidBatch.of([shape]), eyes, pose[None])
+    both = zip(_expected(SolidBatch.of([shape]), eyes, pose[None]), eyes.views, strict=True)
     return min(_outline_share(edges, _searched(edges, view, reach_mm).there) for edges, view in both)
 
 

@@ -8,7 +8,7 @@ evidence an a contrario count (Desolneux, Moisan and Morel 2000) whose chance is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -115,19 +115,20 @@ def edge_samples_of(
     laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
 ) -> list[EdgeSamples]:
     """What each eye shows along the edges of parts at poses (P, 4, 4) cyclopean_from_part; thin_px: as for expected."""
-    found = []
-    slopes = _slopes(laid, eyes, poses, tolerance_mm, thin_px)
-    for (edges, sigmas), eye_mm in zip(slopes, eyes.geometry.eyes_mm, strict=True):
-        size = np.abs(sigmas)
-        edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
-        own = edge[..., _OFF <= ON_PLACE_PX].max(2)
-        near = edge[..., _OFF <= NEAR_PX].max(2)
-        beside = edge[..., _OFF > BESIDE_PX]
-        many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
-        places = beside.shape[1] * beside.shape[2]
-        chance = np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0)
+    both, sigmas = _slopes(laid, eyes, poses, tolerance_mm, thin_px)
+    size = np.abs(sigmas)
+    edge = np.where(peaks(size, LEAST_SIGMAS), size[..., 1:-1], np.float32(0))
+    own = edge[..., _OFF <= ON_PLACE_PX].max(2)
+    near = edge[..., _OFF <= NEAR_PX].max(2)
+    beside = edge[..., _OFF > BESIDE_PX]
+    many = (beside[:, None] >= own[..., None, None]).sum((2, 3)) + OTHERS
+    places = beside.shape[1] * beside.shape[2]
+    surprise = -np.log(np.where(own > 0, np.minimum(many * (WIDTH_PX / places), 1.0), 1.0))
+    found, first = [], 0
+    for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True):
+        here = slice(first, first := first + len(edges.start))
         visible = _visible(laid, edges, poses, eye_mm, sigmas.shape[1])
-        found.append(EdgeSamples(edges, sigmas, -np.log(chance), near > 0, visible))
+        found.append(EdgeSamples(edges, sigmas[here], surprise[here], near[here] > 0, visible))
     return found
 
 
@@ -148,12 +149,13 @@ def _visible(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array
 
 def _slopes(
     laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, thin_px: tuple[float, float] = THIN_PX
-) -> Iterator[tuple[ExpectedEdges, NDArray[np.float32]]]:
-    """Each eye's expected edges and the sigmas (E, S, C) of the slopes across their stretches."""
-    wanted = np.ones(len(poses), bool)
-    for view in eyes.views:
-        edges = expected(laid, view, poses, wanted, tolerance_mm, thin_px)
-        yield edges, stretch_slopes(view.smooth, edges.end, edges.start, REACH_PX)[:, ::-1]  # outwards as across() has
+) -> tuple[tuple[ExpectedEdges, ExpectedEdges], NDArray[np.float32]]:
+    """The left and the right camera's expected edges, and the sigmas (E, S, C) of the slopes across their stretches,
+    the left one's first."""
+    both = expected(laid, eyes, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
+    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
+    images = [(view.smooth, len(edges.start)) for view, edges in zip(eyes.views, both, strict=True)]
+    return both, stretch_slopes(images, end, start, REACH_PX)[:, ::-1]  # outwards as across() has
 
 
 def aligned_to_edges(laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:
@@ -167,20 +169,18 @@ def _moved(
     laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float, rounds_px: Sequence[float]
 ) -> Array:
     count = len(poses)
-    rows, sigmas, owner, weight = [], [], [], []
-    for edges, slopes in _slopes(laid, eyes, poses, tolerance_mm):
-        stretches = slopes.shape[1]
-        at = ((np.arange(stretches) + 0.5) / stretches)[None, :, None]
-        jacobian = edges.jacobian
-        rows.append(((1 - at) * jacobian[:, None, 0] + at * jacobian[:, None, 1]).reshape(-1, 6))
-        sigmas.append(np.abs(slopes).reshape(-1, 2 * REACH_PX + 1))
-        owner.append(np.repeat(edges.owner, stretches))
-        weight.append(np.repeat(edges.lengths_px * edges.sharp / (15.0 * stretches), stretches))
-    own = np.concatenate(owner)
-    if not len(own):
+    both, slopes = _slopes(laid, eyes, poses, tolerance_mm)
+    if not len(slopes):
         return poses
+    stretches = slopes.shape[1]
+    jacobian = np.concatenate([edges.jacobian for edges in both])
+    at = ((np.arange(stretches) + 0.5) / stretches)[None, :, None]
+    rows = ((1 - at) * jacobian[:, None, 0] + at * jacobian[:, None, 1]).reshape(-1, 6)
+    weight = np.concatenate([edges.lengths_px * edges.sharp for edges in both]) / (15.0 * stretches)
+    own = np.concatenate([edges.owner for edges in both]).repeat(stretches)
     place = own, ranks(own)  # side by side, what has fewer stretches filled up with some that weigh nothing
-    row, size, each = (_side_by_side(np.concatenate(one), place, count) for one in (rows, sigmas, weight))
+    every = rows, np.abs(slopes).reshape(-1, 2 * REACH_PX + 1), weight.repeat(stretches)
+    row, size, each = (_side_by_side(one, place, count) for one in every)
     prior = np.diag([PRIOR_MM**-2.0] * 3 + [PRIOR_RAD**-2.0] * 3)
     offsets = np.arange(-REACH_PX, REACH_PX + 1, dtype=np.float32)
     size = np.where(size >= LEAST_SIGMAS, np.sqrt(size), np.float32(0))

@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Camera, SolidBatch, outward, sides_of, thickness
-from daemon.vision.image import CameraImage, Sides, StereoImages, fit_sides
+from daemon.vision.image import Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
@@ -28,11 +28,12 @@ LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
 
 
-def corners_in(camera: Camera, cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
-    """Where an eye sees corners (..., K, 3) of parts at poses (..., 4, 4): (N, 2) px, those of one part after the
-    other's, and their derivative (N, 2, 6) by a motion of the pose."""
+def corners_in(cameras: Sequence[Camera], cyclopean_from_part: Array, corners_mm: Array) -> tuple[Array, Array]:
+    """Where each of C cameras sees corners (..., K, 3) of parts at poses (..., 4, 4): (C, N, 2) px, those of one part
+    after the other's, and their derivative (C, N, 2, 6) by a motion of the pose."""
     levers = corners_mm @ np.swapaxes(cyclopean_from_part[..., :3, :3], -1, -2)
-    px, slope = camera.project_with_slope(levers + cyclopean_from_part[..., None, :3, 3])
+    points = levers + cyclopean_from_part[..., None, :3, 3]
+    px, slope = (np.stack(each) for each in zip(*(one.project_with_slope(points) for one in cameras), strict=True))
     return px, slope @ frames.point_motion(levers.reshape(-1, 3))
 
 
@@ -135,47 +136,54 @@ class EdgeObservation:
 
 def expected(
     laid: SolidBatch,
-    view: CameraImage,
+    eyes: StereoImages,
     poses: Array,
     wanted: Flags,
     tolerance_mm: float,
     thin_px: tuple[float, float] = THIN_PX,
-) -> ExpectedEdges:
-    """The edges of the facets that look at this eye, as far as they are inside its image, of the wanted (P,) of the
-    placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one another."""
-    px, slope = corners_in(view.eye.camera, poses, laid.corners_mm)
+) -> tuple[ExpectedEdges, ExpectedEdges]:
+    """The edges of the facets that look at the left and the right camera, as far as they are inside its image, of the
+    wanted (P,) of the placements at poses (P, 4, 4). thin_px: between which the edges of a facet may be taken for one
+    another."""
+    px, slope = corners_in([view.eye.camera for view in eyes.views], poses, laid.corners_mm)
     begins = laid.first_corners[:, None, None]
-    thick = np.full((len(poses), laid.rings.shape[1] + 1), -np.inf)
-    thick[:, :-1] = thickness(px[laid.rings + begins])
-    thick_px = thick[np.arange(len(poses))[:, None, None], laid.beside]
-    facing = (thick_px >= thin_px[1]).sum(2)
-    clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(2))
-    which = np.nonzero((facing > 0) & wanted[:, None])
-    ends = (laid.ends + begins)[which]
-    a, b = ends.T
-    first, last = _inside(px[a], px[b], view.grey.shape)
-    keep = (last - first) * np.linalg.norm(px[b] - px[a], axis=1) >= LEAST_LENGTH_PX
-    which, ends, first, last = (which[0][keep], which[1][keep]), ends[keep], first[keep, None], last[keep, None]
-    a, b = ends.T
-    start, way = px[a], px[b] - px[a]
-    normal = across(px[a], px[b])[:, None]
-    moves = (normal[:, None] @ slope[ends])[:, :, 0]  # across the edge, of either corner
+    thick = np.full((2, len(poses), laid.rings.shape[1] + 1), -np.inf)
+    thick[..., :-1] = thickness(px[:, laid.rings + begins])
+    thick_px = thick[:, np.arange(len(poses))[:, None, None], laid.beside]
+    facing = (thick_px >= thin_px[1]).sum(3)
+    clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(3))
+    eye, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
+    ends = (laid.ends + begins)[owner, edge]
+    start, end = px[eye, ends[:, 0]], px[eye, ends[:, 1]]
+    first, last = _inside(start, end, eyes.rig.image_size)
+    keep = (last - first) * np.hypot(*(end - start).T) >= LEAST_LENGTH_PX
+    eye, owner, edge, ends, start, end = (each[keep] for each in (eye, owner, edge, ends, start, end))
+    first, last, way = first[keep, None], last[keep, None], end - start
+    normal = across(start, end)[:, None]
+    moves = (normal[:, None] @ slope[eye[:, None], ends])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
     by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
-    owner, sharp = which[0], clear[which]
+    sharp = clear[eye, owner, edge]
     depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
-    px_per_mm = view.eye.focal_px / depth_mm[owner]
-    return ExpectedEdges(
-        owner, ends, start + first * way, start + last * way, by_corner.sum(2), by_corner[..., :3],
-        (facing[which] == 1) & sharp, sharp,
-        px_per_mm, tolerance_mm * px_per_mm, px, (poses[owner, :3, :3] @ laid.bisectors[which][..., None])[..., 0],
-    )  # fmt: skip
+    px_per_mm = np.array([view.eye.focal_px for view in eyes.views])[eye] / depth_mm[owner]
+    outline = (facing[eye, owner, edge] == 1) & sharp
+    bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
+    start, end, jacobian = start + first * way, start + last * way, by_corner.sum(2)
+
+    def of_camera(own: slice, corners_px: Array) -> ExpectedEdges:
+        return ExpectedEdges(
+            owner[own], ends[own], start[own], end[own], jacobian[own], by_corner[own, ..., :3], outline[own],
+            sharp[own], px_per_mm[own], tolerance_mm * px_per_mm[own], corners_px, bisectors[own],
+        )  # fmt: skip
+
+    of_left = int(np.count_nonzero(eye == 0))
+    return of_camera(slice(of_left), px[0]), of_camera(slice(of_left, None), px[1])
 
 
-def _inside(start: Array, end: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (Liang and Barsky); the
-    second is not above the first where none of it is."""
-    way, limit = (end - start).T, np.array([shape[::-1]]).T - 1 - ROOM_PX
+def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Shares (E,), (E,) of the way start -> end between which each edge is inside an image (width, height) (Liang and
+    Barsky); the second is not above the first where none of it is."""
+    way, limit = (end - start).T, np.array([size]).T - 1 - ROOM_PX
     speed, room = np.concatenate([-way, way]), np.concatenate([start.T - ROOM_PX, limit - start.T])  # to each border
     along = np.abs(speed) <= 1e-9
     at = room / np.where(along, 1.0, speed)

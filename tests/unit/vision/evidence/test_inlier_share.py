@@ -30,8 +30,8 @@ def eyes_on(name: str | None) -> StereoImages:
 def share(name: str, eyes: StereoImages) -> float | None:
     solid = exact(KNOWN[name].corners_mm, KNOWN[name].facets)
     laid = SolidBatch.of([solid])
-    edges = [expected(laid, view, WHERE[None], np.ones(1, bool), TOLERANCE_MM) for view in eyes.views]
-    return edge_inlier_share(solid, WHERE, (edges[0], edges[1]), eyes)
+    edges = expected(laid, eyes, WHERE[None], np.ones(1, bool), TOLERANCE_MM)
+    return edge_inlier_share(solid, WHERE, edges, eyes)
 
 
 @pytest.mark.parametrize("name", sorted(KNOWN))

@@ -29,10 +29,10 @@ poses = st.builds(
 
 @given(pose=poses, side=st.sampled_from([-1.0, 1.0]))
 def test_corners_move_in_an_eye_as_their_slopes_say(pose, side):
-    px, slope = corners_in(eye(side), pose, CUBE)
+    px, slope = (of_cameras[0] for of_cameras in corners_in([eye(side)], pose, CUBE))
     assert px == pytest.approx(eye(side).project(frames.apply(pose, CUBE)), abs=1e-9)
     for k, step in enumerate(np.diag([0.01] * 3 + [1e-4] * 3)):
-        ends = [corners_in(eye(side), frames.perturb(pose, way * step), CUBE)[0] for way in (1, -1)]
+        ends = [corners_in([eye(side)], frames.perturb(pose, way * step), CUBE)[0][0] for way in (1, -1)]
         assert slope[:, :, k] == pytest.approx((ends[0] - ends[1]) / (2 * step[k]), abs=1e-2)
 
 
