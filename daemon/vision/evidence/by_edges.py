@@ -20,8 +20,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.evidence.hole_rims import hole_nats
-from daemon.vision.evidence.hole_rivals import by_holes, turned_by_holes
+from daemon.vision.evidence.hole_rims import by_holes, hole_nats, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.overlaps import covered
 from daemon.vision.evidence.photo_consistency import face_consistency, print_apart_px

@@ -17,7 +17,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.evidence.corner_rounding import Bend, bends, squared, stay_of
-from daemon.vision.evidence.hole_rivals import motions_onto, of_its_size
+from daemon.vision.evidence.hole_rims import motions_onto, of_its_size
 from daemon.vision.evidence.registered import measured_at
 from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import Polyhedron

@@ -163,6 +163,7 @@ def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSetting
 def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
     middles = np.array([o.corners.mean(0) for o in outlines]).reshape(-1, 1, 2)
-    low, high = (np.array([side(p.corners_px, 0) for p in used]).reshape(-1, 2) for side in (np.min, np.max))
+    low = np.array([p.corners_px.min(0) for p in used]).reshape(-1, 2)
+    high = np.array([p.corners_px.max(0) for p in used]).reshape(-1, 2)
     beyond: Flags = np.asarray(((middles <= low) | (middles >= high)).any(2))
     return tuple(Rejected(outlines[k].corners, eye, UNMATCHED) for k in np.flatnonzero(beyond.all(1)).tolist())

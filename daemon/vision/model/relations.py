@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon.arrays import Array, Index
 from daemon.art import RelationalView
-from daemon.vision.geometry import Measures, Polyhedron, measure_each
+from daemon.vision.geometry import Measures, Polyhedron, cross, measure_each
 from daemon.vision.model.facet_types import FacetLibrary, type_number, types_of_each
 from daemon.vision.values import Facet
 
@@ -86,11 +86,11 @@ def _dihedrals(seen: Polyhedron, f: Index, g: Index, side: Index, spread: Array)
     edge = seen.corners_mm[after[side]] - start
     edge = edge / np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-9)
     n, m = seen.normals[f], seen.normals[g]
-    angle = np.pi - np.arctan2((np.cross(n, m) * edge).sum(1), (n * m).sum(1))
+    angle = np.pi - np.arctan2((cross(n, m) * edge).sum(1), (n * m).sum(1))
     normal = seen.normals.repeat(sides, 0)
     off2 = np.add.reduceat(((spread[here] @ normal[..., None])[..., 0] * normal).sum(1), first) / sides
     variance, pairs = np.zeros(len(f)), np.arange(len(f))
-    for facet, inward in ((f, np.cross(n, edge)), (g, np.cross(m, edge))):
+    for facet, inward in ((f, cross(n, edge)), (g, cross(m, edge))):
         away = ((corners - start[:, None]) * inward[:, None]).sum(2)
         variance += 2 * off2[facet] / np.maximum(np.add.reduceat(away * away, first, 1)[pairs, facet], 1e-9)
     return angle, np.sqrt(variance)

@@ -12,8 +12,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
-from daemon.vision.evidence.hole_rims import HIDDEN_NATS, hole_nats, rims_seen
-from daemon.vision.evidence.hole_rivals import by_holes
+from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats, rims_seen
 from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look

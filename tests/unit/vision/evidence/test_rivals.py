@@ -10,8 +10,7 @@ import pytest
 from daemon.vision.evidence import missing, rivals
 from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.evidence.missing import RIVAL_NATS
-from daemon.vision.evidence.near_duplicates import without_corner
-from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival
+from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival, without_corner
 from daemon.vision.geometry import Polyhedron, exact
 from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo

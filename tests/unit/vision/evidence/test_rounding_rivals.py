@@ -6,7 +6,7 @@ import pytest
 from daemon.store.library import load_facets
 from daemon.vision.evidence import missing, rounding_rivals
 from daemon.vision.evidence.corner_rounding import bends, squared
-from daemon.vision.evidence.hole_rivals import of_its_size
+from daemon.vision.evidence.hole_rims import of_its_size
 from daemon.vision.evidence.rounding_rivals import BorderSeen, borders_seen, nats_of, rounded_alike
 from daemon.vision.geometry import exact
 from daemon.vision.image import open_stereo
