@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-import numpy as np
-
 from daemon import frames
 from daemon.arm import PATH_MM, CameraMounting, Reach, paths
 from daemon.arrays import Array
@@ -17,7 +15,7 @@ from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
 from daemon.pick.grasp import centre_of_mass, felt
 from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.placing import UPSIDE_DOWN, Goal, SetDown, ways_to
+from daemon.pick.placing import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.viewpoints import Reachable
@@ -185,12 +183,15 @@ def plan_from_side(
 
 
 def stable_sides(shape: Polyhedron) -> list[int]:
-    """The sides, from 0, that a part of one material can lie on: the mass centre is above them. Raises ValueError where
-    the corners span no volume."""
-    mass = centre_of_mass(felt(shape))
-    flat = [frames.apply(laid, np.vstack([mass, shape.corners_mm[shape.rings[k]]]))[:, :2]
-            for k, laid in enumerate(shape.laid_flat)]  # fmt: skip
-    return [k for k, points in enumerate(flat) if inside(points[:1], points[None, 1:])[0, 0]]
+    """The sides, from 0, that a part of one material can lie on: nothing of it is beyond them, and the mass centre is
+    above them. Raises ValueError where the corners span no volume."""
+    mass, found = centre_of_mass(felt(shape)), []
+    for side, laid in enumerate(shape.laid_flat):
+        ring = frames.apply(laid, shape.corners_mm[shape.rings[side]])[None, :, :2]
+        beyond_mm = float(frames.apply(laid, shape.corners_mm)[:, 2].max())
+        if beyond_mm < FLAT_MM and inside(frames.apply(laid, mass[None])[:, :2], ring)[0, 0]:
+            found.append(side)
+    return found
 
 
 def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

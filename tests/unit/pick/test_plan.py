@@ -14,7 +14,10 @@ from daemon.pick.grasp import in_the_way
 from daemon.pick.placing import goal_of
 from daemon.pick.plan import HEADINGS_DEG, NoPlan, last_stretch, plan_from_side, plan_part, regrasp, stable_sides
 from daemon.pick.settings import Settings
+from daemon.store import folders
+from daemon.store.library import load_facets
 from daemon.store.place_file import Manner, Place
+from daemon.teaching.solid_from_mesh import read_drawing
 from daemon.vision.geometry import exact
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
@@ -93,6 +96,15 @@ def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch
 @pytest.mark.parametrize("label", ["cube", "pyramid", "triangular_prism", "pentagonal_prism"])
 def test_the_sides_that_a_part_can_lie_on_are_those_below_its_mass(label):
     assert len(stable_sides(shape_of(label))) == len(part_shape(label).rests)
+
+
+def test_a_part_does_not_lie_on_the_inside_of_a_corner():
+    bracket = read_drawing("bracket.obj", (folders.HOUSE / "docs" / "bracket.obj").read_bytes(), "mm", load_facets())
+    sides, solid = stable_sides(bracket.solid), bracket.solid
+    inner = [k for k, laid in enumerate(solid.laid_flat) if frames.apply(laid, solid.corners_mm)[:, 2].max() > 1.0]
+    assert len(inner) == 2
+    assert sides
+    assert not set(sides) & set(inner)
 
 
 def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():
