@@ -331,6 +331,8 @@ class Interpreter:
             raise CommandError("the serial console stays open; there is nothing to close")
         if name == "facetctl":
             raise CommandError("type the command without `facetctl`", NOT_UNDERSTOOD)
+        if name == "facetd>":  # copied from a page of the manual
+            raise CommandError("type the command without the prompt `facetd>`", NOT_UNDERSTOOD)
         name = JOBS.get(name, name)
         if name in OF_THE_SHELL:
             raise CommandError(f"{word}: not a console command; run it in a shell: `facetctl {name}`", NOT_UNDERSTOOD)

@@ -38,6 +38,7 @@ def context(tmp_path: Path) -> object:
         ("tech cube", "tech: no such command; did you mean teach?", 2),
         ("review latest", "review: not a console command; run it in a shell: `facetctl review`", 2),
         ("facetctl status", "type the command without `facetctl`", 2),
+        ("facetd> status", "type the command without the prompt `facetd>`", 2),
         ("flurb", "flurb: no such command; `help all` lists every command", 2),
         ("pick cub", "cub: no such taught part; did you mean cube?", 2),
         ("pick sphere", "sphere: no such taught part; choose from: cube", 2),
