@@ -94,7 +94,8 @@ def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) ->
 
 def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
     """(N, 3) the corners of chords along points (M, 3) on a circle, without the ends where it is open; None where they
-    are on none. The chords lie as far inside the circle at their middles as outside at their ends."""
+    are on none. The chords lie as far inside the circle at their middles as outside at their ends; round a whole circle
+    there are four, or a multiple, so that turns of a part onto itself stay such."""
     middle = points.mean(axis=0)
     x, y, normal = np.linalg.svd(points - middle)[2]
     flat = (points - middle) @ np.column_stack([x, y])
@@ -104,7 +105,8 @@ def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
     angles = np.unwrap(np.arctan2(*(flat - centre).T[::-1]))
     sweep = float(angles[-1] - angles[0])
     step = 2 * np.arccos(max(1 - CHORD_MM / radius, 0.5))
-    count = max(int(np.ceil(abs(sweep) / step)), 6 if closed else 1)
+    count = max(int(np.ceil(abs(sweep) / step)), 1)
+    count = 4 * int(np.ceil(count / 4)) if closed else count
     at = angles[0] + sweep * (np.arange(count) if closed else np.arange(1, count)) / count
     out = 2 / (1 + np.cos(sweep / count / 2))
     ring = centre + out * radius * np.column_stack([np.cos(at), np.sin(at)])

@@ -115,3 +115,11 @@ def test_what_was_understood_is_said_with_size_frame_and_grip() -> None:
     )
     assert told[3] == "The gripper can hold it by flat facets 20, 40 mm apart (it opens 50 mm)."
     assert understood(drawing(*drawn.box(80, 70, 60)), 50.0)[-1].startswith("The gripper opens 50 mm; flat facets to")
+
+
+@pytest.mark.parametrize("radius", [5.0, 9.0, 22.0, 31.0])
+def test_a_round_face_has_four_chords_or_a_multiple_of_four(radius: float) -> None:
+    """A bore's floor of seven chords made a knob another one after half a turn."""
+    turns = 2 * np.pi * np.arange(60) / 60
+    disc = drawing(*drawn.prism([(radius * np.cos(a), radius * np.sin(a)) for a in turns], 12.0)).solid
+    assert [len(ring) % 4 for ring in disc.facets] == [0, 0]

@@ -1,0 +1,162 @@
+"""Twelve machined parts, all taught from their drawings; each lies on the table: is it named, and where is it?
+
+The drawings (tests/data/machined.npz) are of a bracket, a flange, a T-nut, a V-block, a clevis, a knob, a pillow block,
+a gusset, a lever, a cover, a shaft block and a block with rounded edges. Without an argument the simulated cell shows
+them: odd seeds, which nothing was chosen by, half of the tables patterned, half of the parts printed. With a folder the
+looks in it are taken instead: left.png, right.png, truth.json with label and cyclopean_from_part (4, 4) of the
+drawing's frame, taken with rig B of the rendered scenes. A part is where it was said to be if no
+corner is farther off than 3 mm, or if only what no camera has in view of its holes tells the two turns apart.
+
+usage: python -m tests.bench machined [SEEDS | FOLDER]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.main import tame_malloc
+from daemon.store.library import load_facets
+from daemon.store.pictures import read_as_stored
+from daemon.teaching.solid_from_mesh import Drawing
+from daemon.vision.evidence.hole_rims import hole_nats
+from daemon.vision.geometry import StereoRig, rough_fit
+from daemon.vision.image import open_stereo
+from daemon.vision.look import look
+from daemon.vision.model import Model, TeachError, empty_model, learn_solid, symmetries, turns_but_for_holes
+from tests.bench.simulated_looks import true_rig
+from tests.fakes import rendered
+from tests.fakes.drawn import obj
+from tests.fakes.machined import drawing, shown_shape
+from tests.fakes.photographed import cell, photograph
+
+KEPT = Path(__file__).resolve().parents[1] / "data" / "machined.npz"
+SEEDS = 2
+OFF_MM, NATS = 3.0, 2.0
+OUTCOMES = "right", "silent", "misplaced", "WRONG"
+
+
+class Look(NamedTuple):
+    """Of one part: its name, where it lies (4, 4) cyclopean_from_drawing, both pictures, the rig, what table."""
+
+    label: str
+    pose: Array
+    left: Array
+    right: Array
+    rig: StereoRig
+    table: str
+
+
+def main(arguments: list[str] | None = None) -> None:
+    told = (sys.argv[1:] if arguments is None else arguments)[:1]
+    cv2.setNumThreads(1)
+    tame_malloc()
+    counts, places = defaultdict[tuple[str, str], Counter[str]](Counter), list[float]()
+    kept = bool(told) and not told[0].isdigit()
+    for one in in_folder(Path(told[0])) if kept else simulated(int(told[0]) if told else SEEDS):
+        outcome, off = named(one)
+        counts[one.label, one.table][outcome] += 1
+        if outcome == "right":
+            places.append(off)
+        if outcome in OUTCOMES[2:]:
+            print(f"  {one.label}, {one.table}: {outcome} {off:.1f} mm", flush=True)
+    print(f"{'part':<16}{'table':<11}" + "".join(f"{name:>10}" for name in OUTCOMES))
+    for (label, table), count in sorted(counts.items()):
+        print(f"{label:<16}{table:<11}" + "".join(f"{count[name]:>10}" for name in OUTCOMES))
+    for table in sorted({table for _, table in counts}):
+        every = sum((count for (_, own), count in counts.items() if own == table), Counter[str]())
+        print(f"{'all':<16}{table:<11}" + "".join(f"{every[name]:>10}" for name in OUTCOMES))
+    if places:
+        print(f"farthest corner of those that are right: median {np.median(places):.2f} mm")
+
+
+@cache
+def drawings() -> dict[str, Drawing]:
+    """The twelve."""
+    with np.load(KEPT) as file:
+        names = sorted(name.removesuffix("_corners_mm") for name in file if name.endswith("_corners_mm"))
+        meshes = {
+            name: (file[f"{name}_corners_mm"].astype(float), file[f"{name}_triangles"].tolist()) for name in names
+        }
+    return {name: drawing(f"{name}.obj", obj(*mesh)) for name, mesh in meshes.items()}
+
+
+@cache
+def taught() -> Model:
+    """Those of them that can be taught, from their drawings."""
+    model = empty_model(load_facets())
+    for name, one in drawings().items():
+        try:
+            model = learn_solid(model, one.solid, name)
+        except TeachError as error:
+            print(error, file=sys.stderr)
+    return model
+
+
+def simulated(seeds: int) -> Iterator[Look]:
+    """Each part as many times, in the simulated cell."""
+    rig = true_rig(cell())
+    for label, one in drawings().items():
+        shape = shown_shape(label, one)
+        assert shape.surface is not None
+        for seed in range(1, 2 * seeds, 2):
+            photo = photograph(shape, np.random.default_rng([*label.encode(), seed]))
+            shift = frames.rigid(np.eye(3), (shape.surface.corners_mm - one.surface.corners_mm).mean(0) - one.origin_mm)
+            table = "plain" if photo.table is None else "patterned"
+            yield Look(label, photo.cyclopean_from_part @ shift, photo.left, photo.right, rig, table)
+
+
+def in_folder(folder: Path) -> Iterator[Look]:
+    """The looks that a folder keeps, all at plain tables."""
+    rig = rendered.rig(rendered.HERE, "B")
+    for path in sorted(folder.glob("*/truth.json")):
+        told = json.loads(path.read_text())
+        left, right = (read_as_stored(path.with_name(f"{eye}.png")) for eye in ("left", "right"))
+        yield Look(told["label"], np.array(told["cyclopean_from_part"]), left, right, rig, "plain")
+
+
+def named(one: Look) -> tuple[str, float]:
+    """What a look says: one of OUTCOMES, and how far off the farthest corner is, mm."""
+    scene = look(one.left, one.right, one.rig, taught())
+    found = [part for part in scene.parts if part.named]
+    if not found:
+        return "silent", 0.0
+    if any(part.recognition.label != one.label for part in found):
+        return "WRONG", 0.0
+    solid, true = taught().metric[one.label].solid, one.pose @ _drawing_from_part(one.label)
+    eyes, pose = open_stereo(one.left, one.right, one.rig), found[0].cyclopean_from_part
+    unseen = hole_nats(solid, pose, eyes) > hole_nats(solid, true, eyes) - NATS
+    turns = turns_but_for_holes(solid) if unseen else np.eye(4)[None]
+    corners = frames.apply(pose, solid.corners_mm)
+    ways = (frames.apply(true @ turn @ own, solid.corners_mm) for turn in turns for own in _own_turns(one.label))
+    off = min(float(np.linalg.norm(corners - way, axis=1).max()) for way in ways)
+    return ("right" if off < OFF_MM else "misplaced"), off
+
+
+@cache
+def _own_turns(label: str) -> Array:
+    return symmetries(taught().metric[label].solid).motions
+
+
+@cache
+def _drawing_from_part(label: str) -> Array:
+    """(4, 4) from the frame of the taught solid to that of its drawing."""
+    one, own = drawings()[label], taught().metric[label].solid
+    there = one.solid.corners_mm + one.origin_mm
+    alike, every = np.tile(np.eye(3), (len(there), 1, 1)), np.ones((1, len(there)), bool)
+    rotation, shift, _ = rough_fit(there, alike, own.corners_mm[None], every)
+    return frames.rigid(rotation[0], shift[0])
+
+
+if __name__ == "__main__":
+    main()
