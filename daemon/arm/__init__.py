@@ -13,6 +13,7 @@ from daemon.arm.body import (
     capsule_around,
     carried_part,
     held_anyhow,
+    lie_at_a_box,
 )
 from daemon.arm.guard import Limits, MoveCommand, SupportContact
 from daemon.arm.hold import Waiting
@@ -107,6 +108,7 @@ __all__ = [
     "carried_part",
     "held_anyhow",
     "in_view",
+    "lie_at_a_box",
     "said",
     "settled_pair",
     "speed_pct",

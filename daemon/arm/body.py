@@ -212,6 +212,15 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
     return distances
 
 
+def lie_at_a_box(points: Array, boxes: Sequence[KeepOut], near_mm: float) -> bool:
+    """Whether all the points (N, 3), world, mm, lie in one of the boxes or within near_mm of it."""
+    own = _from_boxes(points[:, None, None], boxes)[:, :, 0, 0]
+    low = np.array([box.low_mm for box in boxes], float).reshape(-1, 3)
+    high = np.array([box.high_mm for box in boxes], float).reshape(-1, 3)
+    outside = np.maximum(low - own, own - high).max(axis=2)
+    return bool((outside <= near_mm).all(axis=0).any())
+
+
 def _from_boxes(ends: Array, boxes: Sequence[KeepOut]) -> Array:
     """(N, B, C, 2, 3): the ends (N, C, 2, 3) in each box's own frame."""
     seen = np.repeat(ends[:, None], len(boxes), axis=1)

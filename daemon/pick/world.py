@@ -10,7 +10,16 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
 from daemon import frames
-from daemon.arm import Mover, MoveRefusedError, OutOfReachError, Reading, RefusedError, Workcell, speed_pct
+from daemon.arm import (
+    Mover,
+    MoveRefusedError,
+    OutOfReachError,
+    Reading,
+    RefusedError,
+    Workcell,
+    lie_at_a_box,
+    speed_pct,
+)
 from daemon.arrays import Array
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, DecisionCode
@@ -40,6 +49,9 @@ from daemon.store.place_status import AT_PLACE_MM
 
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
+AT_BOX_MM = 4.0
+"""Facets without a name whose corners all lie this near to one box that the arm keeps out of, a fixture's or a post's,
+are its sides: nothing to pick, and nothing to look at again."""
 MOST_EXPOSURES = 3
 """Tries at the right exposure in one place."""
 MOST_LOOKS, MOST_S = 40, 300.0
@@ -214,6 +226,8 @@ class WorldModel:
             self.again = self.again[0] + again, self.again[1] + not_again
         self.looks.append(look)
         found = await context.cell.compute(known, [*self.looks], context.recogniser, context.settings.doubt)
+        boxes = context.settings.limits.keep_out
+        found = [p for p in found if p.named or not lie_at_a_box(p.corners, boxes, AT_BOX_MM)]
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
     def too_long(self, context: PickContext) -> str | None:

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from daemon.arm import FixtureBox
 from daemon.pick import world as world_room
+from daemon.pick.settings import Settings
 from daemon.pick.world import MOST_S, WorldModel
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
@@ -34,6 +36,20 @@ def test_a_pick_whose_looks_never_agree_ends_and_says_what_disagreed(monkeypatch
     assert (cycle.state, end.outcome) == ("idle", "unsure")
     assert re.search(r"given up after \d+ looks and \d+ s beside motion: \d+ of \d+ parts did not show again", end.why)
     assert "does a camera repeat itself" in end.why
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_walls_of_a_fixture_that_the_cell_knows_are_nothing_to_pick(known: bool) -> None:
+    world = World(np.random.default_rng(0))
+    world.labels["cube"] = Recognition("unknown", 0.0, 0.0, 0.0, None, False, "nothing like it was taught")
+    world.put("cube", 520.0, 0.0, 0.4)
+    wall = FixtureBox("fixture plate, box 1", (-30.0, -30.0, 0.0), (30.0, 30.0, 60.0), (520.0, 0.0, -300.0), 22.9)
+    settings = Settings()
+    settings = replace(settings, limits=replace(settings.limits, keep_out=(wall,) if known else ()))
+    cycle = cycle_of(world, settings)
+    end = asyncio.run(cycle.pick())
+    assert end.outcome == ("empty" if known else "unknown"), end.why
+    assert bool(end.skipped) is not known
 
 
 def test_a_pick_that_takes_too_long_beside_its_motion_ends() -> None:
