@@ -15,16 +15,7 @@ from daemon.arm.body import (
     held_anyhow,
     lie_at_a_box,
 )
-from daemon.arm.guard import Limits, MoveCommand, SupportContact
-from daemon.arm.hold import Waiting
-from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
-from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
-from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
-from daemon.arm.paths import speed_pct
-from daemon.arm.permit import Grant, MotionPermit
-from daemon.arm.route import PATH_MM
-from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
-from daemon.arm.shapes import (
+from daemon.arm.collision_shapes import (
     ARM,
     BODY_MM,
     CAMERA_POINTS_MM,
@@ -35,6 +26,15 @@ from daemon.arm.shapes import (
     suction_cup,
     two_fingers,
 )
+from daemon.arm.guard import Limits, MoveCommand, SupportContact
+from daemon.arm.hold import Waiting
+from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
+from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
+from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
+from daemon.arm.paths import speed_pct
+from daemon.arm.permit import Grant, MotionPermit
+from daemon.arm.route import PATH_MM
+from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
 from daemon.arm.workcell import (

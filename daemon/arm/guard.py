@@ -13,7 +13,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.body import Capsule, KeepOut, Point, above_mm, body_of
-from daemon.arm.shapes import ARM, BODY_MM
+from daemon.arm.collision_shapes import ARM, BODY_MM
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 

@@ -1,6 +1,6 @@
 """Identify the arm from the findings of a first contact: compare it with published arms, write arm.yaml and a page.
 
-In: the findings (drivers/val2/acquaintance.py). calibration/arm_from_readings.py fits the arm to the readings.
+In: the findings (drivers/val2/contact_findings.py). calibration/arm_from_readings.py fits the arm to the readings.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from daemon.arrays import Array
 from daemon.calibration.arm_from_readings import LENGTHS, ArmFound, NoArmError, find_arm, refined
 from drivers.puma560 import PUMA560
 from drivers.pumas import PUBLISHED, Likeness, PublishedArm, likeness
-from drivers.val2.acquaintance import Acquaintance, ProbeFinding
+from drivers.val2.contact_findings import ContactFindings, ProbeFinding
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.location import matrix_from_location
 
@@ -44,7 +44,7 @@ class Arm:
     source: str = ""
 
 
-def arm_of(known: Acquaintance, typed_mm: tuple[float, float, float, float] | None = None) -> Arm:
+def arm_of(known: ContactFindings, typed_mm: tuple[float, float, float, float] | None = None) -> Arm:
     """Identify the arm from the readings and compare it with published ones. typed_mm: a2, a3, d3, d4 from its drawing
     where none is published. Raises NoArmError."""
     arms = PUBLISHED if typed_mm is None else (PublishedArm("arm of the lengths typed", typed_mm, "its operator"),)
@@ -140,7 +140,7 @@ def _fits_of_published(
 # Output: arm.yaml and a page
 
 
-def _zeros_deg(found: ArmFound, known: Acquaintance) -> list[float]:
+def _zeros_deg(found: ArmFound, known: ContactFindings) -> list[float]:
     """Zeros of the joints. Poses do not determine whole turns: these put the readings nearest to the middle of a PUMA's
     ranges."""
     printed = np.array([where.joints_deg for where in known.readings]).mean(axis=0)
@@ -153,7 +153,7 @@ def _zeros_deg(found: ArmFound, known: Acquaintance) -> list[float]:
     return [round(float(zero), 3) for zero in np.array(found.zeros_deg) + 360.0 * turns]
 
 
-def arm_file(known: Acquaintance, arm: Arm | None) -> dict[str, Any]:
+def arm_file(known: ContactFindings, arm: Arm | None) -> dict[str, Any]:
     """The content of arm.yaml: dialect, and geometry where it was identified; each value with its source and
     certainty."""
     dialect = {name: _entry(known.findings[name]) for name in known.dialect()}
@@ -203,7 +203,7 @@ def _rows(matrix: Array) -> list[list[float]]:
     return [[round(float(value), 9) for value in row] for row in matrix]
 
 
-def page(known: Acquaintance, arm: Arm | None) -> str:
+def page(known: ContactFindings, arm: Arm | None) -> str:
     """The findings as a page for people."""
     lines = ["Findings about the controller", ""]
     lines += [f"  {f.name:<20} {f.value!r:<24} {f.sure}: {f.found}" for f in known.findings.values()]

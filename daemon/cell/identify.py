@@ -1,4 +1,4 @@
-"""Identify a controller on a serial port: run the steps of drivers/val2/introduction.py with a transcript and a stop.
+"""Identify a controller on a serial port: run the steps of drivers/val2/first_contact.py with a transcript and a stop.
 
 identified_arm.py finds the arm. Also replays a transcript: lines of JSON, each {"t_s", "way", "bytes" or "text"}; way
 is out, in, heard (ends an exchange: what came in before belongs to it), speed, says, asks, answers, unclear or stop.
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from daemon.errors import FacetdError
-from drivers.val2 import introduction
-from drivers.val2.acquaintance import Acquaintance, Consult, Exchange, Heard, Speed, Step, Tell, UnclearError
+from drivers.val2 import first_contact
+from drivers.val2.contact_findings import Consult, ContactFindings, Exchange, Heard, Speed, Step, Tell, UnclearError
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
-from drivers.val2.introduction import BAUDS, BY_PENDANT
+from drivers.val2.first_contact import BAUDS, BY_PENDANT
 from drivers.val2.port import OpenPort, Port, SerialPort
 
 Write = Callable[[dict[str, Any]], None]
@@ -33,8 +33,16 @@ EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, Lin
 """Errors that end an identification."""
 serial_port: OpenPort = SerialPort
 __all__ = [
-    "BAUDS", "EXPECTED", "Acquaintance", "Consult", "Person", "StoppedByPersonError", "identify",
-    "read_transcript", "replay", "serial_port",
+    "BAUDS",
+    "EXPECTED",
+    "Consult",
+    "ContactFindings",
+    "Person",
+    "StoppedByPersonError",
+    "identify",
+    "read_transcript",
+    "replay",
+    "serial_port",
 ]  # fmt: skip
 
 
@@ -141,15 +149,15 @@ class _Line:
 
 async def identify(
     path: str, open_port: OpenPort, person: Person, write: Write, bauds: Sequence[int] = BAUDS, pendant: bool = False
-) -> Acquaintance:
+) -> ContactFindings:
     """Identify the controller at a port. write: receives each line of the transcript; pendant: whether the person moves
     the arm to more poses.
 
     Raises UnclearError with a question, LinkError, StoppedByPersonError after the stop was sent, and what write raises.
     """
-    known = Acquaintance()
+    known = ContactFindings()
     line = _Line(path, open_port, asyncio.get_running_loop().time, write)
-    steps = introduction.introduce(known, bauds, pendant)
+    steps = first_contact.introduce(known, bauds, pendant)
     reply: Any = None
     try:
         while True:
@@ -174,7 +182,7 @@ async def identify(
         line.close()
 
 
-async def _unless_stopped(doing: Awaitable[Any], known: Acquaintance, line: _Line, person: Person) -> Any:
+async def _unless_stopped(doing: Awaitable[Any], known: ContactFindings, line: _Line, person: Person) -> Any:
     """Await a step, and send the stop as soon as the person wants it. Raises StoppedByPersonError."""
     task, stop = asyncio.ensure_future(doing), asyncio.ensure_future(person.wants_stop.wait())
     try:
@@ -242,10 +250,10 @@ def replay(transcript: Iterable[dict[str, Any]]) -> Iterator[str]:
     It receives the recorded bytes at their times as long as it sends the recorded ones.
     """
     records = list(transcript)
-    known = Acquaintance()
+    known = ContactFindings()
     bauds = [int(record["text"]) for record in records if record["way"] == "speed"]
     pendant = any(record["way"] == "asks" and record["text"].startswith(BY_PENDANT) for record in records)
-    steps = introduction.introduce(known, bauds, pendant)
+    steps = first_contact.introduce(known, bauds, pendant)
     at, reply = 0, None
     while True:
         try:

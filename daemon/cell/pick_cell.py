@@ -24,7 +24,7 @@ from daemon.cell.sections import guarded
 from daemon.compute.calls import Compute
 from daemon.config import Config
 from daemon.pick.moved_pair import seen_by_one
-from daemon.pick.placing import PlaceTable, fixture_boxes
+from daemon.pick.place_goals import PlaceTable, fixture_boxes
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.store.place_status import PlaceStatuses

@@ -29,8 +29,8 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.config import Config, Matrix4
-from daemon.pick.grasp import TwoFingers
 from daemon.pick.suction import SuctionCup
+from daemon.pick.two_fingers import TwoFingers
 from daemon.store.yamlfile import Document, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting

@@ -23,8 +23,8 @@ from daemon.cell.identified_arm import arm_file, arm_of, page
 from daemon.cell.identify import (
     BAUDS,
     EXPECTED,
-    Acquaintance,
     Consult,
+    ContactFindings,
     Person,
     identify,
     read_transcript,
@@ -86,7 +86,7 @@ def _identify(args: argparse.Namespace) -> int:
     return _write_files(found, args.out, args.lengths)
 
 
-def _write_files(found: Acquaintance, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
+def _write_files(found: ContactFindings, folder: Path, typed_mm: tuple[float, float, float, float] | None) -> int:
     """Write arm.yaml and arm.txt; without readings, or where no arm fits them, with the dialect only."""
     arm = None
     try:
@@ -105,7 +105,7 @@ def _write_files(found: Acquaintance, folder: Path, typed_mm: tuple[float, float
     return DONE if arm is not None else NOT_DONE
 
 
-async def _identify_controller(port: str, baud: int | None, pendant: bool, file: Any) -> Acquaintance:
+async def _identify_controller(port: str, baud: int | None, pendant: bool, file: Any) -> ContactFindings:
     loop, wants_stop = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, wants_stop.set)

@@ -154,7 +154,7 @@ def _train(args: argparse.Namespace) -> int:
 
 def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
     """The model with every drawing that can be learnt, and a line for each that cannot. Raises OfflineError."""
-    from daemon.pick.grasp import TwoFingers
+    from daemon.pick.two_fingers import TwoFingers
     from daemon.store.outside import read_file
     from daemon.teaching.foreign_drawings import in_own_format
     from daemon.teaching.mesh import LARGEST_BYTES, MeshError, UnitError

@@ -16,7 +16,7 @@ from daemon.commands.placing import report_moved
 from daemon.console.context import CommandContext
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd
 
 

@@ -19,7 +19,7 @@ from daemon.console.text_layout import table
 from daemon.maintenance.doctor import mend_of
 from daemon.maintenance.journal import fault_line
 from daemon.pick.find import in_all
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.world import WorldModel
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.health import SAID, findings_json, troubles

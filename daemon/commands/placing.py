@@ -12,7 +12,7 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, co
 from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
-from daemon.pick.placing import flattened, spot_of
+from daemon.pick.place_goals import flattened, spot_of
 from daemon.pick.plan import SidePlan, stable_sides
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places

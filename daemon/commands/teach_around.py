@@ -16,7 +16,7 @@ from daemon.console.phrases import plural
 from daemon.errors import NOT_DONE
 from daemon.pick.around import SECONDS_A_PLACE, CircledPart, NoThingError
 from daemon.pick.fused_objects import seen_from
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.teaching.walked_round import Deviation, WalkedRound, deviations, learnt_round

@@ -23,7 +23,7 @@ from daemon.console.phrases import at_utc, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD, spelt
 from daemon.pick.around import LEAST_PLACES, MOST_PLACES, USUAL_PLACES
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.store.outside import read_file
 from daemon.store.yamlfile import LARGEST_BYTES
 from daemon.teaching.foreign_drawings import in_own_format

@@ -27,7 +27,7 @@ from daemon.events.outcomes import Outcome
 from daemon.events.pick_order import ALL, PickOrder, auto_record
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.cycle import PickCycle
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd
 from daemon.store.runlog import RunLog
 from daemon.store.runs import new_folder

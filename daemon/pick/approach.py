@@ -7,7 +7,7 @@ from daemon.events.codes import CauseCode, DecisionCode, suspected
 from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
-from daemon.pick.looking import whole_look
+from daemon.pick.looks import whole_look
 from daemon.pick.plan import regrasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts

@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arm import CameraMounting, RefusedError
 from daemon.arrays import Array
 from daemon.pick import viewpoints
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.settings import SurveyView
 from daemon.pick.world import MOVE_ERRORS, PickContext, raise_if_closed
 from daemon.vision.values import Group

@@ -39,9 +39,9 @@ from daemon.events.outcomes import BROUGHT, Outcome, tally
 from daemon.events.pick_order import ALL, OrderStep, PickOrder, auto_record
 from daemon.pick import approach, find, set_down, take
 from daemon.pick.around import CircledPart, Told, walk_round
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
-from daemon.pick.placing import Goal, PlaceTable
+from daemon.pick.place_goals import Goal, PlaceTable
 from daemon.pick.plan import SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings

@@ -13,7 +13,7 @@ from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
 from daemon.pick.following import Target, beside
 from daemon.pick.fused_objects import outlines_of
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.next_view import (
     Gain,
     PartHypothesis,
@@ -27,7 +27,7 @@ from daemon.pick.next_view import (
     strange,
 )
 from daemon.pick.outcome import PickResult
-from daemon.pick.placing import deviation
+from daemon.pick.place_goals import deviation
 from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser

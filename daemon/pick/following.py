@@ -14,8 +14,8 @@ from daemon.arm import CameraMounting, EyeName, HeldPart, InWorld, Workcell
 from daemon.arrays import Array
 from daemon.pick import moved_pair, pose_fusion
 from daemon.pick.gripper import Gripper
-from daemon.pick.looking import Expected, Look, Taken
-from daemon.pick.placing import SetDown
+from daemon.pick.looks import Expected, Look, Taken
+from daemon.pick.place_goals import SetDown
 from daemon.pick.plan import Plan
 from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts

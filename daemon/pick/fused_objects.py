@@ -12,7 +12,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, seen_parts

@@ -1,6 +1,6 @@
 """What a pick asks of the mounted gripper, whatever its kind: its body, its grasps, how long it works, how it shows.
 
-A kind is a value of facetd.yaml with these methods: TwoFingers (grasp.py), SuctionCup (suction.py). Pure.
+A kind is a value of facetd.yaml with these methods: TwoFingers (two_fingers.py), SuctionCup (suction.py). Pure.
 """
 
 from __future__ import annotations

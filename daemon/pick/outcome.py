@@ -8,7 +8,7 @@ from typing import Protocol
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 
 
 @dataclass(frozen=True)

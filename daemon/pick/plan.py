@@ -13,11 +13,11 @@ from daemon.arm import PATH_MM, CameraMounting, Reach, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
-from daemon.pick.grasp import centre_of_mass, felt
 from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.placing import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, ways_to
+from daemon.pick.place_goals import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
+from daemon.pick.two_fingers import centre_of_mass, felt
 from daemon.pick.viewpoints import Reachable
 from daemon.store.place_file import about_vertical
 from daemon.vision.geometry import Polyhedron, inside

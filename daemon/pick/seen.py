@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.vision.geometry import FACING, newell_normal
 from daemon.vision.values import Facet, Part, Recognition
 

@@ -24,13 +24,13 @@ from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
 from daemon.pick.following import Target, at_place, held_by_edges, held_pose, in_hand, mount_of, sighted
-from daemon.pick.looking import Expected, Look, Taken
+from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed
+from daemon.pick.looks import Expected, Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult
-from daemon.pick.placing import Goal, PlaceDeviation, deviation, set_down_of
+from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
 from daemon.pick.seen import same_place, seen_parts
-from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, travel
 from daemon.store.place_status import AT_PLACE_MM, PlaceStatus

@@ -9,10 +9,10 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arm import Arrival, CameraMounting, Limits, Point, Settling
 from daemon.arrays import Array
-from daemon.pick.grasp import TwoFingers, tool_rotation
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.stand_offs import Stops
 from daemon.pick.suction import SuctionCup
+from daemon.pick.two_fingers import TwoFingers, tool_rotation
 from daemon.quantities import Direction, Few, Lean, Length, Percent, Pixels
 
 

@@ -18,11 +18,11 @@ from daemon.pick.following import (
     mount_of,
     still_there,
 )
-from daemon.pick.looking import Look, Taken
+from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
+from daemon.pick.looks import Look, Taken
 from daemon.pick.outcome import InGripper, PickResult, released
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
-from daemon.pick.sensing import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
 from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent

@@ -28,7 +28,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick import moved_pair
 from daemon.pick.following import Target
 from daemon.pick.fused_objects import ONE_MM, known
-from daemon.pick.looking import (
+from daemon.pick.looks import (
     Expected,
     Look,
     Taken,
@@ -40,7 +40,7 @@ from daemon.pick.looking import (
     whole_look,
 )
 from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, tell
-from daemon.pick.placing import PlaceTable
+from daemon.pick.place_goals import PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings

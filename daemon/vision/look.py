@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from daemon.vision.evidence import (
     all_accounted_for,
-    checked_for_missing,
     hole_evidence,
     named_by_edges,
+    verified_names,
     without_overlaps,
 )
 from daemon.vision.facets import TablePlane, facets_seen, with_lone_outlines, without_table
@@ -117,7 +117,7 @@ def _verified(
     new = [one for one in found if one not in before]
     parts = refined_parts([one.part for one in new], known, eyes, [one.part for one in by_edges])
     refined = [replace(one, part=part) for one, part in zip(new, parts, strict=True)]
-    told = dict(zip(new, checked_for_missing(refined, known, eyes), strict=True))
+    told = dict(zip(new, verified_names(refined, known, eyes), strict=True))
     return tuple(told.get(one, one) for one in found)
 
 

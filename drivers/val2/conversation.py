@@ -15,7 +15,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, HeldBack, Interleaved, LinkError, NoAnswer, ProcessorHalted
 from drivers.val2.interleaved import typed_behind, typed_beside
 from drivers.val2.location import Location
-from drivers.val2.owed import OwedAnswers
+from drivers.val2.pending_answers import PendingAnswers
 from drivers.val2.wire import (
     LONGEST_LINE,
     ControllerQuestion,
@@ -100,7 +100,7 @@ class Conversation:
         send: Callable[[bytes, bytes], None],
         clock: Callable[[], float],
         permit: LinePermit,
-        owed: OwedAnswers,
+        owed: PendingAnswers,
     ):
         """send: bytes, and what of them the ledger is to have; permit: asked before a line that moves is ended; owed:
         what was not answered in time is noted there."""

@@ -27,7 +27,7 @@ from drivers.val2.errors import (
 )
 from drivers.val2.interleaved import SHORTEST_TYPED
 from drivers.val2.ledger import Ledger
-from drivers.val2.owed import OwedAnswers
+from drivers.val2.pending_answers import PendingAnswers
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text, of_a_table
 
@@ -72,7 +72,7 @@ class LineSession:
         """How often the prompt had to be found again: what was typed around that may not have been read as typed."""
         self._ledger, self._switched_on, self._disturbed = ledger, switched_on, disturbed
         self._reader = Reader()
-        self._owed = OwedAnswers(clock, dialect.motion_s)
+        self._owed = PendingAnswers(clock, dialect.motion_s)
         self.talk = self._new_conversation()
         self._turn = asyncio.Lock()
         self._may_go_on = asyncio.Event()

@@ -31,7 +31,7 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision import look as look_module
-from daemon.vision.evidence import by_edges, missing, rivals
+from daemon.vision.evidence import by_edges, counter_evidence, rivals
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
@@ -68,13 +68,13 @@ COMPONENTS: dict[str, Without] = {
     "self-similarity": Without(by_edges, "self_similarity", lambda *_: 0.0),
     "photo-consistency": Without(by_edges, "face_consistency", lambda *_: None),
     "what leaves the picture": Without(by_edges, "cut_off", lambda *_: False),
-    "all that speaks against": Without(look_module, "checked_for_missing", lambda found, *_: tuple(found)),
-    "missing edges": Without(missing, "missing_share", lambda _: 0.0),
-    "missing in both": Without(missing, "missing_in_both_px", lambda _: 0.0),
-    "off the faces": Without(missing, "off_faces_px", lambda *_: 0.0),
-    "near-duplicates": Without(missing, "untaught_rival", lambda *_: rivals.UntaughtRival()),
-    "rounded corners": Without(missing, "told_by_rounding", lambda one, *_: one),
-    "occlusion": Without(missing, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
+    "all that speaks against": Without(look_module, "verified_names", lambda found, *_: tuple(found)),
+    "missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
+    "missing in both": Without(counter_evidence, "missing_in_both_px", lambda _: 0.0),
+    "off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
+    "near-duplicates": Without(counter_evidence, "untaught_rival", lambda *_: rivals.UntaughtRival()),
+    "rounded corners": Without(counter_evidence, "told_by_rounding", lambda one, *_: one),
+    "occlusion": Without(counter_evidence, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
 }
 
 

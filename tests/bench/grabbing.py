@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading, Workcell
 from daemon.cell.cameras import ThreadedCameras
-from daemon.pick.looking import take_look, taken_here
+from daemon.pick.looks import take_look, taken_here
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.store.library import load_facets
 from daemon.vision.model.model import empty_model

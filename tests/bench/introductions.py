@@ -9,7 +9,7 @@ import sys
 import time
 
 from daemon.calibration.arm_from_readings import NoArmError
-from drivers.val2.acquaintance import UnclearError
+from drivers.val2.contact_findings import UnclearError
 from tests.fakes.strange_controllers import arm_of, draw, in_simulated_time, meet, strangers, wrong
 
 

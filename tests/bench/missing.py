@@ -1,4 +1,4 @@
-"""Makes the constants of daemon/vision/evidence/missing.py again: what speaks against a part tells near twins.
+"""Makes the constants of daemon/vision/evidence/counter_evidence.py again: what speaks against a part tells near twins.
 
 Without an option: TWIN, BY_MISSING, BY_BOTH, BY_OFF and BY_RIVAL are fitted to what is kept in
 tests/data/near_twins.csv and held beside the code's, and each kind of evidence is left out in turn. With `--dump` that
@@ -28,8 +28,8 @@ import numpy as np
 
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.vision.evidence import missing
-from daemon.vision.evidence.missing import Against
+from daemon.vision.evidence import counter_evidence
+from daemon.vision.evidence.counter_evidence import Against
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
@@ -105,14 +105,14 @@ def _arguments(given: list[str]) -> argparse.Namespace:
 @contextmanager
 def constants(**values: float) -> Iterator[None]:
     """The check with other constants for a while."""
-    before = {name: getattr(missing, name) for name in values}
+    before = {name: getattr(counter_evidence, name) for name in values}
     try:
         for name, value in values.items():
-            setattr(missing, name, value)
+            setattr(counter_evidence, name, value)
         yield
     finally:
         for name, value in before.items():
-            setattr(missing, name, value)
+            setattr(counter_evidence, name, value)
 
 
 def scenes() -> Iterator[Seen]:
@@ -154,7 +154,7 @@ def _unchecked(pair: tuple[Image, Image], rig: StereoRig, model: Model) -> Scene
 
 def _measured(who: tuple[str, str, str, bool], part: Part, model: Model, eyes: StereoImages) -> Seen:
     solid = model.metric[part.recognition.label].solid
-    return Seen(*who, missing.speaks_against(solid, part.cyclopean_from_part, eyes))
+    return Seen(*who, counter_evidence.speaks_against(solid, part.cyclopean_from_part, eyes))
 
 
 def write(seen: list[Seen]) -> None:
@@ -200,7 +200,15 @@ def fitted(seen: list[Seen], kinds: Sequence[int] = (0, 1, 2, 3)) -> Fit:
 
 def in_code() -> Array:
     """The constants of the code, as Fit.weights has them."""
-    return np.array([missing.TWIN, missing.BY_MISSING, missing.BY_BOTH, missing.BY_OFF, missing.BY_RIVAL])
+    return np.array(
+        [
+            counter_evidence.TWIN,
+            counter_evidence.BY_MISSING,
+            counter_evidence.BY_BOTH,
+            counter_evidence.BY_OFF,
+            counter_evidence.BY_RIVAL,
+        ]
+    )
 
 
 def agrees(fit: Fit) -> bool:
@@ -231,7 +239,7 @@ def _what_it_does(name: str, seen: list[Seen]) -> None:
 
 def _lost(one: Seen) -> bool:
     """Whether a part against which so much speaks has no name."""
-    return one.against.twin > missing.MOST_LIKELY_TWIN
+    return one.against.twin > counter_evidence.MOST_LIKELY_TWIN
 
 
 def _left_out(seen: list[Seen]) -> None:

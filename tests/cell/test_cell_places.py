@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from daemon.events.codes import DecisionCode
-from daemon.pick.placing import Goal, goal_of
+from daemon.pick.place_goals import Goal, goal_of
 from daemon.store.place_file import Manner, Place
 from daemon.store.place_status import PlaceStatus
 from tests.fakes.chosen import few

@@ -13,7 +13,7 @@ import numpy as np
 from daemon import frames
 from daemon.config import load_config
 from daemon.pick.outcome import CycleEnd
-from daemon.pick.placing import Goal, PlaceTable
+from daemon.pick.place_goals import Goal, PlaceTable
 from daemon.store.library import load_facets
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import PlaceState, PlaceStatuses

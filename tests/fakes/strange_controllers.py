@@ -21,10 +21,10 @@ from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import drawn
-from drivers.val2.acquaintance import Acquaintance, Consult
+from drivers.val2.contact_findings import Consult, ContactFindings
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import PortError
-from drivers.val2.introduction import PACES_S
+from drivers.val2.first_contact import PACES_S
 from drivers.val2.link import Link
 from tests.fakes.memory_line import MemoryLine, MemoryPort
 from tests.fakes.simulated_time import SimulatedLoop
@@ -158,7 +158,7 @@ async def stop_of_a_drawn_one(strange: Strange) -> StopTimes:
 class Contact:
     """What a first contact came to. steps: how far the arm went, degrees printed."""
 
-    known: Acquaintance | None
+    known: ContactFindings | None
     transcript: list[dict[str, Any]]
     told: list[str]
     controller: Controller
@@ -224,7 +224,7 @@ def in_simulated_time(story: Callable[[], Any]) -> Any:
         return runner.run(story())
 
 
-def wrong(strange: Strange, known: Acquaintance, seen: ArmSeen) -> list[str]:
+def wrong(strange: Strange, known: ContactFindings, seen: ArmSeen) -> list[str]:
     """What was found otherwise than it is; judged by what would go wrong, not by how it is told."""
     manners, found = strange.manners, known.dialect()
     off = [

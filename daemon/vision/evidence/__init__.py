@@ -1,8 +1,8 @@
 """Whether a part is where a hypothesis has it: evidence from both pictures, competing hypotheses, overlaps."""
 
 from daemon.vision.evidence.by_edges import named_by_edges
+from daemon.vision.evidence.counter_evidence import verified_names
 from daemon.vision.evidence.hole_rims import hole_evidence
-from daemon.vision.evidence.missing import checked_for_missing
 from daemon.vision.evidence.overlaps import all_accounted_for, without_overlaps
 
-__all__ = ["all_accounted_for", "checked_for_missing", "hole_evidence", "named_by_edges", "without_overlaps"]
+__all__ = ["all_accounted_for", "hole_evidence", "named_by_edges", "verified_names", "without_overlaps"]

@@ -4,9 +4,9 @@ from daemon.vision.facets.candidates import triangulate
 from daemon.vision.facets.fusing import Fused, SeenFrom, fuse, group_of, only
 from daemon.vision.facets.grouping import connected, merge_vertices
 from daemon.vision.facets.looks_adjustment import shared_motion
-from daemon.vision.facets.patterned_table import seen_table
 from daemon.vision.facets.reconstruct import facets_seen, find_facets, with_lone_outlines
-from daemon.vision.facets.table import TablePlane, table_at, table_of, without_table
+from daemon.vision.facets.table_estimation import seen_table
+from daemon.vision.facets.table_plane import TablePlane, table_at, table_of, without_table
 
 __all__ = [
     "Fused",

@@ -1,8 +1,14 @@
 """Which taught part could be where: from 3-D junctions, single facets, the support plane; ranked by segments."""
 
-from daemon.vision.hypotheses.edge_distance_map import edge_distances, in_sizes, self_similarity
+from daemon.vision.hypotheses.directional_edge_map import edge_distances, in_sizes, self_similarity
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
 from daemon.vision.hypotheses.pose_batch import COVERED, hull, pixels, silhouette
+from daemon.vision.hypotheses.resting_poses import (
+    SupportPlane,
+    lies_on_support,
+    snapped_to_support,
+    snapped_where_it_lies,
+)
 from daemon.vision.hypotheses.search import (
     FEWEST_IN_VIEW,
     SEARCHED,
@@ -13,12 +19,6 @@ from daemon.vision.hypotheses.search import (
     hypotheses_on_support,
     perturbed_poses,
     prepare,
-)
-from daemon.vision.hypotheses.support_plane import (
-    SupportPlane,
-    lies_on_support,
-    snapped_to_support,
-    snapped_where_it_lies,
 )
 
 __all__ = [

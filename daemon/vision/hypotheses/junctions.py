@@ -17,7 +17,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
 from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, apart2, basis
-from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, Rays
+from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, Rays
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
 from daemon.vision.model import turns_onto_themselves
@@ -253,7 +253,7 @@ def junction_kinds(shapes: tuple[Polyhedron, ...]) -> Kinds:
 
 
 def poses_from_junctions(
-    corners: Junctions3D, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap], solids: SolidBatch
+    corners: Junctions3D, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap], solids: SolidBatch
 ) -> tuple[PoseBatch, Array, int]:
     """Taught corners laid onto corners in space whose arms could make their angle, those MOST_GUESSES for which most
     speaks; about which line each could be turned and show nearly the same two edges to the left eye, a point of it and
@@ -312,7 +312,7 @@ def _could_be(corners: Junctions3D, cosines: Array) -> tuple[Flags, Array]:
 
 
 def _nats(
-    corners: Junctions3D, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap], kinds: Kinds,
+    corners: Junctions3D, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap], kinds: Kinds,
     could: Flags, other: Array,
 ) -> Image32:  # fmt: skip
     """(C, 2, T) what speaks in both eyes for the two edges of every kind of corner at every corner in space, its second

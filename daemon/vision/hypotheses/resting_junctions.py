@@ -17,7 +17,7 @@ from daemon import frames
 from daemon.arrays import Array, Index
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron, SolidBatch, basis
-from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap
+from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap
 from daemon.vision.hypotheses.junctions import (
     ANGLE,
     CameraJunctions,
@@ -26,7 +26,7 @@ from daemon.vision.hypotheses.junctions import (
     taught_junctions,
 )
 from daemon.vision.hypotheses.pose_batch import PoseBatch
-from daemon.vision.hypotheses.support_plane import resting_planes_of
+from daemon.vision.hypotheses.resting_poses import resting_planes_of
 from daemon.vision.image import SegmentCorners, runs
 
 OFF = np.tan(np.radians(6.0))
@@ -89,7 +89,7 @@ def resting_junctions_of(shapes: tuple[Polyhedron, ...]) -> RestingJunctions:
 def poses_on_support(
     seen: tuple[SegmentCorners, SegmentCorners],
     geometry: Baseline,
-    maps: tuple[EdgeDistanceMap, EdgeDistanceMap],
+    maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap],
     table: TablePlane,
     solids: SolidBatch,
 ) -> tuple[PoseBatch, int]:
@@ -182,7 +182,7 @@ def _turned(corners: CameraJunctions, ray: Array, axes: Array, kinds: Array) -> 
     return kind, c, bearing[side, of_slope[kind], c]
 
 
-def _borne(at: Array, ways: Array, lengths_mm: Array, seen: EdgeDistanceMap) -> Index:
+def _borne(at: Array, ways: Array, lengths_mm: Array, seen: DirectionalEdgeMap) -> Index:
     """Of corners at (N, 3) from an eye, whose edges (N, 2) point along ways (2, N, 3), those MOST_GUESSES whose edges
     it has most of."""
     nats = np.zeros(len(at), np.float32)

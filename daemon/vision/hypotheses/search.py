@@ -23,11 +23,11 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
-from daemon.vision.hypotheses.edge_distance_map import EdgeDistanceMap, evidence, promising
+from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, hull, ideal, pixels, taught_solids
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
-from daemon.vision.hypotheses.support_plane import SupportPlane, snapped_poses
+from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_poses
 from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
 from daemon.vision.model import Model
 from daemon.vision.recognition import kinds_of, places_of, suspected
@@ -60,7 +60,7 @@ class Search:
     model: Model
     unnamed: Sequence[Group]
     named: Sequence[PlanarShape]
-    maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+    maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
     ground: SupportPlane | None
 
     @cached_property
@@ -269,7 +269,7 @@ FARTHER_MM, TILT = 5.0, np.radians(7.0)
 
 
 def best_turned(
-    guesses: ScoredPoses, hinges: Array, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+    guesses: ScoredPoses, hinges: Array, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
 ) -> tuple[ScoredPoses, Array]:
     """The likeliest of every bundle of guesses, each turned to where most speaks for it, and of how many tries each is
     the best: 1 for those that stay as they are. hinges (G, 2, 3): a point and the direction of the line that each turns

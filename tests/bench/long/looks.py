@@ -22,7 +22,7 @@ from daemon import frames
 from daemon.arm.motion import NotSentError
 from daemon.arrays import Array
 from daemon.pick.fused_objects import known
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.next_view import places_round
 from daemon.pick.seen import ObservedPart, seen_parts
 from daemon.pick.settings import SurveyView

@@ -16,7 +16,7 @@ from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand
 from daemon.arm.motion import Arrival, Mover
 from daemon.arm.sweep import way_clear
 from daemon.arm.workcell import Reading
-from daemon.pick.grasp import tool_rotation
+from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import World, build, permitted
 from tests.fakes.swept import ARM, ROBOT

@@ -18,7 +18,7 @@ from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError
 from daemon.arm.permit import Grant
 from daemon.config import load_config
-from daemon.pick.grasp import tool_rotation
+from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from drivers.pumas import PUBLISHED
 from drivers.simcell.truth import load_truth

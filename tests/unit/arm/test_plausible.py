@@ -8,8 +8,8 @@ import pytest
 
 from daemon.arm import plausible
 from daemon.arm.body import Capsule, KeepOut
+from daemon.arm.collision_shapes import ARM
 from daemon.arm.guard import Limits
-from daemon.arm.shapes import ARM
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 

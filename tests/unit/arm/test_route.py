@@ -16,7 +16,7 @@ from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import planned_way
 from daemon.arm.workcell import Reading, Workcell
-from daemon.pick.grasp import tool_rotation
+from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import permitted
 from tests.fakes.swept import ARM, ROBOT, Travel, truth_of

@@ -14,7 +14,7 @@ from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
 from daemon.arm.workcell import Reading
-from daemon.pick.grasp import tool_rotation
+from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.chosen import few
 from tests.fakes.swept import ARM, ROBOT, Travel, random_travel, truth_of

@@ -24,10 +24,10 @@ from drivers.simcell.arm import standing
 from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.controller.manners import VAL_II_ASKS
 from drivers.simcell.history import MotionRecord
-from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, UnclearError
+from drivers.val2.contact_findings import CAREFUL_S, Consult, ContactFindings, UnclearError
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 from drivers.val2.errors import Disturbed
-from drivers.val2.first_moves import ROUNDS, STEP_DEG
+from drivers.val2.first_contact_moves import ROUNDS, STEP_DEG
 from drivers.val2.location import Location, location_from_matrix
 from drivers.val2.wire import Where
 from tests.bench.introductions import one
@@ -463,7 +463,7 @@ def test_a_controller_that_counts_in_inches_is_known_by_its_arm_and_told_in_mill
         degrees = np.round(START_DEG + rng.uniform(-25, 25, 6), 3)
         place = location_from_matrix(forward(np.radians(degrees), geometry))
         readings.append(Where(Location(*(round(value, 4) for value in place.values())), tuple(degrees)))
-    known = Acquaintance(readings=readings)
+    known = ContactFindings(readings=readings)
     known.found("digits", (4, 3), "WHERE")
     made = arm_file(known, arm_of(known))
     assert made["dialect"]["unit_mm"]["value"] == 25.4

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from daemon import ctl
-from daemon.cell.identify import Acquaintance, Consult, Person
+from daemon.cell.identify import Consult, ContactFindings, Person
 from daemon.cli import arm
 from daemon.cli.arm import _ask
 from daemon.store import folders
@@ -105,14 +105,14 @@ def test_a_stop_typed_at_a_first_contact_stops_the_arm_whether_anything_is_asked
     """While a joint was on its way nobody read it; as an answer it was neither a yes nor a no."""
     master, slave = pty.openpty()
 
-    async def meeting(port: str, open_port: object, person: Person, *_: object) -> Acquaintance:
+    async def meeting(port: str, open_port: object, person: Person, *_: object) -> ContactFindings:
         if asked:
             asyncio.get_running_loop().call_later(0.1, os.write, master, b"STOP!\n")
             assert await person.answer(Consult("move", "May I?")) == ""
         else:
             os.write(master, b"sto\n")
         await asyncio.wait_for(person.wants_stop.wait(), 10.0)
-        return Acquaintance()
+        return ContactFindings()
 
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)

@@ -14,7 +14,7 @@ import pytest
 from daemon import frames
 from daemon.commands import every_command, placing
 from daemon.console.interpreter import CommandResult, Interpreter
-from daemon.pick.placing import PlaceTable
+from daemon.pick.place_goals import PlaceTable
 from daemon.pick.plan import SidePlan
 from daemon.store.place_file import FILE, PatternEntry, PlaceEntry, load_places, with_place, write_places
 from daemon.store.place_status import PlaceStatus, PlaceStatuses

@@ -26,7 +26,7 @@ from daemon.pick.following import (
     least_error,
     left_hand,
 )
-from daemon.pick.looking import Taken
+from daemon.pick.looks import Taken
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
 from daemon.store import folders
 from daemon.vision.geometry import StereoRig, exact

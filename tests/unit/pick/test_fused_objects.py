@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.pick import fused_objects
 from daemon.pick.fused_objects import ONE_MM, _untaught, known, outlines_of, telling
-from daemon.pick.looking import Look
+from daemon.pick.looks import Look
 from daemon.pick.pose_fusion import Doubt
 from daemon.pick.recogniser import ModelRecogniser
 from daemon.pick.seen import seen_parts

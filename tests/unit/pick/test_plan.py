@@ -10,10 +10,10 @@ import pytest
 from daemon import frames
 from daemon.events.codes import CauseCode
 from daemon.pick import plan as planning
-from daemon.pick.grasp import in_the_way
-from daemon.pick.placing import goal_of
+from daemon.pick.place_goals import goal_of
 from daemon.pick.plan import HEADINGS_DEG, NoPlan, last_stretch, plan_from_side, plan_part, regrasp, stable_sides
 from daemon.pick.settings import Settings
+from daemon.pick.two_fingers import in_the_way
 from daemon.store import folders
 from daemon.store.library import load_facets
 from daemon.store.place_file import Manner, Place

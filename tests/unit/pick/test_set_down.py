@@ -23,8 +23,8 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import HeldPose
-from daemon.pick.looking import Look
-from daemon.pick.placing import Goal, PlaceTable, goal_of
+from daemon.pick.looks import Look
+from daemon.pick.place_goals import Goal, PlaceTable, goal_of
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate
 from daemon.pick.seen import seen_parts
 from daemon.pick.settings import Settings

@@ -10,7 +10,7 @@ import pytest
 
 import daemon.review.cycle_page as cycle_page
 from daemon import frames
-from daemon.arm.shapes import ARM as CAPSULES
+from daemon.arm.collision_shapes import ARM as CAPSULES
 from daemon.config import ArmSettings
 from daemon.review.cycle_page import cycle_data, write_cycle_page
 from daemon.review.page import read_digest

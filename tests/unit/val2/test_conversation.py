@@ -11,7 +11,7 @@ import pytest
 from drivers.val2.conversation import ControllerAnswer, Conversation, Unconditional
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, Interleaved, NoAnswer, Preempted, ProcessorHalted
-from drivers.val2.owed import OwedAnswers
+from drivers.val2.pending_answers import PendingAnswers
 from drivers.val2.wire import ControllerQuestion, Error, Prompt, Reader, Text, is_halted
 from tests.fakes.in_time import lived
 
@@ -29,7 +29,7 @@ class Line:
         self.sent: list[tuple[float, bytes, bytes]] = []
         self._line, self._silence = b"", None
         self._reader = Reader()
-        owed = OwedAnswers(self.loop.time, self.dialect.motion_s)
+        owed = PendingAnswers(self.loop.time, self.dialect.motion_s)
         self.talk = Conversation(self.dialect, self._reader, self._take, self.loop.time, Unconditional(), owed)
 
     @property
@@ -247,7 +247,7 @@ def test_a_controller_that_says_nothing_at_all_is_not_busy() -> None:
         line = Line({})
         line.echoes, line.says = lambda data: b"", {}
         line._take = lambda data, kept: None  # type: ignore[method-assign]
-        owed = OwedAnswers(line.loop.time, line.dialect.motion_s)
+        owed = PendingAnswers(line.loop.time, line.dialect.motion_s)
         line.talk = Conversation(line.dialect, Reader(), line._take, line.loop.time, Unconditional(), owed)
         with pytest.raises(NoAnswer, match="no prompt after 2 attempts; is the controller on") as told:
             await line.talk.resynchronise(2)

@@ -15,11 +15,11 @@ import pytest
 
 from drivers.puma560 import READY_RAD, forward
 from drivers.simcell.controller import Manners
-from drivers.val2.acquaintance import Acquaintance, Heard, UnclearError
+from drivers.val2.contact_findings import ContactFindings, Heard, UnclearError
 from drivers.val2.conversation import _answer as answer
 from drivers.val2.conversation import _is_twice as is_twice
 from drivers.val2.errors import Garbled, LinkError, NoAnswer, PortError
-from drivers.val2.introduction import _line
+from drivers.val2.first_contact import _line
 from drivers.val2.link import Dialect, Link
 from drivers.val2.location import location_from_matrix
 from drivers.val2.port import OpenPort, Port, SerialPort
@@ -118,7 +118,7 @@ def test_behind_a_converter_that_echoes_a_controller_that_does_not_is_one_that_d
 
 def test_behind_a_converter_that_echoes_a_controller_that_echoes_too_is_told_before_anything_moves() -> None:
     """What came back first would be the converter's: what the controller read could not be compared with anything."""
-    steps = _line(Acquaintance())
+    steps = _line(ContactFindings())
     assert next(steps).data == b"WHERE"
     with pytest.raises(UnclearError, match="comes back twice"):
         steps.send(Heard(((0.1, b"WWHHEERREE"),), 1.0))

@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig
-from daemon.vision.hypotheses import edge_distance_map
+from daemon.vision.hypotheses import directional_edge_map
 from daemon.vision.image import VisionError, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid
@@ -52,7 +52,7 @@ def moved_anywhere(rng: np.random.Generator) -> StereoRig:
 
 def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     places = 0
-    hits, slopes = edge_distance_map.EdgeDistanceMap.hits, edge_samples.stretch_slopes
+    hits, slopes = directional_edge_map.DirectionalEdgeMap.hits, edge_samples.stretch_slopes
 
     def counted_hits(seen, way, x, y):
         nonlocal places
@@ -65,7 +65,7 @@ def test_a_look_through_any_rig_is_bounded_by_its_pictures(model: Model, monkeyp
         places += found.size
         return found
 
-    monkeypatch.setattr(edge_distance_map.EdgeDistanceMap, "hits", counted_hits)
+    monkeypatch.setattr(directional_edge_map.DirectionalEdgeMap, "hits", counted_hits)
     monkeypatch.setattr(edge_samples, "stretch_slopes", counted_slopes)
     rng, refused = np.random.default_rng(6), 0
     rigs = [straight_rig(), *(moved_anywhere(rng) for _ in range(20))]
@@ -99,7 +99,9 @@ def test_a_rig_that_looks_along_its_baseline_is_refused_at_once() -> None:
 @pytest.mark.parametrize("size", [(640, 480), (3840, 2160), (480, 6000)])
 def test_a_map_is_never_much_larger_than_its_image(size: tuple[int, int]) -> None:
     for wide in ([1.0, 0.8], [5.0, 4.0], [0.4, 30.0], [1e4, 1e4]):
-        scale = edge_distance_map._scale(600.0 / edge_distance_map.SHRINK, np.array(wide), size[::-1])
+        scale = directional_edge_map._scale(600.0 / directional_edge_map.SHRINK, np.array(wide), size[::-1])
         width, height = np.array(wide) * scale
-        assert width * height <= 1.01 * edge_distance_map.LARGEST * size[0] * size[1] / edge_distance_map.SHRINK**2
-        assert (height + edge_distance_map.ROOM) * edge_distance_map.DIRECTIONS <= edge_distance_map.MOST_ROWS
+        assert (
+            width * height <= 1.01 * directional_edge_map.LARGEST * size[0] * size[1] / directional_edge_map.SHRINK**2
+        )
+        assert (height + directional_edge_map.ROOM) * directional_edge_map.DIRECTIONS <= directional_edge_map.MOST_ROWS

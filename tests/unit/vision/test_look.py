@@ -22,7 +22,7 @@ from daemon.vision.draw import draw_scene
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.hypotheses.junctions import junction_kinds, taught_junctions
 from daemon.vision.hypotheses.resting_junctions import resting_junctions_of
-from daemon.vision.hypotheses.support_plane import resting_planes_of
+from daemon.vision.hypotheses.resting_poses import resting_planes_of
 from daemon.vision.image.grey import VisionError
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view

@@ -16,12 +16,12 @@ from daemon.vision.evidence import by_edges, registered
 from daemon.vision.evidence.by_edges import FEWEST_TESTS, LEAST_CONFIDENCE, named_by_edges
 from daemon.vision.evidence.registered import RegisteredPart, registered_near
 from daemon.vision.facets.grouping import merge_vertices
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import PlanarShape
 from daemon.vision.hypotheses import search
-from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.directional_edge_map import edge_distances
+from daemon.vision.hypotheses.resting_poses import resting_planes
 from daemon.vision.hypotheses.search import RankedHypotheses, Search, hypotheses_from_junctions
-from daemon.vision.hypotheses.support_plane import resting_planes
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
+from daemon.vision.evidence.counter_evidence import MOST_LIKELY_TWIN, speaks_against
 from daemon.vision.evidence.edge_places import edge_places
-from daemon.vision.evidence.missing import MOST_LIKELY_TWIN, speaks_against
 from daemon.vision.evidence.occlusion import hidden_places
 from daemon.vision.geometry import exact
 from daemon.vision.image import StereoImages, open_stereo

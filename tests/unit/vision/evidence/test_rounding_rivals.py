@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon.store.library import load_facets
-from daemon.vision.evidence import missing, rounding_rivals
+from daemon.vision.evidence import counter_evidence, rounding_rivals
 from daemon.vision.evidence.corner_rounding import bends, squared
 from daemon.vision.evidence.hole_rims import of_its_size
 from daemon.vision.evidence.rounding_rivals import BorderSeen, borders_seen, nats_of, rounded_alike
@@ -90,7 +90,7 @@ def test_a_look_whose_corners_do_not_tell_says_which_two(pair, shown, monkeypatc
 
 
 def test_without_the_evidence_a_rounded_part_has_no_name_of_its_own(pair, shown, monkeypatch):
-    monkeypatch.setattr(missing, "told_by_rounding", lambda one, *_: one)
+    monkeypatch.setattr(counter_evidence, "told_by_rounding", lambda one, *_: one)
     found, _ = named(pair, shown[1])
     assert [part.recognition.label for part in found] != ["rounded"]
 

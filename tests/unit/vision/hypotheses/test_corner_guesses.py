@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.vision.geometry import exact
 from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import junctions
-from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.directional_edge_map import edge_distances
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import StereoImages, joined, open_stereo, segment_corners

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import exact
-from daemon.vision.hypotheses import support_plane
-from daemon.vision.hypotheses.support_plane import SupportPlane, snapped_pose, snapped_to_support
+from daemon.vision.hypotheses import resting_poses
+from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_pose, snapped_to_support
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.values import Part, Scene
@@ -83,7 +83,7 @@ def too_high_mm(part: Part) -> float:
 def test_a_look_lays_what_it_names_on_the_table_it_sees(monkeypatch: pytest.MonkeyPatch) -> None:
     taught = model()
     _, laid = cube_on_a_patterned_table(taught)
-    monkeypatch.setattr(support_plane, "snapped_pose", lambda *_: None)
+    monkeypatch.setattr(resting_poses, "snapped_pose", lambda *_: None)
     _, as_seen = cube_on_a_patterned_table(taught)
     assert too_high_mm(laid) < 0.7 * too_high_mm(as_seen)
     turn = laid.cyclopean_from_part @ frames.inverse(as_seen.cyclopean_from_part)

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.geometry.solid_batch import SolidBatch
-from daemon.vision.hypotheses import support_plane
+from daemon.vision.hypotheses import resting_poses
 from daemon.vision.hypotheses.pose_batch import PoseBatch
-from daemon.vision.hypotheses.support_plane import (
+from daemon.vision.hypotheses.resting_poses import (
     SupportPlane,
     lies_on_support,
     nearest_resting_plane,
@@ -34,7 +34,7 @@ GEOMETRY = baseline(straight_rig())
 def resting_pose(solid: Polyhedron, which: int, spin: float, x: float = 0.0, lifted_mm: float = 0.0) -> Array:
     """cyclopean_from_part of a solid on a side of it, turned about the table's normal."""
     normal = resting_planes(solid)[which % len(resting_planes(solid)), :3]
-    turn = support_plane._turns(normal[None], -UP)[0]
+    turn = resting_poses._turns(normal[None], -UP)[0]
     turn = frames.rotation_from_vector(spin * UP) @ turn
     lowest = (solid.corners_mm @ turn.T @ UP).min()
     foot = np.array([x, 0.0, 0.0])
@@ -85,7 +85,7 @@ def test_a_hollow_part_rests_across_its_hollow() -> None:
 
 
 def test_a_part_of_very_many_corners_rests_on_its_facets(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(support_plane, "MOST_CORNERS", 4)
+    monkeypatch.setattr(resting_poses, "MOST_CORNERS", 4)
     pyramid = KNOWN["pyramid"]
     assert len(resting_planes(exact(pyramid.corners_mm, pyramid.facets))) == 5
 

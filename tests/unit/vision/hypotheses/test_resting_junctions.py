@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
 from daemon.vision.geometry.solid_batch import SolidBatch
 from daemon.vision.hypotheses import resting_junctions
-from daemon.vision.hypotheses.edge_distance_map import edge_distances
+from daemon.vision.hypotheses.directional_edge_map import edge_distances
 from daemon.vision.hypotheses.junctions import CameraJunctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
-from daemon.vision.hypotheses.support_plane import resting_planes
+from daemon.vision.hypotheses.resting_poses import resting_planes
 from daemon.vision.image import SegmentCorners, StereoImages, joined, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import KNOWN, pose

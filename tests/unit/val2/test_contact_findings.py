@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from drivers.val2.acquaintance import (
-    Acquaintance,
+from drivers.val2.contact_findings import (
     Consult,
+    ContactFindings,
     Exchange,
     Heard,
     UnclearError,
@@ -17,7 +17,7 @@ from drivers.val2.acquaintance import (
     errors_in,
     same_place,
 )
-from drivers.val2.introduction import introduce
+from drivers.val2.first_contact import introduce
 from drivers.val2.location import Location
 from drivers.val2.wire import Where
 
@@ -71,7 +71,7 @@ def test_a_halted_processor_is_recognised_at_the_first_line_and_its_remedy_told(
         return Heard(echo, step.most_s)
 
     def story() -> None:
-        steps = introduce(Acquaintance())
+        steps = introduce(ContactFindings())
         step = next(steps)
         while True:
             step = steps.send(answered(step))

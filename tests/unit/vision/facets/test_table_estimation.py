@@ -8,9 +8,9 @@ import pytest
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.facets import patterned_table
-from daemon.vision.facets.patterned_table import _plane, seen_table
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets import table_estimation
+from daemon.vision.facets.table_estimation import _plane, seen_table
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import baseline
 from daemon.vision.image.stereo_images import open_stereo
 from tests.fakes import rendered
@@ -44,7 +44,7 @@ def test_a_patterned_table_is_seen_where_it_lies(distance_mm: float, tilt: float
 def test_both_pictures_compared_say_it_better_than_blocks_do(monkeypatch: pytest.MonkeyPatch) -> None:
     tables = [table_at(340.0, 0.6, 1.2), table_at(420.0, -0.7, 1.0), table_at(360.0, 0.5, -0.4)]
     compared = [tilt_deg(where) for where in tables]
-    monkeypatch.setattr(patterned_table, "_compared", lambda plane, *_: plane)
+    monkeypatch.setattr(table_estimation, "_compared", lambda plane, *_: plane)
     assert np.mean(compared) < 0.5 * np.mean([tilt_deg(where) for where in tables])
 
 
@@ -69,7 +69,7 @@ def test_a_plain_table_is_not_seen() -> None:
 
 def test_in_a_plain_picture_nothing_is_matched(monkeypatch: pytest.MonkeyPatch) -> None:
     where = table_at(340.0, 0.6, 1.2)
-    monkeypatch.setattr(patterned_table, "_disparities", lambda *_: pytest.fail("matched"))
+    monkeypatch.setattr(table_estimation, "_disparities", lambda *_: pytest.fail("matched"))
     on_it = where @ frames.rigid(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
     assert seen(where, CUBE, on_it, speckled=False, patterned=False) is None
 
@@ -119,7 +119,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
     else:
         disparities[:40] = disparities[125:] = disparities[:, :45] = disparities[:, 180:] = 0.0
     disparities[other] += off_px * rng.uniform(0.3, 1.0, other.sum()).astype(np.float32)
-    monkeypatch.setattr(patterned_table, "_disparities", lambda *_: disparities)
+    monkeypatch.setattr(table_estimation, "_disparities", lambda *_: disparities)
     assert (seen_table(eyes) is not None) == table
 
 
@@ -127,7 +127,7 @@ def test_much_may_stand_on_a_table_and_nothing_may_lie_beyond_it(
 @pytest.mark.parametrize(("rig", "columns", "rows"), [("A0", 756, 581), ("B", 640, 480)])
 def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: int, rows: int, slant: float) -> None:
     geometry = baseline(rendered.rig(rendered.HERE, rig))
-    found = patterned_table.rectified(geometry, columns, rows, slant)
+    found = table_estimation.rectified(geometry, columns, rows, slant)
     _, tall, wide = found.left.shape
     places = np.stack(np.meshgrid(np.arange(wide), np.arange(tall)), 2).reshape(-1, 2).astype(float)
     moved = np.array([slant, 0.0]) * (places[:, 1:] - tall / 2)
@@ -140,7 +140,7 @@ def test_coarse_pictures_are_taken_from_where_the_lenses_say(rig: str, columns: 
 def test_what_only_the_left_eye_sees_says_nothing_against_a_table() -> None:
     """Of a near table the left third is not in the right picture; what is matched there all the same lies far away."""
     canvas = straight_canvas()
-    places, near = patterned_table._places((160, 213)), 140.0
+    places, near = table_estimation._places((160, 213)), 140.0
     low, high = canvas.in_both(places)
     alone = (near < low) | (near > high)
     assert 0.3 < alone.mean() < 0.5
@@ -156,7 +156,7 @@ def test_grain_at_a_slant_is_seen_by_upright_eyes_and_by_others_where_the_table_
 ) -> None:
     where = table_at(340.0, 0.0, 0.9)
     eyes = open_stereo(*print_pair(None, where, table=where, speckled=True), straight_rig())
-    monkeypatch.setattr(patterned_table, "_pictures", lambda _, canvas: grain(slant, canvas))
+    monkeypatch.setattr(table_estimation, "_pictures", lambda _, canvas: grain(slant, canvas))
     found = seen_table(eyes)
     assert (found is not None) == upright
     up = np.array([0.0, -slant / 60.0, -1 / 300.0])  # of a baseline of 60 mm, 300 mm away in front
@@ -164,7 +164,7 @@ def test_grain_at_a_slant_is_seen_by_upright_eyes_and_by_others_where_the_table_
     assert seen_table(eyes, known).up @ known.up > np.cos(np.radians(1.0))
 
 
-def grain(slant: float, canvas: patterned_table.Rectified) -> tuple[np.ndarray, np.ndarray]:
+def grain(slant: float, canvas: table_estimation.Rectified) -> tuple[np.ndarray, np.ndarray]:
     """Coarse pictures of wood whose disparity grows so from row to row."""
     rng = np.random.default_rng(8)
     _, tall, wide = canvas.left.shape
@@ -177,8 +177,8 @@ def grain(slant: float, canvas: patterned_table.Rectified) -> tuple[np.ndarray, 
     return tuple(np.clip(128 + 150 * one + rng.normal(0, 2, one.shape), 0, 255).astype(np.uint8) for one in pair)
 
 
-def straight_canvas() -> patterned_table.Rectified:
-    return patterned_table.rectified(baseline(straight_rig()), 640, 480, 0.0)
+def straight_canvas() -> table_estimation.Rectified:
+    return table_estimation.rectified(baseline(straight_rig()), 640, 480, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
-from daemon.pick.sensing import MORE_DWELLS, contradiction
+from daemon.pick.gripper_sensor import MORE_DWELLS, contradiction
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.store.place_status import PlaceStatus

@@ -10,15 +10,15 @@ import pytest
 
 from daemon.arrays import Array
 from daemon.store.library import load_facets
-from daemon.vision.evidence import missing
-from daemon.vision.evidence.edge_places import EdgePlaces, edge_places
-from daemon.vision.evidence.missing import (
+from daemon.vision.evidence import counter_evidence
+from daemon.vision.evidence.counter_evidence import (
     Against,
-    checked_for_missing,
     missing_in_both_px,
     missing_share,
     speaks_against,
+    verified_names,
 )
+from daemon.vision.evidence.edge_places import EdgePlaces, edge_places
 from daemon.vision.geometry import exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
@@ -84,7 +84,7 @@ def checked(eyes: StereoImages) -> Part:
     """What becomes of the block's name, which its facets gave."""
     named = recognised(view_of(BLOCK, WHERE), model())
     assert named.label == "block"
-    (found,) = checked_for_missing([named], model(), eyes)
+    (found,) = verified_names([named], model(), eyes)
     return found.part
 
 
@@ -111,7 +111,7 @@ def test_a_part_with_a_corner_more_than_the_pictures_have_loses_its_name_and_it_
 def test_what_has_no_name_is_left_as_it_is() -> None:
     nameless = recognised(view_of(L_BLOCK, WHERE), model())
     assert not nameless.named
-    assert checked_for_missing([nameless], model(), eyes_on("cut")) == (nameless,)
+    assert verified_names([nameless], model(), eyes_on("cut")) == (nameless,)
 
 
 def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_and_for_nothing_else(
@@ -123,7 +123,7 @@ def test_a_prism_of_another_number_of_sides_is_left_unnamed_for_what_is_missing_
     scene = look(*pictures, true_rig(cell()), other)
     assert not any(part.named for part in scene.parts)
     assert any("of what that should show is in neither picture" in part.recognition.reason for part in scene.parts)
-    monkeypatch.setattr(missing, "MOST_LIKELY_TWIN", 1.0)
+    monkeypatch.setattr(counter_evidence, "MOST_LIKELY_TWIN", 1.0)
     assert any(part.named for part in look(*pictures, true_rig(cell()), other).parts)
 
 
@@ -148,7 +148,7 @@ def test_an_edge_between_equal_greys_counts_little(monkeypatch: pytest.MonkeyPat
     assert inner.mean() < 0.2, "the edges between the facets show"
     assert missing_share(seen) < 0.01
     assert missing_in_both_px(seen) == 0.0
-    monkeypatch.setattr(missing, "EXPECTED", 1e-6)
+    monkeypatch.setattr(counter_evidence, "EXPECTED", 1e-6)
     assert missing_share(seen) > 0.05
 
 
@@ -187,7 +187,7 @@ def test_the_more_speaks_against_a_part_the_likelier_is_a_twin() -> None:
         chances = [Against(*(share * largest)).twin for share in (0.0, 0.05, 0.2, 0.5, 1.0)]
         assert chances == sorted(chances)
         assert chances[0] < PRIOR
-        assert chances[-1] > missing.MOST_LIKELY_TWIN
+        assert chances[-1] > counter_evidence.MOST_LIKELY_TWIN
 
 
 def test_it_is_said_what_speaks_most_against_a_part() -> None:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.facets.table import TablePlane, without_table
+from daemon.vision.facets.table_plane import TablePlane, without_table
 from daemon.vision.values import FacetView, Group
 from tests.fakes.solids import measured
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.placing import (
+from daemon.pick.place_goals import (
     PartPlaceError,
     PlaceTable,
     deviation,

@@ -11,7 +11,7 @@ PROMPTS = ". "
 TABLE_WORDS = frozenset([*LOCATION_HEADER, *JOINT_HEADER, *SHARED_HEADER, "HAND"])
 
 
-class OwedAnswers:
+class PendingAnswers:
     """What was typed and not answered in time, for as long as its answer may still come."""
 
     def __init__(self, clock: Callable[[], float], lasts_s: float) -> None:

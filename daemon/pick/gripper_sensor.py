@@ -8,7 +8,7 @@ from daemon.arm import BeliefSource, NotSettledError
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode
 from daemon.pick.following import Target
-from daemon.pick.looking import Taken, taken_here
+from daemon.pick.looks import Taken, taken_here
 from daemon.pick.world import PickContext
 
 MORE_DWELLS = 2

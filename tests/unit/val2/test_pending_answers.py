@@ -8,7 +8,7 @@ import pytest
 
 from drivers.val2.errors import Disturbed, NoAnswer
 from drivers.val2.link import Link
-from drivers.val2.owed import OwedAnswers
+from drivers.val2.pending_answers import PendingAnswers
 from tests.fakes.in_time import lived
 from tests.unit.val2.test_link_scripted import GOAL, PROMPT, START, Scripted, linked, table, usual
 
@@ -38,7 +38,7 @@ WHERE = "X Y Z O A T\r\n500.00 0 0 0 0 0.000\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 -
     ],
 )
 def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], heard: list[str], explained: bool) -> None:
-    answers = OwedAnswers(lambda: 0.0, 60.0)
+    answers = PendingAnswers(lambda: 0.0, 60.0)
     for command in owed:
         answers.add(command)
     assert answers.explain(heard) is explained
@@ -47,7 +47,7 @@ def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], hea
 @pytest.mark.parametrize(("after_s", "explained"), [(60.0, True), (60.1, False)])
 def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
     now = [5.0]
-    answers = OwedAnswers(lambda: now[0], 60.0)
+    answers = PendingAnswers(lambda: now[0], 60.0)
     answers.add("WHERE")
     now[0] += after_s
     assert answers.explain(["."]) is explained

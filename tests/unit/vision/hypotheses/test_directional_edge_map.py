@@ -12,8 +12,8 @@ from daemon import frames
 from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, face_consistency, print_apart_px
 from daemon.vision.geometry import exact
 from daemon.vision.geometry.solid_batch import SolidBatch
-from daemon.vision.hypotheses.edge_distance_map import (
-    EdgeDistanceMap,
+from daemon.vision.hypotheses.directional_edge_map import (
+    DirectionalEdgeMap,
     Rays,
     edge_distances,
     evidence,
@@ -57,7 +57,7 @@ def seen_edge() -> tuple[int, int]:
     return first, second
 
 
-def often(seen: EdgeDistanceMap, chance: float) -> EdgeDistanceMap:
+def often(seen: DirectionalEdgeMap, chance: float) -> DirectionalEdgeMap:
     return replace(seen, chance=np.full_like(seen.chance, chance))
 
 

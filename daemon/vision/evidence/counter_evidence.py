@@ -82,7 +82,7 @@ class Against:
         return f"{self.missing:.0%} of what that should show is in neither picture"
 
 
-def checked_for_missing(found: Sequence[Recognised], model: Model, eyes: StereoImages) -> tuple[Recognised, ...]:
+def verified_names(found: Sequence[Recognised], model: Model, eyes: StereoImages) -> tuple[Recognised, ...]:
     """The named ones with a confidence that counts what speaks against them; without their names where that is too
     much."""
     return tuple(_checked(one, model, eyes) if one.named else one for one in found)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array, Flags
-from daemon.vision.facets.table import TablePlane
+from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import Baseline, RectifiedCamera, robust_weight, solve
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.settings import VisionSettings

@@ -54,7 +54,7 @@ that many, is another."""
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeDistanceMap:
+class DirectionalEdgeMap:
     """hit (D, H, W): how surely a place lies on a segment of about each direction, 255 near it, 0 out of reach or
     outside the image; chance (D,): how often one is there. Map pixels are scale times ideal coordinates less the
     origin (2,).
@@ -95,7 +95,7 @@ class EdgeDistanceMap:
         return length * (hit * there[which] + (1 - hit) * missing[which]), length * there[which]
 
 
-def edge_distances(view: CameraImage) -> EdgeDistanceMap:
+def edge_distances(view: CameraImage) -> DirectionalEdgeMap:
     """Maps of what an eye sees: as large as its segments need, of a chance as in all of its image."""
     found, eye, shape = view.segments, view.eye, view.grey.shape
     rim = eye.ideal(np.array([[x, y] for x in (0.0, shape[1] - 1.0) for y in (0.0, shape[0] - 1.0)]))
@@ -116,7 +116,7 @@ def edge_distances(view: CameraImage) -> EdgeDistanceMap:
             cv2.blur(cv2.dilate(hit[k], _NEARBY), (3, 3), hit[k])
             often[k] = np.count_nonzero(hit[k] > 127)
     chance = often / np.prod((rim.max(0) - rim.min(0)) * scale)
-    return EdgeDistanceMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
+    return DirectionalEdgeMap(hit, np.clip(chance, LEAST_CHANCE, MOST_CHANCE), scale, rim.min(0) + low / scale)
 
 
 def _scale(finest: float, size: Array, shape: tuple[int, ...]) -> float:
@@ -137,7 +137,7 @@ class Rays:
     fall: Image32
 
     @classmethod
-    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: EdgeDistanceMap) -> Rays:
+    def of(cls, at: Array, way: Array, eye_x_mm: float, seen: DirectionalEdgeMap) -> Rays:
         """at, way (N, 3): points and unit directions, mm, in axes of the baseline; the eye lies eye_x_mm along it."""
         depth = at[:, 2:]
         ideal = (at[:, :2] - [eye_x_mm, 0.0]) / depth
@@ -163,7 +163,7 @@ class Rays:
 
 
 def evidence(
-    posed: PoseBatch, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+    posed: PoseBatch, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
 ) -> tuple[Array, Array]:
     """(G,) log likelihood ratio of each part being there against chance, nats, and (G,) what it would be if every edge
     were found."""
@@ -177,7 +177,7 @@ def evidence(
 
 
 def promising(
-    posed: PoseBatch, geometry: Baseline, maps: tuple[EdgeDistanceMap, EdgeDistanceMap]
+    posed: PoseBatch, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
 ) -> tuple[Index, Array]:
     """Which (Q,) of many poses a few places of the left eye already speak for, and how many nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
@@ -188,7 +188,7 @@ def promising(
 
 
 def _of_one_eye(
-    count: int, pose: Index, ends: Index, corners: Image32, seen: EdgeDistanceMap, along: Image32
+    count: int, pose: Index, ends: Index, corners: Image32, seen: DirectionalEdgeMap, along: Image32
 ) -> tuple[Array, Array]:
     """(G,) nats, and (G,) the most there could be, that one eye gives to so many poses; pose (N,), ends (N, 2) of the
     edges that show; corners: all, in ideal coordinates; along (M,) shares of an edge at which is looked."""
@@ -199,7 +199,7 @@ def _of_one_eye(
     return nats, most
 
 
-def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: EdgeDistanceMap) -> float:
+def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: DirectionalEdgeMap) -> float:
     """What the left eye's segments would give a part, shown as at this pose (4, 4), at another place nearby, over what
     they give it where it is: near 1 on a pattern that repeats itself, as a chessboard does."""
     one = PoseBatch(SolidBatch.of([solid]), np.zeros(1, np.intp), pose[None])

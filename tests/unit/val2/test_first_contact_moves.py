@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.val2.first_moves import STEP_DEG, _drive
+from drivers.val2.first_contact_moves import STEP_DEG, _drive
 
 
 @pytest.mark.parametrize(("joint", "degrees"), [(0, 1.0), (7, 1.0), (1, STEP_DEG + 0.01), (6, -STEP_DEG - 0.01)])

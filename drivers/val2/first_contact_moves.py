@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import Any
 
-from drivers.val2.acquaintance import (
+from drivers.val2.contact_findings import (
     CAREFUL_S,
-    Acquaintance,
+    ContactFindings,
     Exchange,
     Heard,
     ProbeAnswer,
@@ -39,7 +39,7 @@ CALIBRATE = Dialect().calibrate_word
 OFF_DEG = 0.15
 
 
-def first_moves(known: Acquaintance) -> Steps:
+def first_moves(known: ContactFindings) -> Steps:
     """See the module; fills `known`, its readings too. Raises UnclearError."""
     yield from ask(known, f"SPEED {SPEED}")
     here = yield from at_rest(known)
@@ -75,7 +75,7 @@ def _drive(joint: int, degrees: float) -> str:
     return f"DO DRIVE {joint},{degrees:g},{SHARE}"
 
 
-def _cut_short(known: Acquaintance, here: Where) -> Steps:
+def _cut_short(known: ContactFindings, here: Where) -> Steps:
     """Begin a step and stop it at once: whether it ended short, where, and how many seconds that took."""
     yield Tell(f"joint {FIRST_JOINT} by {STEP_DEG:g} degrees, cut short by {known.stop_word}")
     for _ in range(4):
@@ -116,7 +116,7 @@ def _cut_short(known: Acquaintance, here: Where) -> Steps:
     raise UnclearError(f"the arm does not move: the controller says {'; '.join(errors)}. What does it need?")
 
 
-def _calibrated(known: Acquaintance, said: str) -> Steps:
+def _calibrated(known: ContactFindings, said: str) -> Steps:
     """Type CAL, if the person lets it: this terminal is the controller's only one. Where the arm is afterwards. Raises
     UnclearError."""
     word = known.findings["calibrate_word"].value if "calibrate_word" in known.findings else CALIBRATE
@@ -144,7 +144,7 @@ def _calibrated(known: Acquaintance, said: str) -> Steps:
     return (yield from at_rest(known))
 
 
-def _step(known: Acquaintance, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:
+def _step(known: ContactFindings, here: Where, joint: int, degrees: float, early: list[bool]) -> Steps:
     """One step and the WHERE after it; only that joint may have turned, by that. Raises UnclearError."""
     yield Tell(f"joint {joint} by {degrees:+g} degrees")
     answer = yield from _moved(known, _drive(joint, degrees))
@@ -170,7 +170,7 @@ def _step(known: Acquaintance, here: Where, joint: int, degrees: float, early: l
     return there
 
 
-def _typed(known: Acquaintance, text: str) -> Steps:
+def _typed(known: ContactFindings, text: str) -> Steps:
     """The characters without their end, and, of a controller that echoes, a look at the echo. Raises UnclearError."""
     for _ in range(3):
         heard: Heard = yield Exchange(text.encode(), 0.1, _typing_s(known, text), known.pace_s)
@@ -180,11 +180,11 @@ def _typed(known: Acquaintance, text: str) -> Steps:
     raise UnclearError(f"{text!r} came back as {heard.data!r}, three times, and was not ended: noise on the line?")
 
 
-def _typing_s(known: Acquaintance, text: str) -> float:
+def _typing_s(known: ContactFindings, text: str) -> float:
     """Long enough for characters and their echo."""
     return 0.5 + 20.0 * len(text) / float(known.findings["baud"].value)
 
 
-def _moved(known: Acquaintance, text: str) -> Generator[Step, Any, ProbeAnswer]:
+def _moved(known: ContactFindings, text: str) -> Generator[Step, Any, ProbeAnswer]:
     yield from _typed(known, text)
     return (yield from listen(known, known.end, b"", MOTION_S))

@@ -10,9 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.val2.acquaintance import CAREFUL_S, Acquaintance, Consult, Exchange, Heard, Speed, Tell, UnclearError
-from drivers.val2.first_moves import ROUNDS, STEP_DEG
-from drivers.val2.introduction import APART_DEG, BAUDS, ENDS, MARGIN, PACES_S, STRAIGHT_DEG, introduce
+from drivers.val2.contact_findings import (
+    CAREFUL_S,
+    Consult,
+    ContactFindings,
+    Exchange,
+    Heard,
+    Speed,
+    Tell,
+    UnclearError,
+)
+from drivers.val2.first_contact import APART_DEG, BAUDS, ENDS, MARGIN, PACES_S, STRAIGHT_DEG, introduce
+from drivers.val2.first_contact_moves import ROUNDS, STEP_DEG
 
 USUAL_JOINTS = (10.125, 60.25, -150.375, 20.5, -40.625, 30.75)
 
@@ -143,9 +152,9 @@ class SlowTerminal(Terminal):
 
 def met(
     terminal: Terminal, says: Callable[[Consult], str], pendant: bool = False
-) -> tuple[Acquaintance, list[Consult], list[str]]:
+) -> tuple[ContactFindings, list[Consult], list[str]]:
     """Carry a first contact through: what is known, what the person was asked, and what she was told."""
-    known, asked, told = Acquaintance(), list[Consult](), list[str]()
+    known, asked, told = ContactFindings(), list[Consult](), list[str]()
     steps, came = introduce(known, pendant=pendant), None
     while True:
         try:

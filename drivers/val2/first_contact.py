@@ -13,7 +13,7 @@ wanted, whatever is being done.
                  2 degrees of one joint, slowly
     pendant      where it is wanted: WHERE alone         readings far apart, that the person brings the arm to
 
-Nothing that could move the arm is typed before the person's yes, and what moves it is first_moves.py alone.
+Nothing that could move the arm is typed before the person's yes, and what moves it is first_contact_moves.py alone.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from collections.abc import Generator, Sequence
 from itertools import product
 from typing import Any
 
-from drivers.val2.acquaintance import (
+from drivers.val2.contact_findings import (
     CAREFUL_S,
     PATIENCE_S,
     STOP_WORDS,
-    Acquaintance,
     Consult,
+    ContactFindings,
     Exchange,
     Heard,
     Speed,
@@ -44,7 +44,7 @@ from drivers.val2.acquaintance import (
 from drivers.val2.conversation import POISON
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import HALTED
-from drivers.val2.first_moves import FINE_DIGITS, STEP_DEG, first_moves
+from drivers.val2.first_contact_moves import FINE_DIGITS, STEP_DEG, first_moves
 from drivers.val2.wire import NUMBER, is_halted
 
 ENDS = (b"\r", b"\n", b"\r\n")
@@ -63,7 +63,7 @@ BY_PENDANT = (
 USUAL = Dialect()
 
 
-def introduce(known: Acquaintance, bauds: Sequence[int] = BAUDS, pendant: bool = False) -> Steps:
+def introduce(known: ContactFindings, bauds: Sequence[int] = BAUDS, pendant: bool = False) -> Steps:
     """The whole first contact; fills `known`. bauds: speeds of the line to be tried; pendant: whether the person brings
     the arm to more places. Raises UnclearError."""
     yield from _wake(known, bauds)
@@ -80,7 +80,7 @@ def introduce(known: Acquaintance, bauds: Sequence[int] = BAUDS, pendant: bool =
 # What answers, and how its lines end
 
 
-def _wake(known: Acquaintance, bauds: Sequence[int]) -> Steps:
+def _wake(known: ContactFindings, bauds: Sequence[int]) -> Steps:
     heard = b""
     for baud, end in product(bauds, ENDS):
         known.end = end
@@ -145,7 +145,7 @@ def _silent(raw: bytes) -> str:
 # How it reads what is typed, and prints
 
 
-def _line(known: Acquaintance) -> Steps:
+def _line(known: ContactFindings) -> Steps:
     heard: Heard = yield Exchange(b"WHERE", 0.3, 1.0, CAREFUL_S)
     if b"WWHHEERREE" in heard.data:
         raise UnclearError(
@@ -199,7 +199,7 @@ def _line(known: Acquaintance) -> Steps:
     known.found("break_after_move", not answer.errors, f"DO BREAK was {'refused' if answer.errors else 'taken'}")
 
 
-def _pace(known: Acquaintance) -> Steps:
+def _pace(known: ContactFindings) -> Steps:
     for pace_s in PACES_S:
         known.pace_s, whole = pace_s, True
         for _ in range(3):
@@ -222,7 +222,7 @@ def _pace(known: Acquaintance) -> Steps:
 # The stop
 
 
-def _stop_words(known: Acquaintance) -> Steps:
+def _stop_words(known: ContactFindings) -> Steps:
     taken = []
     for word in STOP_WORDS:
         answer = yield from ask(known, word)
@@ -246,7 +246,7 @@ def _may_move() -> Generator[Step, Any, bool]:
     )
 
 
-def _bent_wrist(known: Acquaintance) -> Steps:
+def _bent_wrist(known: ContactFindings) -> Steps:
     """Before anything moves, the person bends a wrist that is straight, as at READY, where people start: from there
     joints 4 and 6 turn about one axis, and the readings fit no arm. Where a controller counts joint 5 otherwise, 0 may
     be a bent wrist: the person decides."""
@@ -264,7 +264,7 @@ def _bent_wrist(known: Acquaintance) -> Steps:
         here = yield from at_rest(known)
 
 
-def _by_pendant(known: Acquaintance) -> Steps:
+def _by_pendant(known: ContactFindings) -> Steps:
     """WHERE wherever the person brings the arm, until it is enough: far apart they tell lengths that small steps leave
     open."""
     taken = 0
@@ -280,7 +280,7 @@ def _by_pendant(known: Acquaintance) -> Steps:
         known.readings.append(here)
 
 
-def _all_digits(known: Acquaintance) -> None:
+def _all_digits(known: ContactFindings) -> None:
     """What WHERE prints behind its points, of all readings: one may show fewer where zeros are left out."""
     shown = [[len(repr(value).rstrip("0").partition(".")[2]) for value in (*where.location.values(), *where.joints_deg)]
              for where in known.readings]  # fmt: skip

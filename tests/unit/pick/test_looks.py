@@ -12,8 +12,8 @@ from daemon import frames
 from daemon.arm.settling import Settling
 from daemon.arm.workcell import Reading
 from daemon.events.codes import BY_MEASURE
-from daemon.pick import looking
-from daemon.pick.looking import (
+from daemon.pick import looks
+from daemon.pick.looks import (
     Expected,
     MisleadingImagesError,
     log_look,
@@ -120,12 +120,12 @@ def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_c
         held_against.append(than)
         return (Finding("frozen", "left", 3.0, than is None),)
 
-    monkeypatch.setattr(looking, "examine", examine)
-    monkeypatch.setattr(looking, "misleading", lambda health: [one for one in health if not one.good])
+    monkeypatch.setattr(looks, "examine", examine)
+    monkeypatch.setattr(looks, "misleading", lambda health: [one for one in health if not one.good])
     one = SimpleNamespace(before=pictures, images=images, rig=rig())
     if again:
-        assert [finding.good for finding in looking._health(one)] == [True]
+        assert [finding.good for finding in looks._health(one)] == [True]
     else:
         with pytest.raises(MisleadingImagesError, match="left"):
-            looking._health(one)
+            looks._health(one)
     assert (held_against[0] is None) is again

@@ -1,6 +1,6 @@
 """What a first contact is made of: a line and its answer, a word to the person, and what is known so far. No I/O.
 
-What is asked in which order is introduction.py's.
+What is asked in which order is first_contact.py's.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class ProbeAnswer:
 
 
 @dataclass
-class Acquaintance:
+class ContactFindings:
     """What is known so far. findings, by name; readings: WHEREs at rest, places and joints together."""
 
     findings: dict[str, ProbeFinding] = field(default_factory=dict)
@@ -146,13 +146,13 @@ SEEN_ALONE = frozenset(
 """What is told, and is no key of the dialect: the driver is right either way."""
 
 
-def ask(known: Acquaintance, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, ProbeAnswer]:
+def ask(known: ContactFindings, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, ProbeAnswer]:
     """Type a line and read its answer, up to the prompt or a question; what is missing by then is missing."""
     body = text.encode("ascii")
     return (yield from listen(known, body + known.end, body, most_s))
 
 
-def listen(known: Acquaintance, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, ProbeAnswer]:
+def listen(known: ContactFindings, data: bytes, typed: bytes, most_s: float) -> Generator[Step, Any, ProbeAnswer]:
     """Type something and read what comes until the line is silent, or for most_s."""
     pieces: list[tuple[float, bytes]] = []
     waited_s = 0.0
@@ -197,7 +197,7 @@ def errors_in(raw: bytes) -> tuple[str, ...]:
     return tuple(line.strip() for line in raw.decode("latin-1").replace("\r", "\n").split("\n") if "*" in line)
 
 
-def at_rest(known: Acquaintance) -> Steps:
+def at_rest(known: ContactFindings) -> Steps:
     """WHERE until two in a row agree. Raises UnclearError."""
     before: Where | None = None
     for _ in range(40):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.grasp import (
+from daemon.pick.two_fingers import (
     TwoFingers,
     centre_of_mass,
     closed_fingers,
