@@ -1,7 +1,5 @@
 """The names for arrays of numbers: shape, unit and frame are said where they are used."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

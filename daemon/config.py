@@ -4,8 +4,6 @@ daemon/cell/sections.py types the sections `cameras`, `arm.dialect` and the simu
 from the same Document, so that their errors name file, line and key too. Paths in the file are relative to the file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -3,8 +3,6 @@
 The message of a FacetdError is for that person; any other exception is a fault of the program.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -6,8 +6,6 @@ written in the *target* frame b: b_from_a_true = exp([t, r]) @ b_from_a, with th
 (so that the translation block is the uncertainty of where a's origin lies).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.arrays import Array

@@ -4,8 +4,6 @@ Exit status: 0 ended on request, 1 a fault in the program, 2 a device is not ava
 calibration or model (systemd does not restart after that).
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import contextlib

@@ -4,8 +4,6 @@ Every type has two bounds, so that nan, which compares with nothing, never becom
 daemon/store/yamlfile.py reports a value out of bounds with file, line and key. The unit is in the field's name.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import re

@@ -1,7 +1,5 @@
 """The daemon from start to end: start everything in order, serve, reload, stop the arm first and then the rest."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

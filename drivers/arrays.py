@@ -1,7 +1,5 @@
 """The one name for arrays of numbers: shape, unit and frame are said where it is used."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

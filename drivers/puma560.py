@@ -5,8 +5,6 @@ in mm, those of the arm given; without one it is a PUMA 560.
 The base frame sits at the shoulder (crossing of axes 1 and 2), z up; the flange frame's origin is the wrist centre.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import product

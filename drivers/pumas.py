@@ -4,8 +4,6 @@ Sources differ by a millimetre (a 560's d3 from 125.4 to 150.05 mm), so that an 
 line here, and the lengths its own WHEREs show go before these where they are as well known.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

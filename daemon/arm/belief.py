@@ -5,8 +5,6 @@ a part that slips changes the cell unseen, so a belief is a hint: whoever acts o
 move asks the controller again in the same turn of the line (motion.py).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum

@@ -3,8 +3,6 @@
 A hand's body follows from the gripper's dimensions; the guard knows no kinds of gripper.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

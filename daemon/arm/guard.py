@@ -4,8 +4,6 @@ Every motion of the arm passes `refuse` immediately before its bytes leave (moti
 before (sweep.py); nothing here remembers anything, so that each rule can be read, and tested, on its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Whether anything may move at all is the supervisor's; here only, whether it waits.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Awaitable, Callable

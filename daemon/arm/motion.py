@@ -4,8 +4,6 @@ Whoever wants the arm to move goes through `Mover.go`; the guard is asked after 
 robot is told, so that a stop or a fault that came meanwhile closes the gate.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace

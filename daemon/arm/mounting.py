@@ -3,8 +3,6 @@
 Every pose of the cameras, and every pose of the arm for a look, comes from here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

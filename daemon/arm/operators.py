@@ -1,7 +1,5 @@
 """What operators say of the arm: what they let it do, the word that is being done, how one is refused. Values only."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

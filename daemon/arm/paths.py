@@ -1,7 +1,5 @@
 """Ways from pose to pose: steps within the limits, backing off, lifting; how fast near a part and far from it. Pure."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon import frames

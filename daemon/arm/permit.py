@@ -5,8 +5,6 @@ is seen to work. The mover asks it before a move is planned and before it is sen
 byte of what moves leaves (drivers/val2/conversation.py).
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -4,8 +4,6 @@ In: values of the configuration and the calibration. Out: what is implausible, e
 line that says what was expected, what was found and what to do. Whoever read the file adds its name and line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

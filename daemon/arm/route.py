@@ -3,8 +3,6 @@
 Pure: where the arm is and what it is to do in, legs or the reason why there are none out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """When the arm is still enough to look. The images tell it: two pairs, one after the other, that show the same."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

@@ -3,8 +3,6 @@
 Whatever a stop means for jobs, leave and faults is the supervisor's.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Callable
 from typing import Any

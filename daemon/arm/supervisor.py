@@ -5,8 +5,6 @@ fault is set), the arm is told to stop, and told again until it was seen at rest
 anything reported. Who hears of it may fail: the stop does not.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import copy_context

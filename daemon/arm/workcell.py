@@ -5,8 +5,6 @@ builds; tests hand in fakes. Anything a robot or camera raises
 ends the motion: the cycle stops the arm first and then reports the exception's own text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol

@@ -4,8 +4,6 @@ commission_steps.py has the checks. A small file records each proof with the cal
 commissioning can continue another day.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime

@@ -4,8 +4,6 @@ Each step sends console commands to the running daemon, checks their results, an
 here calibrates or moves by itself.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

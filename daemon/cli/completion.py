@@ -3,8 +3,6 @@
 The script asks the running daemon, when Tab is pressed, for words that depend on it (parts, views, positions).
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Mapping
 

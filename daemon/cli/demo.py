@@ -4,8 +4,6 @@ It starts a daemon of its own, sends it commands, and follows its run log. The t
 simulated cell; the daemon records it and never uses it.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

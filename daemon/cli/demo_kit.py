@@ -1,8 +1,6 @@
 """The kit at the end of the demo: a plate with four nests and walls between them, and how each part is to lie in its
 own. Values only; demo.py has the daemon do it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reports on models, as text and as JSON values: parts, views, nodes, confusable parts, differences of two models."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -4,8 +4,6 @@ One thread makes images, any number of browsers show the newest (MJPEG as multip
 and no command can be given.
 """
 
-from __future__ import annotations
-
 import http.server
 import json
 import threading

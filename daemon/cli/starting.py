@@ -1,7 +1,5 @@
 """Wait until a daemon that was started here is ready: as long as it gets on, by what it reports and computes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

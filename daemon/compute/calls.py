@@ -1,7 +1,5 @@
 """How a calculation is asked for beside the event loop. Pure: who carries it out is worker.py, or a test."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 

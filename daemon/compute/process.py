@@ -4,8 +4,6 @@ It computes one request after the other and knows nothing of what they are. It e
 that, and gives way to it: lower priority, and the first to go where memory is short.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import faulthandler

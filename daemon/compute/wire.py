@@ -4,8 +4,6 @@ A frame is a kind, a number and a pickled value. The worker is the daemon's own 
 one program; nothing of a frame is ever written to a disk.
 """
 
-from __future__ import annotations
-
 import io
 import mmap
 import os

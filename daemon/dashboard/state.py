@@ -1,7 +1,5 @@
 """State of the dashboard, updated by records, status and notices as they come. Pure."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The code that detects a cause sets its code (an exception's `code`, a field of a
 release. Only this catalogue holds the texts: commands in backticks, keys of facetd.yaml as the file has them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum

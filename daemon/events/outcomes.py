@@ -1,7 +1,5 @@
 """Outcomes of picks, and the definition of "tried" and of success by which every table, page and metric counts."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ absent or null: older releases did not have it. A kind or a field that is not li
 passes unchanged. Bytes in, records out; no file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Annotated, Any, Literal, Required, TypedDict, get_args, get_type_hints

@@ -4,8 +4,6 @@ Version 1 had no codes: its faults, ends and decisions state their causes only i
 read. No other module reads prose.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -3,8 +3,6 @@
 A kind is a value of facetd.yaml with these methods: TwoFingers (two_fingers.py), SuctionCup (suction.py). Pure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol

@@ -4,8 +4,6 @@ No source shows what a controller prints, so nothing is assumed: a form counts w
 on and is the first one again when it is off. An answer that is neither of the two is an error, never a level.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ One owner of what is known of them. Each reading and each setting is one turn of
 into a move. What cannot be read permits nothing: the error ends the job, and the arm is stopped as for any other.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass

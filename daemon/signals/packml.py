@@ -1,7 +1,5 @@
 """PackML's state of the cell (ISA-TR88.00.02): the five that a machine must have, from how things stand. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 

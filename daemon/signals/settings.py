@@ -1,7 +1,5 @@
 """The section `signals` of facetd.yaml: name, number, role and level of each input and output."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

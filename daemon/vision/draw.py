@@ -3,8 +3,6 @@
 In: images and a Scene. Out: a BGR image. Nothing is decided here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -3,8 +3,6 @@
 Pure; the clock is an argument. What the steps do is said where they live.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace

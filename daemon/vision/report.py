@@ -3,8 +3,6 @@
 In: a Scene. Out: dicts, lists, numbers, words. Lengths in mm (cyclopean frame), images in px; nothing is decided here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

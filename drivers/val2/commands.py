@@ -1,7 +1,5 @@
 """The text of VAL II commands. Strings only: nothing is sent from here."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, isfinite, log10
 

@@ -3,8 +3,6 @@
 What is asked in which order is first_contact.py's.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field

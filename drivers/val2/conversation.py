@@ -3,8 +3,6 @@
 Knows bytes, events and time-outs; knows nothing of moves or places (link.py). Sends through the function it is given.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress

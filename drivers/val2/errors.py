@@ -1,7 +1,5 @@
 """What can go wrong between us and the controller, each saying what happened and what is known of the arm."""
 
-from __future__ import annotations
-
 from drivers.val2.wire import Where
 
 SAID_BY_VAL = (

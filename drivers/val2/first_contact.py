@@ -16,8 +16,6 @@ wanted, whatever is being done.
 Nothing that could move the arm is typed before the person's yes, and what moves it is first_contact_moves.py alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from itertools import product
 from typing import Any

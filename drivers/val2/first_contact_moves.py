@@ -4,8 +4,6 @@ Each is `_step`: one joint, STEP_DEG, slowly, held against WHERE before the next
 where the arm does not come to rest short of its end, no other follows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 

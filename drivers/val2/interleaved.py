@@ -4,8 +4,6 @@ Noise flips a byte, loses one, doubles or adds a few. Whoever types on the same 
 line's worth of his own, or as little as an Enter, and ends a line that we had not ended.
 """
 
-from __future__ import annotations
-
 import re
 
 from drivers.val2.wire import JOINT_HEADER, LOCATION_HEADER, NUMBER, PROMPT_DOTS, SHARED_HEADER, STOPPED

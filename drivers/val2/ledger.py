@@ -8,8 +8,6 @@ way: out (to the controller) or in. what: sent, or the kind of event that was he
 (latin-1), so that all bytes one way, in order, are the stream of that way.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 from typing import Any

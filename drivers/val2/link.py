@@ -5,8 +5,6 @@ and is typed again; a command whose *answer* was lost may have been carried out,
 link finds the prompt again, asks WHERE, and raises with what it knows.
 """
 
-from __future__ import annotations
-
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Sequence

@@ -4,8 +4,6 @@ With [n s a] the tool axes in the world, a = (sin O cos A, -cos O cos A, -sin A)
 along -Y with the fingers along +X. No serial line, no text of commands in this file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import atan2, cos, degrees, hypot, radians, sin
 

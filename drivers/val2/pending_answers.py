@@ -1,7 +1,5 @@
 """Answers that the controller owes: what comes too late is no answer any more, and is nobody else's line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from drivers.val2 import commands

@@ -1,7 +1,5 @@
 """The serial port on asyncio: the only place that touches pyserial. Bytes out, bytes in by callback; no protocol."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import os

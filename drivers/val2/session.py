@@ -3,8 +3,6 @@
 What the commands are, and what of their answers says where the arm is, is link.py's.
 """
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress

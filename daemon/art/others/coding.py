@@ -5,8 +5,6 @@ them is exact in float64: |I ^ w| comes out the same in whatever order, block or
 ties, and "smallest index wins" means the same on every machine. Activations themselves are in
 daemon/art/others/fuzzy.py."""
 
-from __future__ import annotations
-
 from math import ceil, log2
 from typing import Any
 

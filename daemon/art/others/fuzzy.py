@@ -3,8 +3,6 @@
 Samples and weights are on the grid of daemon/art/others/coding.py, so every sum here is exact and has no order: the
 ways of computing an overlap below differ in speed alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

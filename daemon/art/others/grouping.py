@@ -3,8 +3,6 @@
 Its map field then agrees always, and vigilance alone decides which samples go together.
 """
 
-from __future__ import annotations
-
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from daemon.art.arrays import Array, Index

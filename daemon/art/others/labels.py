@@ -3,8 +3,6 @@
 What a node has to do with a label is the map field's business (daemon/art/others/nodes.py).
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterable
 from typing import Any
 

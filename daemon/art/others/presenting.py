@@ -5,8 +5,6 @@ a node, only that node's column is renewed for the rest of the block. Stretches 
 passed over together. Sums are exact (daemon/art/others/coding.py), so the outcome is that of one presentation at a
 time, to the last bit, whatever the block length."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.art.arrays import Index

@@ -4,8 +4,6 @@ A node once reset is out for the whole presentation, whatever the vigilance does
 search, also where match tracking's epsilon is lost in rounding. Learning is not done here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -4,8 +4,6 @@ The greatest activation is found in single precision, four times cheaper than ex
 node in the running, and for the activation itself, the exact sums of daemon/art/others/fuzzy.py decide. The answer is
 always the exact one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ and what only it has must tell it from every other taught part that could lie th
 was registered: pose, facets, and the covariance of its place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 

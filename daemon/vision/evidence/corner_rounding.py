@@ -6,8 +6,6 @@ The sides are measured beside the corner, so that a pose that is off by a pixel 
 a solid at a pose, one image. Out: where the border of its facets' corners is, px, and where it should be.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple

@@ -9,8 +9,6 @@ makes it end: only what is missing up to a corner counts so. In: named parts, bo
 name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ In: a solid at its pose, both images. Out: EdgePlaces of the left and of the rig
 shows in no picture, so each place has the levels that the facets on its two hands have elsewhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ Source: a contrario evidence of edge samples as of edge_samples.py, on ellipses;
 is left in sigmas.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

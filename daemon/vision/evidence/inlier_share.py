@@ -4,8 +4,6 @@ In: both eyes, a part laid onto them. Out: a share. Where a stranger lies, a gue
 leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon import frames

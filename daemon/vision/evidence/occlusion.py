@@ -5,8 +5,6 @@ before a part crosses its edges with edges of its own, which both cameras see be
 taken for, its edges end at others of the same depth, or at none.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon import frames

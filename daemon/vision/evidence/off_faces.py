@@ -6,8 +6,6 @@ pit is claimed, or of a mirror image. In: a solid at its pose, both images. Out:
 Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

@@ -1,7 +1,5 @@
 """More named parts beside what was found: what lies where they are is theirs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

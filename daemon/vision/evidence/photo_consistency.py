@@ -4,8 +4,6 @@ A guess that has the edges by chance lays its faces through thin air, and what s
 eye. Faces without print say nothing. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

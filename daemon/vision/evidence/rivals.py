@@ -10,8 +10,6 @@ Near-duplicates are solids in the part's frame, laid where they keep most of it;
 images show along its edges says where.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import product

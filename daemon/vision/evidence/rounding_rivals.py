@@ -5,8 +5,6 @@ borders stay from the corners tells them apart, or else the look names neither. 
 images. Out: the part that its corners are of, or no name, and which two it may be.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache

@@ -2,8 +2,6 @@
 looks_adjustment.py's.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.arrays import Array, Index

@@ -4,8 +4,6 @@ Each look's place is free within what the arm errs anew, all share one error of 
 several sides tell, and a facet's corners lie in one plane. Nothing is named; from where to look next is not asked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

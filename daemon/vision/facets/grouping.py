@@ -4,8 +4,6 @@ under a part: shadows. Decided here and nowhere else.
 Both images together fix depth as well: what coincides in both coincides in space.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 

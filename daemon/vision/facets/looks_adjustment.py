@@ -2,8 +2,6 @@
 estimated together. Pure; which corners are one is association.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ the plane into cells. A cell is the facet's where pieces cover most of it, or wh
 sides that are no edges thus vanish.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A stereo pair -> facets in space, grouped into parts: the order of the steps, and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import median

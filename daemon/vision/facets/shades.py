@@ -6,8 +6,6 @@ without a dip. A crease bends the surface; a gap between two parts is darker tha
 measurement is too coarse to exclude a crease.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 

@@ -6,8 +6,6 @@ fitted to what lies in it, and moved until both pictures agree in it (Lucas and 
 is nearer, so that nothing may lie beyond it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any

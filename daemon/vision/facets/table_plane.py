@@ -3,8 +3,6 @@
 Where the table is, the arm knows (whoever looks says so); a look without that knowledge keeps every facet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any

@@ -3,8 +3,6 @@
 In: corners in any Cartesian frame, mm. Out: numbers with covariance. What they are called is facet_types.py's business.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

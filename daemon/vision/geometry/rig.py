@@ -4,8 +4,6 @@ In: pixels or rays. Out: rays, pixels, points in the cyclopean frame (mm). No fi
 decided elsewhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any

@@ -4,8 +4,6 @@ In: matched corners in mm with covariances. Out: poses. Proper rotations only: a
 All correspondences are fitted at once, because a look has milliseconds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ Out: what fits them best. A block that stays far off counts less and less. What 
 linearised anew, is the caller's. And what chi-squares say, to the accuracy that decisions need.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Which facets of a solid an eye sees whole: those that face it and that nothing else covers in part. Pure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ A step edge blurred by sigma keeps its place when it is blurred on purpose, and 
 sigma, whatever the contrast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -6,8 +6,6 @@ above or below the line by twice what the cameras differ in height and tilt, and
 camera that was knocked up or down puts it off the line both ways round.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

@@ -2,8 +2,6 @@
 itself. Pure; what could not be read from the picture is the part's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 Pure. What the hints of many looks mean is daemon/calibration/drift.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ In: a stereo pair, the one before it, the rig, the scene seen. Out: findings. A 
 lens, cable, mounting), never about parts; what follows from one is for the caller to decide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -3,8 +3,6 @@
 The sensor is taken to be linear: twice the exposure, twice the level. Where it is not, the next look says so again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

@@ -5,8 +5,6 @@ brightness and focus. An image in motion is sheared by a rolling shutter: the sh
 at that moment, not on the way alone (which differs from row to row too, as near things move more).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -6,8 +6,6 @@ the longer of its edges says how the part is turned; the other must point where 
 than it is, and the other eye bears both out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

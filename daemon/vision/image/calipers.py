@@ -6,8 +6,6 @@ profiles are (C, R), offset by offset, so that what is done to each is done alon
 face is carried on under the edge; where the edge is, is for edge_lines.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

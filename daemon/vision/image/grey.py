@@ -1,7 +1,5 @@
 """From whatever a camera gave to a checked grey image and its noise. Nothing here knows of edges or parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

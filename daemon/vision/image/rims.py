@@ -3,8 +3,6 @@
 In: places on the curve, about STEP_PX apart. Out: slopes in sigmas of the noise.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.arrays import Array, Image32

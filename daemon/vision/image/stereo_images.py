@@ -1,8 +1,6 @@
 """What the two eyes of one look see, prepared once: each thing is made when it is first asked for, and kept. Nothing is
 compared here."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

@@ -4,8 +4,6 @@ In: corners. Out: arcs, and the name a facet gets from one. Straight-sided typin
 Source: D'Souza, section 5.7 (the sector angle of an arc as a property of the element).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The characteristic views of a solid: which of its facets can be in view together. Geometry only."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ In: two solids (corners only as indices). Out: correspondences of facets and cor
 judge afterwards (geometry/rigid_fit.py).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Tolerances are not constants: each test weighs a deviation by the covariance pre
 what the library allows a real part to deviate from its drawing.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence

@@ -4,8 +4,6 @@ In: the views' solids, each in the cyclopean frame of its look. Out: the merged 
 The part frame: origin at the centroid of all known corners; z out of the first taught facet; x along its first side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Values in, values out: every change gives a new Model; the same views in the sam
 daemon/store/model.py's business, recognising is daemon/vision/recognition's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ In: a solid with measured corners. Out: the same solid, most likely corners. Typ
 known type is only made plane.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ images apart. In: a solid with typed facets. Out: a RelationalView. What is made
 daemon/art/relation_artmap.py's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ In: solids. Out: for each, which corner takes each one's place, and the turn. A 
 side of one facet and the corner before it; those whose lengths allow it are tried on all corners and facets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache

@@ -5,8 +5,6 @@ pose the likeliest corners in the cyclopean frame: measured and taught ones, wei
 is believed is decided in group_recognition.py; rigid_fit.py fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -4,8 +4,6 @@ The memory proposes (which taught views have facets so related), then a rigid fi
 else. In: groups and a Model. Out: each group with its Part. Seeing facets, learning and files are elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

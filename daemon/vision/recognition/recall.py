@@ -6,8 +6,6 @@ of facets, as where one taught view showed some of it and another the rest. In: 
 Model. Out: recalled ways, the best first. How well one fits is fits.py's business.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

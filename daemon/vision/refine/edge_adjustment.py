@@ -11,8 +11,6 @@ covers another with, may be taught or unknown: a taught edge holds the pose, whi
 would be taken for that edge's other side. Of poses that fit as well, the one with most support is kept.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ lies knows which edges each eye should see, and measures those. Pure: eyes, a sh
 Whether that is enough for a name is by_edges.py's; what to make of a part that is not there is the cycle's business.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Recognition names a part from nothing; here its name is known and its pose nearl
 shape's nearest and the pose cannot jump to another of a symmetric part's equal poses. Naming is not done here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Source: D'Souza, sections 4.5.2 and 4.5.3. OpenCV follows the borders (with 8 ne
 convolves; what is threshold by experiment there is in units of the picture's own noise here.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -4,8 +4,6 @@ Each looks for a corner near where one is expected, and gives it to a pixel or, 
 lines of daemon/vision/image/edge_lines.py are the better way; these are kept so that they can be compared.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -3,8 +3,6 @@
 Source: D'Souza, section 4.1, figures 4.2 and 4.3. One dark object on a light background.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

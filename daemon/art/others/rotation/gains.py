@@ -5,8 +5,6 @@ is not 0. An element x on an element of the node whose taught values lie in [u, 
 coding loses max(0, x - v) of what the empty slot had.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from daemon.art.arrays import Array, Index

@@ -5,8 +5,6 @@ once: facets that touch nothing or are twins are not permuted, and nodes that ca
 arithmetic of a numbering is in gains.py, long searches in branch.py, element-wise comparison in match.py.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal

@@ -4,8 +4,6 @@ Activation says how alike two matrices are as numbers; here only equality counts
 together as they like. Equality is on the grid of daemon/art/others/coding.py.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

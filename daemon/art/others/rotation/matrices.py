@@ -4,8 +4,6 @@ A relation matrix (D'Souza, section 4.4.3) has one row and one column a facet; e
 r where r and c touch, else 0. Any numbers in [0, 1] are served. Numberings are searched in layer.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

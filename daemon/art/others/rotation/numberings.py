@@ -3,8 +3,6 @@
 Facets that can be swapped without changing the matrix (twins) are put in one order only: the canonical form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations

@@ -1,7 +1,5 @@
 """From one view's recall to one answer: which node, for what, and who came second. The search is in layer.py."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
