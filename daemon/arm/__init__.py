@@ -13,7 +13,7 @@ from daemon.arm.body import (
     capsule_around,
     carried_part,
     held_anyhow,
-    lie_at_a_box,
+    lie_at_boxes,
 )
 from daemon.arm.collision_shapes import (
     ARM,
@@ -108,7 +108,7 @@ __all__ = [
     "carried_part",
     "held_anyhow",
     "in_view",
-    "lie_at_a_box",
+    "lie_at_boxes",
     "said",
     "settled_pair",
     "speed_pct",

@@ -165,6 +165,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
     truth, limits = config.file(config.values.simulated.truth), config.values.pick.limits
     if not args.fixed:
         demo_kit.write_truth(truth, Path(folder) / TRUTH)
+        (Path(folder) / place_file.FILE).write_text(demo_kit.places_yaml({}), encoding="utf-8")
         truth = Path(folder) / TRUTH
     room = {"room_low_mm": limits.room_low_mm, "room_high_mm": limits.room_high_mm}
     return {

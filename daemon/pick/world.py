@@ -17,7 +17,7 @@ from daemon.arm import (
     Reading,
     RefusedError,
     Workcell,
-    lie_at_a_box,
+    lie_at_boxes,
     speed_pct,
 )
 from daemon.arrays import Array
@@ -50,7 +50,7 @@ from daemon.store.place_status import AT_PLACE_MM
 STANDING_RULES = ("fault_stands", "not_enabled", "arm_lost")
 MoveError = MoveRefusedError | OutOfReachError
 AT_BOX_MM = 4.0
-"""Facets without a name whose corners all lie this near to one box that the arm keeps out of, a fixture's or a post's,
+"""Facets without a name whose corners all lie this near to boxes that the arm keeps out of, a fixture's or a post's,
 are its sides: nothing to pick, and nothing to look at again."""
 MOST_EXPOSURES = 3
 """Tries at the right exposure in one place."""
@@ -227,7 +227,7 @@ class WorldModel:
         self.looks.append(look)
         found = await context.cell.compute(known, [*self.looks], context.recogniser, context.settings.doubt)
         boxes = context.settings.limits.keep_out
-        found = [p for p in found if p.named or not lie_at_a_box(p.corners, boxes, AT_BOX_MM)]
+        found = [p for p in found if p.named or not lie_at_boxes(p.corners, boxes, AT_BOX_MM)]
         self.found = [p for p in found if not (p.lone and any(same_place(p.centre, g, ONE_MM) for g in self.ghosts))]
 
     def too_long(self, context: PickContext) -> str | None:

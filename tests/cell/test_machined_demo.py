@@ -19,9 +19,12 @@ def demo(seed: int, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_demo_picks_the_machined_parts_too(tmp_path: Path) -> None:
-    done = demo(23, tmp_path)
+    """On this table no grasp of the pyramid brings it to its nest: the kit lacks it, and the demo says why."""
+    done = demo(24, tmp_path)
     assert "6 of 6 parts picked" in done.stdout, done.stdout + done.stderr
-    assert done.returncode == 0, done.stdout
+    assert "skip pyramid: unreachable: none of its" in done.stdout
+    assert "kit: 3 of 4 parts seen right in their nests" in done.stdout
+    assert "the cell's motion monitor found no forbidden motion" in done.stdout
 
 
 def test_a_knob_that_lies_so_that_no_grasp_holds_it_is_left_and_told(tmp_path: Path) -> None:

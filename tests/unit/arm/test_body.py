@@ -19,7 +19,7 @@ from daemon.arm.body import (
     body_of,
     capsule_around,
     held_anyhow,
-    lie_at_a_box,
+    lie_at_boxes,
     within_mm,
 )
 from daemon.arm.collision_shapes import ARM, BODY_MM, body_like, suction_cup, two_fingers
@@ -341,13 +341,13 @@ def _to_axis(point, axes):
 
 
 @given(st.floats(-180, 180), st.floats(-3, 3), st.floats(-2, 3), st.floats(-3, 3))
-def test_points_lie_at_a_box_where_none_is_farther_out_than_asked(heading: float, x: float, y: float, z: float) -> None:
+def test_points_lie_at_boxes_where_none_is_farther_out_than_asked(heading: float, x: float, y: float, z: float) -> None:
     box = FixtureBox("wall", (-10.0, -2.0, 0.0), (10.0, 2.0, 30.0), (500.0, 20.0, -300.0), heading)
     sine, cosine = np.sin(np.radians(heading)), np.cos(np.radians(heading))
     world_from_box = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     corner = np.array([10.0 + x, 2.0 + y, 30.0 + z])
     points = np.array([[0.0, 0.0, 10.0], corner]) @ world_from_box.T + np.array([500.0, 20.0, -300.0])
     out = max(x, y, z, -2.0)  # the first point lies 2 mm inside
-    assert lie_at_a_box(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out + 0.01)
-    assert not lie_at_a_box(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out - 0.01)
-    assert not lie_at_a_box(points, (), 1e9)
+    assert lie_at_boxes(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out + 0.01)
+    assert not lie_at_boxes(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out - 0.01)
+    assert not lie_at_boxes(points, (), 1e9)
