@@ -7,6 +7,7 @@ import numpy as np
 from drivers.arrays import Array
 from drivers.simcell.controller import Machine
 from drivers.simcell.history import MotionRecord
+from drivers.simcell.parts import hull
 from drivers.simcell.rigid import angle_of, apply, rigid
 from drivers.simcell.truth import Truth
 from drivers.simcell.world import Closing, World
@@ -49,9 +50,10 @@ class Witness:
 
 
 def pose_error(claimed_mm: Array, true_mm: Array) -> tuple[float, float]:
-    """Error (mm at the middle, degrees) of claimed corners (N, 3) against true ones (V, 3), matched by iterated closest
-    points; N >= 3.
+    """Error (mm at the middle, degrees) of claimed corners (N, 3) against those of the true hull (V, 3), matched by
+    iterated closest points; N >= 3. Claimed corners within their own hull have no match there, and are left out.
     """
+    claimed_mm = claimed_mm[sorted({corner for face in hull(claimed_mm).faces for corner in face})]
     moved = claimed_mm
     for _ in range(MATCHING_ROUNDS):
         nearest = np.argmin(np.linalg.norm(moved[:, None] - true_mm[None], axis=2), axis=1)

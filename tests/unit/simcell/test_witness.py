@@ -28,3 +28,15 @@ def test_the_witness_tells_a_claimed_pose_from_the_true_one() -> None:
     assert deg == pytest.approx(1.5, abs=1e-6)
     assert mm == pytest.approx(1.0, abs=0.5)
     assert pose_error(truth, truth) == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.5, 2.0])
+def test_corners_in_the_inside_of_an_angle_do_not_turn_a_claimed_pose(degrees: float) -> None:
+    """A bracket, x and z of its section: the corner between its legs is none of the hull's."""
+    section = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 12.0], [12.0, 12.0], [12.0, 46.0], [0.0, 46.0]])
+    corners = np.array([[x, y, z] for y in (0.0, 40.0) for x, z in section])
+    outer = np.delete(corners, [3, 9], axis=0)
+    middle = outer.mean(axis=0)
+    claimed = apply(rigid(turn([1, 2, 3], np.radians(degrees)), [0.0, 0.0, 0.0]), corners - middle) + middle
+    mm, deg = pose_error(claimed, outer)
+    assert (mm, deg) == pytest.approx((0.0, degrees), abs=1e-6)
