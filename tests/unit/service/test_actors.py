@@ -27,6 +27,7 @@ from daemon.events.outcomes import Outcome
 from daemon.maintenance.watchdog import Watchdog
 from daemon.pick import take
 from daemon.pick.cycle import PickCycle
+from daemon.pick.outcome import PickResult
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.transitions import PickState
 from daemon.pick.world import PickContext
@@ -77,7 +78,7 @@ def remembered_speed() -> Callable[[float], str]:
 HEARS_OTHERS: Guard = (LineSession, "_refuse_others", nothing)
 LONGER = rigid(np.eye(3), [0.0, 0.0, -100.0])
 """A tool that reaches 100 mm less far than ours does."""
-COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: (Outcome.PICKED, label))
+COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: PickResult(Outcome.PICKED, label, None))
 COMPARES_WHERE: Guard = (Mover, "_not_moved_by_others", nothing)
 
 
