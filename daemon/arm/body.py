@@ -214,11 +214,10 @@ def away_mm(ends: Array, radius_mm: Array, boxes: Sequence[KeepOut], near_mm: fl
 
 def lie_at_boxes(points: Array, boxes: Sequence[KeepOut], near_mm: float) -> bool:
     """Whether each of the points (N, 3), world, mm, lies in one of the boxes or within near_mm of it."""
-    own = _from_boxes(points[:, None, None], boxes)[:, :, 0, 0]
-    low = np.array([box.low_mm for box in boxes], float).reshape(-1, 3)
-    high = np.array([box.high_mm for box in boxes], float).reshape(-1, 3)
-    outside = np.maximum(low - own, own - high).max(axis=2)
-    return bool((outside <= near_mm).any(axis=1).all())
+    if not boxes:
+        return False
+    away = away_mm(np.stack([points, points], axis=1)[:, None], np.zeros(1), boxes, near_mm)
+    return bool((away <= near_mm).any(axis=(1, 2)).all())
 
 
 def _from_boxes(ends: Array, boxes: Sequence[KeepOut]) -> Array:

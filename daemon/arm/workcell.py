@@ -1,8 +1,8 @@
 """What the pick cycle is given to work with: a robot, eyes, a log, a clock. Protocols and values only; no hardware.
 
 daemon/cell/pick_cell.py puts a Workcell together from the real, recorded or simulated parts that daemon/cell/build.py
-builds; tests hand in fakes. Anything a robot or camera raises
-ends the motion: the cycle stops the arm first and then reports the exception's own text.
+builds; tests hand in fakes. Anything a robot or camera raises ends the motion: the cycle stops the arm first and then
+reports the exception's own text.
 """
 
 from collections.abc import Callable

@@ -43,7 +43,7 @@ __all__ = [
     "read_transcript",
     "replay",
     "serial_port",
-]  # fmt: skip
+]
 
 
 @dataclass(frozen=True)

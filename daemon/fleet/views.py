@@ -1,4 +1,4 @@
-"""Views of the tables of all cells, for queries by DuckDB. docs/DATA.md shows ten."""
+"""Views of the tables of all cells, for queries by DuckDB. docs/DATA.md shows some."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -651,7 +651,7 @@ class PickCycle:
             grasp=None if target is None else target.plan.grasp.world_from_tool,
             skipped=tuple(self.skipped[before:]),
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
-            brought=world.brought,
+            brought=world.brought and world.result.outcome in BROUGHT,
             place=world.set_down_at,
         )
         self.ends.append(end)

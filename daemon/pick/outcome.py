@@ -39,8 +39,8 @@ class Skipped:
 class CycleEnd:
     """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
     corners: (N, 3) world mm, where the part's corners were estimated to be; brought: whether the part that
-    was grasped was let go over the bin or at its place, and not lost before; place: where it was set down, None: not
-    at a place."""
+    was grasped was let go over the bin or at its place, not lost before, and nothing failed after; place: where it was
+    set down, None: not at a place."""
 
     cycle: int
     outcome: Outcome

@@ -179,7 +179,7 @@ def plan_from_side(
             whys.append(plan.why)
         else:
             grasps.append(plan.grasp.told)
-    return SidePlan(side + 1, len(grasps), len(HEADINGS_DEG), *((*some, "")[0] for some in (grasps, whys)))
+    return SidePlan(side + 1, len(grasps), len(HEADINGS_DEG), next(iter(grasps), ""), next(iter(whys), ""))
 
 
 def stable_sides(shape: Polyhedron) -> list[int]:

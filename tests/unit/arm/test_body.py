@@ -347,7 +347,8 @@ def test_points_lie_at_boxes_where_none_is_farther_out_than_asked(heading: float
     world_from_box = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     corner = np.array([10.0 + x, 2.0 + y, 30.0 + z])
     points = np.array([[0.0, 0.0, 10.0], corner]) @ world_from_box.T + np.array([500.0, 20.0, -300.0])
-    out = max(x, y, z, -2.0)  # the first point lies 2 mm inside
+    beyond = float(np.linalg.norm(np.maximum([x, y, z], 0.0)))
+    out = beyond or max(x, y, z, -2.0)  # the first point lies 2 mm inside
     assert lie_at_boxes(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out + 0.01)
     assert not lie_at_boxes(points, (KeepOut("post", (0, 0, 0), (1, 1, 1)), box), out - 0.01)
     assert not lie_at_boxes(points, (), 1e9)

@@ -1,4 +1,4 @@
-"""The ten questions, answered; and the page that documents them and the table."""
+"""The questions, answered; and the page that documents them and the table."""
 
 from __future__ import annotations
 

@@ -206,6 +206,27 @@ def test_a_full_disk_keeps_the_gripper_closed(tmp_path: Path, monkeypatch: pytes
     assert story.opened_with == []
 
 
+def test_a_part_that_was_set_down_before_a_fault_is_less_to_bring_and_is_not_reported_to_the_line(
+    tmp_path: Path,
+) -> None:
+    story, told = Story(tmp_path), list[str]()
+
+    async def brought() -> None:
+        told.append("brought")
+
+    def torn(act: str) -> None:
+        story.happens(act)
+        if act == "see" and PlaceStatuses(tmp_path).of("nest").status is PlaceStatus.SET:
+            raise OSError(5, "the camera is gone")
+
+    story.cycle.line.brought = brought  # type: ignore[method-assign]
+    story.fake.before = torn
+    (end,) = asyncio.run(story.cycle.auto(PickOrder(2)))
+    assert (end.outcome, end.place, end.brought, told) == ("fault", "nest", False, [])
+    assert story.cycle.pick_order is not None
+    assert story.cycle.pick_order.count == 1
+
+
 def test_killed_at_any_line_no_place_that_may_hold_a_part_is_free_and_a_look_says_how_it_is(tmp_path: Path) -> None:
     """Each act of arm, gripper and camera of one set-down is the last before a kill; what the disk says then is all the
     next daemon has."""

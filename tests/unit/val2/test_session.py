@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Any
 
 import pytest
@@ -153,15 +154,17 @@ def test_what_a_person_was_still_being_told_when_they_left_is_no_error_of_ours()
     lived(story())
 
 
+async def waits_for_a_line(session: LineSession) -> None:
+    async with session.turn() as talk:
+        await talk.next_event(60.0, "")
+
+
 def test_a_lost_port_is_told_to_who_waits_and_who_comes_and_nothing_is_lost_twice() -> None:
     async def story() -> None:
         wire = Wire()
         session = wire.session
 
-        async def waits() -> None:
-            async with session.turn() as talk:
-                await talk.next_event(60.0, "")
-
+        waits = partial(waits_for_a_line, session)
         assert not session.lost
         waiting = asyncio.ensure_future(waits())
         await asyncio.sleep(0.1)
@@ -183,10 +186,7 @@ def test_where_somebody_changed_the_port_s_settings_who_has_the_line_and_who_wai
         wire = Wire()
         session = wire.session
 
-        async def waits() -> None:
-            async with session.turn() as talk:
-                await talk.next_event(60.0, "")
-
+        waits = partial(waits_for_a_line, session)
         has_it, waiting = asyncio.ensure_future(waits()), asyncio.ensure_future(waits())
         await asyncio.sleep(0.1)
         wire.lose(Disturbed("stty"))
