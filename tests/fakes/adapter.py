@@ -34,6 +34,9 @@ class Adapter:
         tty.setraw(self._far)
         self._name, self._rng = name, np.random.default_rng(1)
         self._near: tuple[int, int] | None = None
+        self._ends = threading.Lock()
+        """Nothing is passed on as it is pulled: the daemon runs in this process, and the next socket that it accepts gets
+        the number of an end that was closed."""
         self.noisy = self.echoes = False
         self._typed, self._was = b"", ""
         self.plug()
@@ -52,10 +55,11 @@ class Adapter:
 
     def pull(self) -> None:
         """Out: whoever has it open is told, and what the controller says is heard by nobody."""
-        near, self._near = self._near, None
         self._name.unlink()
-        for end in near or ():
-            os.close(end)
+        with self._ends:
+            near, self._near = self._near, None
+            for end in near or ():
+                os.close(end)
 
     def _carry(self) -> None:
         while True:
@@ -63,7 +67,9 @@ class Adapter:
             with contextlib.suppress(OSError, ValueError):  # pulled at this moment
                 ends = [self._far] if near is None else [self._far, near[0]]
                 for end in select.select(ends, [], [], LOOK_S)[0]:
-                    self._pass(end, near)
+                    with self._ends:
+                        if near is self._near:
+                            self._pass(end, near)
 
     def _pass(self, end: int, near: tuple[int, int] | None) -> None:
         data = os.read(end, 4096)
