@@ -98,8 +98,9 @@ class CellBelief:
 
     @property
     def empty_unproven(self) -> bool:
-        """Whether the gripper counts as empty although facetd has not opened it since: an operator may have looked at
-        another cell or overlooked a small part, and a record from before the start may be wrong."""
+        """Whether the gripper counts as empty although it is not known to be open since facetd opened it: an operator
+        may have looked at another cell or overlooked a small part, a record from before the start may be wrong, and
+        after a stop a pendant may have closed it on a part."""
         return self.holding is not None and not self.holding.value and self.holding.source is not BeliefSource.COMMANDED
 
     @property
@@ -158,15 +159,15 @@ RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED})
 
 
 def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
-    """What is still believed after a change. An opening gripper that is believed empty stays empty; one on an arm that
-    a pendant moved may have been worked as well, so that it is only assumed to be empty. An assumed load is the largest
-    of all that may be held, whatever is."""
+    """What is still believed after a change. A gripper that is believed empty stays so, but once it is no longer known
+    to be open that is only assumed: a pendant may have closed it on a part. An assumed load is the largest of all that
+    may be held, whatever is."""
     unknown = VOIDS[change]
     if belief.load is not None and belief.load.source is BeliefSource.ASSUMED:
         unknown -= {"load"}
     if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
         unknown |= {"holding", "held"}
-    elif change is VoidingEvent.MOVED_BY_OTHERS and belief.holding is not None and not belief.holding.value:
+    if "closed" in unknown and belief.holding is not None and not belief.holding.value:
         belief = replace(belief, holding=replace(belief.holding, source=BeliefSource.ASSUMED))
     return replace(belief, **dict.fromkeys(unknown))
 

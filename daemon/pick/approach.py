@@ -33,8 +33,6 @@ async def stop_n(context: PickContext, world: WorldModel) -> Literal[PickEvent.T
     distance = next_stand_off(target.sightings, settings.doubt, settings.stops)
     pose = context.cell.mounting.look_pose(target.look_rotation, target.centre, distance)
     try:
-        if not context.mover.belief.is_open:
-            await context.mover.hand(closed=False, hand_s=settings.hand_time_s(closed=False))
         purpose = f"stand-off {distance:g} mm"
         await travel(context, world, pose, purpose, target.look, straight=bool(target.sightings))
     except MOVE_ERRORS as error:

@@ -620,7 +620,7 @@ class PickCycle:
             world.result = PickResult(Outcome.EMPTIED, "put down what was in the hand", None)
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
         if self.belief.empty_unproven:
-            await take.let_go(context, world, "bin, to open the hand, which nobody saw open")
+            await take.let_go(context, world, "bin, to open the gripper, which is not known to be open")
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event in (PickEvent.GONE, PickEvent.MEASURED):

@@ -193,7 +193,7 @@ def _shown_in_gripper(
 
 
 async def let_go(context: PickContext, world: WorldModel, purpose: str = "bin") -> None:
-    """Open the gripper above the bin: nowhere else does a pick open one that has closed."""
+    """Open the gripper above the bin: nowhere else does a pick open it, but at the place of a part that it grasped."""
     await _to_the_bin(context, world, purpose)
     await _open_gripper(context)
 

@@ -35,8 +35,8 @@ class Adapter:
         self._name, self._rng = name, np.random.default_rng(1)
         self._near: tuple[int, int] | None = None
         self._ends = threading.Lock()
-        """Nothing is passed on as it is pulled: the daemon runs in this process, and the next socket that it accepts gets
-        the number of an end that was closed."""
+        """Nothing is passed on as it is pulled: the daemon runs in this process, and the next socket that it accepts
+        gets the number of an end that was closed."""
         self.noisy = self.echoes = False
         self._typed, self._was = b"", ""
         self.plug()

@@ -62,6 +62,11 @@ HEARD_S = 0.02
 """After control-C an operator first reads whether there was anything to stop."""
 CAL_S = 20.0
 """How long CAL takes at most."""
+END_OF_STOP_S = 5.0
+"""How long an arm under way takes to be seen at rest."""
+CLEAR_MM = -150.0
+"""So high a cube in the gripper, which is guarded as if it held none until the next pick has opened it, is clear of
+everything on the table."""
 SECONDS = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.7, 1.5, 4.0, 10.0])
 ODD = (b"\x00", b"\x15", b"\x1b[A", b"\xff\xfe", b"{", b'{"do"', b"[]\n", b"null\n", b'{"answer": 1}\n',
        b'{"keys": "DO READY\\r"}\n', b'{"do": "stop \\u0000"}\n', b"\x1d", b"\t", b"\r\r")  # fmt: skip
@@ -277,6 +282,20 @@ class Surprises(RuleBasedStateMachine):
         """Somebody at the teach pendant turns a joint: at once, which brakes an arm under way, or once it rests."""
         self.send_off(going)
         self.there.by_pendant(joint, degrees, at_rest)
+        self.there.wait(seconds)
+
+    @rule(how=st.sampled_from(["stop", "abort", "disable"]), seconds=SECONDS, going=GOING)
+    @kept
+    def close_the_gripper_by_the_pendant(self, how: str, seconds: float, going: Going) -> None:
+        """The arm is stopped, somebody closes the gripper on a part at the teach pendant, and a pick is asked for."""
+        self.send_off(going)
+        here = self.there.sockets[0]
+        here.say(how)
+        self.there.wait_for(here, END_OF_STOP_S)
+        if self.there.cell.world_from_tool()[2, 3] > CLEAR_MM:
+            self.there.close_by_pendant()
+        self.set_to_work()
+        here.say("pick")
         self.there.wait(seconds)
 
     @rule(joint=st.integers(0, 2), degrees=JOGS_DEG, going=GOING)

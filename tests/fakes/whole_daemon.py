@@ -684,10 +684,7 @@ class Story:
         self.texts: list[str] = []
         self.start()
         if holds:
-            tool = self.cell.world_from_tool()
-            self.cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
-            self.cell.world.close_hand(tool)
-            self.cell.controller.machine.hand_closed = True
+            self.close_by_pendant()
             self.sockets[0].say("holding yes")
             self.wait(0.1)
 
@@ -817,6 +814,14 @@ class Story:
             joints = controller.machine.joints()
             joints[joint] += np.radians(degrees)
             controller.machine.drive_by_pendant(joints)
+
+    def close_by_pendant(self) -> None:
+        """A person holds a cube into the gripper, and closes it on that by the teach pendant."""
+        tool = self.cell.world_from_tool()
+        if self.cell.world.held is None:
+            self.cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+            self.cell.world.close_hand(tool)
+            self.cell.controller.machine.hand_closed = True
 
     def exchange_arm(self, joint: int, degrees: float) -> None:
         """Behind the adapter there is another controller: just started, its arm elsewhere."""

@@ -91,14 +91,20 @@ def test_an_opening_gripper_that_is_believed_empty_stays_empty():
     assert voided(everything(holding=False), VoidingEvent.GRIPPER_OPENS).holds_part is False
 
 
-def test_an_empty_gripper_on_an_arm_that_a_pendant_moved_is_only_assumed_to_be_empty():
-    """A pendant works the gripper as well: it is opened over the bin before the next pick."""
-    believed = everything(holding=False)
-    assert not believed.empty_unproven
-    moved = voided(believed, VoidingEvent.MOVED_BY_OTHERS)
-    assert moved.holds_part is False
-    assert moved.empty_unproven
-    assert voided(everything(holding=True), VoidingEvent.MOVED_BY_OTHERS).holds_part is True
+@given(st.lists(st.sampled_from(list(VoidingEvent)), min_size=1, max_size=6))
+def test_a_gripper_that_is_no_longer_known_to_be_open_is_at_most_assumed_to_be_empty(changes):
+    """A pendant may have closed it on a part: it is opened over the bin before the next pick."""
+    belief = everything(holding=False)
+    belief = replace(belief, closed=Belief(False, BeliefSource.COMMANDED, 1.0))
+    assert not belief.empty_unproven
+    for change in changes:
+        belief = voided(belief, change)
+    assert belief.is_open == (belief.holds_part is False and not belief.empty_unproven)
+
+
+@pytest.mark.parametrize("change", list(VoidingEvent))
+def test_no_change_makes_a_gripper_that_held_a_part_count_as_empty(change):
+    assert voided(everything(holding=True), change).holds_part in (True, None)
 
 
 def test_each_fact_says_how_and_when_it_was_learnt():

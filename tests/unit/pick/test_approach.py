@@ -43,18 +43,15 @@ def test_a_stop_out_of_reach_once_the_part_was_seen_nearer_is_planned_again_from
 
 
 @pytest.mark.parametrize("known", [None, True, False])
-def test_fingers_that_are_not_known_to_be_open_are_opened_before_the_first_stop(known):
+def test_on_its_way_to_a_part_no_gripper_is_worked_whatever_is_believed_of_it(known):
+    """It was opened there where it was not known to be open, and dropped what a pendant had closed it on."""
     fake = one_part()
     context, world = begun(fake)
     brought_to(PickState.STOP_N, context, world)
     context.mover.beliefs.learn(BeliefSource.COMMANDED, closed=known)
     sent = len(fake.wire)
     assert step(context, world, PickState.STOP_N) is PickEvent.THERE
-    names = [name for name, _ in fake.wire[sent:]]
-    assert names.count("hand") == (known is not False)
-    assert names[0] == ("move" if known is False else "hand")
-    assert names[-1] == "move"
-    assert not fake.closed
+    assert {name for name, _ in fake.wire[sent:]} == {"move"}
 
 
 def test_once_seen_a_part_is_come_nearer_to_on_a_straight_line():

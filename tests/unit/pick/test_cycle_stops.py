@@ -252,7 +252,7 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
 
     end, told = lived(story())
     assert end.outcome == "picked"
-    assert told[0].startswith("bin, to open the hand, which nobody saw open: joints to ")
+    assert told[0].startswith("bin, to open the gripper, which is not known to be open: joints to ")
     assert told[told.index("open the hand") + 1].startswith("survey 1: joints to ")
     assert len(told) == len(world.wire)
     assert [text for text in told if text.endswith("the hand")] == ["open the hand", "close the hand", "open the hand"]

@@ -127,3 +127,73 @@ def test_a_part_that_facetd_grasped_stands_for_no_other_that_came_into_the_gripp
     happens(cycle)
     asyncio.run(cycle.go("home"))
     assert guarded(cycle) == UNSEEN
+
+
+def stopped(cycle: PickCycle) -> None:
+    asyncio.run(cycle.supervisor.stop())
+    cycle.supervisor.resume()
+
+
+def aborted(cycle: PickCycle) -> None:
+    asyncio.run(cycle.supervisor.abort())
+
+
+def disabled(cycle: PickCycle) -> None:
+    asyncio.run(cycle.supervisor.disable())
+
+
+def opened_anew(cycle: PickCycle) -> None:
+    cycle.supervisor.line_opened_anew()
+
+
+def typed_to_the_controller(cycle: PickCycle) -> None:
+    asyncio.run(cycle.supervisor.converse("robot monitor", lambda: asyncio.sleep(0), moves=False))
+
+
+def said_to_be_empty(cycle: PickCycle) -> None:
+    cycle.beliefs.void(VoidingEvent.OTHERS_TYPED)
+    cycle.holding(False)
+
+
+def restarted(cycle: PickCycle) -> None:
+    cycle.recover("retreat", closed=True)
+    cycle.supervisor.resume()
+    cycle.holding(False)
+
+
+AMID = (stopped, aborted, disabled, opened_anew, typed_to_the_controller, moved_by_others, said_to_be_empty, restarted)
+
+
+@pytest.mark.parametrize("happens", AMID)
+def test_a_part_that_a_pendant_closed_the_gripper_on_falls_into_the_bin_and_nowhere_else(
+    happens: Callable[[PickCycle], None],
+):
+    """facetd had opened the gripper itself, took it for empty, and opened it again where the next approach began."""
+    world = one_part(LARGE)
+    cycle = cycle_of(world)
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    happens(cycle)
+    cycle.supervisor.enable()
+    world.held, world.closed = SMALL, True
+    world.put(LARGE, 520, 0, 0.4)
+    opened: list[np.ndarray] = []
+
+    def note(name: str) -> None:
+        if name == "handed" and not world.closed:
+            opened.append(world.at[:3, 3].copy())
+
+    world.before = note
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert world.binned == [LARGE, SMALL, LARGE]
+    over_bin = cycle.positions()["bin"][:3, 3]
+    assert [float(np.linalg.norm(at - over_bin)) for at in opened] == pytest.approx([0.0, 0.0], abs=1.0)
+
+
+def test_a_gripper_that_facetd_opened_and_nothing_happened_to_is_not_opened_again():
+    world = one_part()
+    cycle = cycle_of(world)
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    world.put(LARGE, 520, 0, 0.4)
+    sent = len(world.wire)
+    assert asyncio.run(cycle.pick()).outcome == "picked"
+    assert [closed for name, closed in world.wire[sent:] if name == "hand"] == [True, False]

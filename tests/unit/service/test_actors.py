@@ -20,17 +20,18 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from daemon.arm import motion
+from daemon.arm import belief, motion
+from daemon.arm.belief import CellBelief, VoidingEvent, voided
 from daemon.arm.motion import Mover
 from daemon.arm.supervisor import Supervisor
 from daemon.events.outcomes import Outcome
 from daemon.maintenance.watchdog import Watchdog
-from daemon.pick import take
+from daemon.pick import approach, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.outcome import PickResult
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.transitions import PickState
-from daemon.pick.world import PickContext
+from daemon.pick.world import PickContext, WorldModel, travel
 from daemon.store.named_positions import NamedPositions
 from daemon.store.runlog import RunLog
 from drivers.puma560 import ArmGeometry
@@ -80,6 +81,22 @@ LONGER = rigid(np.eye(3), [0.0, 0.0, -100.0])
 """A tool that reaches 100 mm less far than ours does."""
 COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: PickResult(Outcome.PICKED, label, None))
 COMPARES_WHERE: Guard = (Mover, "_not_moved_by_others", nothing)
+
+
+def still_empty(before: CellBelief, change: VoidingEvent) -> CellBelief:
+    """As if nobody could have closed a gripper that facetd has opened."""
+    after = voided(before, change)
+    return after if after.holding is None else replace(after, holding=before.holding)
+
+
+async def opened_here(context: PickContext, world: WorldModel, *about: Any, **how: Any) -> None:
+    """As if what is taken for empty could be opened anywhere."""
+    if not context.mover.belief.is_open:
+        await context.mover.hand(closed=False)
+    await travel(context, world, *about, **how)
+
+
+OPENS_OVER_THE_BIN: tuple[Guard, ...] = ((belief, "voided", still_empty), (approach, "travel", opened_here))
 
 
 async def no_events(*_: object) -> list[object]:
@@ -292,6 +309,21 @@ def test_a_part_that_somebody_takes_amid_a_pick_is_not_counted_as_picked():
         story.wait(40.0)
 
     proven(act, "not in the bin", (take, "_judged", lambda *_: (True, None)), COUNTS_RELEASED, parts=True)
+
+
+@pytest.mark.parametrize("how", few(["stop", "abort", "disable"], 1))
+def test_a_part_that_the_pendant_closed_the_gripper_on_falls_nowhere_but_into_the_bin(how: str):
+    def act(story: Story) -> None:
+        pick_up_to(story, PickState.BIN)
+        story.wait_for(story.sockets[0], 60.0)
+        typed(story, "scatter cube", 3.0)
+        typed(story, how, 3.0)
+        story.close_by_pendant()
+        for text in ("resume", "enable"):
+            typed(story, text, 1.0)
+        typed(story, "pick cube", 60.0)
+
+    proven(act, "dropped", *OPENS_OVER_THE_BIN, parts=True)
 
 
 def test_another_arm_behind_the_adapter_moves_by_nobodys_leave_but_a_new_one():
