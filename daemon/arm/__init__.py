@@ -28,7 +28,16 @@ from daemon.arm.collision_shapes import (
 )
 from daemon.arm.guard import Limits, MoveCommand, SupportContact
 from daemon.arm.hold import Waiting
-from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotSentError, OutOfReachError, Reach
+from daemon.arm.motion import (
+    UNCONFIRMED,
+    Arrival,
+    MovedByOthersError,
+    Mover,
+    MoveRefusedError,
+    NotSentError,
+    OutOfReachError,
+    Reach,
+)
 from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in_view
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.paths import speed_pct
@@ -58,6 +67,7 @@ __all__ = [
     "EYES",
     "PALM_MM",
     "PATH_MM",
+    "UNCONFIRMED",
     "Arrival",
     "Belief",
     "BeliefSource",

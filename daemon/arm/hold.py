@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from math import inf
 
+from daemon.arm.motion import UnansweredError
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
 from daemon.arm.permit import MotionPermit
 
@@ -19,11 +20,25 @@ async def _nothing_to_see() -> None:
 
 @dataclass(frozen=True, eq=False)
 class Waiting:
-    """A move that waits for a yes, and no other, whatever it is called; since_s: the loop's time as it began to."""
+    """A move that waits for a yes, and no other, whatever it is called; since_s, until_s: the loop's time as it began
+    to, and until when a yes counts (inf: at any time)."""
 
-    text: str
+    what: str
     answer: asyncio.Future[bool]
     since_s: float
+    until_s: float = inf
+
+    @property
+    def text(self) -> str:
+        """The move in words, with the time that is left for a yes."""
+        if self.until_s == inf:
+            return self.what
+        return f"{self.what}; its look is valid for {max(self.until_s - asyncio.get_running_loop().time(), 0.0):.0f} s"
+
+    @property
+    def expired(self) -> bool:
+        """Whether nobody answered while a yes counted."""
+        return self.answer.done() and not self.answer.cancelled() and self.answer.exception() is not None
 
 
 class Hold:
@@ -84,9 +99,17 @@ class Hold:
         """No to the pending move: the job is given up. Raises RefusedError where none waits."""
         self._answer(False)
 
-    async def wait(self, text: str, seen: Callable[[], Awaitable[object]] = _nothing_to_see, ask: bool = False) -> None:
+    async def wait(
+        self,
+        text: str,
+        seen: Callable[[], Awaitable[object]] = _nothing_to_see,
+        valid_s: float = inf,
+        ask: bool = False,
+    ) -> None:
         """Wait out a pause, also one that began while it was asked, or while it was seen how things stand by then; ask
-        in step mode (or where told to). text: what is to be done. Raises OperatorRefusedError on a no."""
+        in step mode (or where told to). text: what is to be done; valid_s: for how long from now a yes counts. Raises
+        OperatorRefusedError on a no, UnansweredError where there is no answer in that time."""
+        until_s = asyncio.get_running_loop().time() + valid_s
         agreed = False
         while self.paused or ((self.stepping or ask) and not agreed):
             if self.paused:
@@ -94,20 +117,27 @@ class Hold:
                 await self._going.wait()
                 self._interrupted(Interruption.RESUME)
             else:
-                await self._agreed(text)
+                await self._agreed(text, until_s)
                 agreed = True
             await seen()
         self._permit.release()
 
-    async def _agreed(self, text: str) -> None:
+    async def _agreed(self, text: str, until_s: float) -> None:
         loop = asyncio.get_running_loop()
-        self.waiting = Waiting(text, loop.create_future(), loop.time())
+        self.waiting = waiting = Waiting(text, loop.create_future(), loop.time(), until_s)
+        expires = None if until_s == inf else loop.call_at(until_s, self._expire, waiting)
         try:
-            if not await self.waiting.answer:
+            if not await waiting.answer:
                 what, _, _ = text.partition(", from here ")  # the way there was for whoever was asked
                 raise OperatorRefusedError(f"the operator refused: {what}")
         finally:
             self.waiting = None
+            if expires is not None:
+                expires.cancel()
+
+    def _expire(self, waiting: Waiting) -> None:
+        if not waiting.answer.done():
+            waiting.answer.set_exception(UnansweredError("nobody confirmed the move while its look was valid"))
 
     def _answer(self, yes: bool) -> None:
         if self.waiting is None or self.waiting.answer.done():

@@ -8,6 +8,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from math import inf
 
 import numpy as np
 
@@ -36,6 +37,10 @@ class MoveRefusedError(NotSentError):
         super().__init__(f"{refusal.rule}: {refusal.text}")
         self.refusal = refusal
         self.code = BY_RULE.get(refusal.rule, CauseCode.MOVE_REFUSED)
+
+
+class UnansweredError(NotSentError):
+    """Nobody confirmed a move while the look behind it was valid."""
 
 
 class NotAtTargetError(FacetdError):
@@ -123,12 +128,16 @@ class Reach:
         return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.bounds.max_speed_pct))
 
 
-Gate = Callable[[str, Callable[[], Awaitable[object]]], Awaitable[None]]
+UNCONFIRMED = "not_confirmed"
+"""The rule by which a move is refused that waited for a yes until the look behind it was too old."""
+
+Gate = Callable[[str, Callable[[], Awaitable[object]], float], Awaitable[None]]
 """May hold back what moves, told in words. How things stand after a wait is seen by the gate itself, by what it is
-given, and what was to be held by then is held again."""
+given, and what was to be held by then is held again. The number: for how many seconds a yes counts. Raises
+UnansweredError where there is none."""
 
 
-async def _open_gate(_: str, __: Callable[[], Awaitable[object]]) -> None:
+async def _open_gate(*_: object) -> None:
     return None
 
 
@@ -242,7 +251,12 @@ class Mover:
     async def _sent(self, command: MoveCommand, then: MoveCommand | None) -> Reading | None:
         """Check, wait out a hold, check again, send; None where it was held before its last byte left."""
         self.check(command)
-        await self._held(_in_words(command), self._way_in_words(command))
+        look_s = command.look_taken_s
+        valid_s = inf if look_s is None else self.limits.max_look_age_s - (self.cell.clock() - look_s)
+        try:
+            await self._held(_in_words(command) + self._way_in_words(command), valid_s)
+        except UnansweredError as unanswered:
+            raise self._refused(Refusal(UNCONFIRMED, str(unanswered))) from None
         self.check(command)
         assert self.here is not None
         self._log_move(command)
@@ -338,7 +352,7 @@ class Mover:
     async def _gripper_worked(self, closed: bool, hand_s: float) -> bool:
         """Whether it was worked, and not held before the last byte left."""
         self._check_hand()
-        await self._held(f"{'close' if closed else 'open'} the hand")
+        await self._held(f"{'close' if closed else 'open'} the gripper")
         self._check_hand()
         if self.dry:
             self._log_hand(closed)
@@ -361,7 +375,7 @@ class Mover:
             self._log_hand(closed)
         return True
 
-    async def _held(self, text: str, way: str = "") -> None:
+    async def _held(self, text: str, valid_s: float = inf) -> None:
         """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
         to move it by its pendant, and its way amid what lies there was planned from where it stood."""
         place = self.belief.at
@@ -371,19 +385,15 @@ class Mover:
                 now = await self.rest()
                 self._not_moved_by_others(text, place or now, now)
 
-        await self.gate(text + way, still_there)
+        await self.gate(text, still_there, valid_s)
 
     def _way_in_words(self, command: MoveCommand) -> str:
-        """How far a move goes from here, and how long the look behind it stays valid: for whoever confirms it."""
+        """How far a move goes from here: for whoever confirms it."""
         if self.here is None:
             return ""
         x, y, z = np.round(command.world_from_tool[:3, 3] - self.here.world_from_tool[:3, 3]) + 0.0
         _, deg = _apart(self.here.world_from_tool, command.world_from_tool)
-        way = f", from here x {x:+g} y {y:+g} z {z:+g} mm and {deg:.0f} degrees"
-        if command.look_taken_s is None:
-            return way
-        left_s = self.limits.max_look_age_s - (self.cell.clock() - command.look_taken_s)
-        return f"{way}; its look is valid for {max(left_s, 0.0):.0f} s"
+        return f", from here x {x:+g} y {y:+g} z {z:+g} mm and {deg:.0f} degrees"
 
     async def still_there(self, doing: str) -> None:
         """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for
@@ -492,5 +502,5 @@ def _apart(a: Array, b: Array) -> tuple[float, float]:
 
 def _in_words(command: MoveCommand) -> str:
     x, y, z = np.round(command.world_from_tool[:3, 3], 1)
-    how = "straight" if command.straight else "joints"
-    return f"{command.purpose}: {how} to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:g} %"
+    how = "straight" if command.straight else "joint"
+    return f"{command.purpose}: {how} move to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:.0f} %"

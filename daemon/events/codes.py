@@ -119,6 +119,8 @@ class CauseCode(StrEnum):
         "a process that computes was killed, ran out of memory or took too long: see what else takes memory and "
         "processor, then `resume`; if it recurs, send a `bundle`")
     INTERNAL = "internal", "a fault in facetd", "computer", "please send a `bundle`"
+    NOT_CONFIRMED = ("not_confirmed", "move not confirmed", "operator",
+        "confirm each move while its look is valid (pick.limits.max_look_age_s), or `step off`")
     STALE_LOOK = ("stale_look", "a look too old", "computer",
         "the computer was too slow, or the pick was paused: see pick.limits.max_look_age_s")
     NOT_FOUND_AGAIN = ("not_found_again", "not found again", "images",
@@ -181,7 +183,7 @@ BY_RULE: Mapping[str, CauseCode] = {
     "below_table": CauseCode.BELOW_TABLE, "outside_workspace": CauseCode.OUTSIDE_WORKSPACE,
     "kept_out": CauseCode.KEPT_OUT, "outside_room": CauseCode.KEPT_OUT, "no_way": CauseCode.KEPT_OUT,
     "not_enabled": CauseCode.NOT_ENABLED, "stale_look": CauseCode.STALE_LOOK,
-    "moved_by_others": CauseCode.MOVED_BY_OTHERS,
+    "moved_by_others": CauseCode.MOVED_BY_OTHERS, "not_confirmed": CauseCode.NOT_CONFIRMED,
 }  # fmt: skip
 """Rules of the guard by the cause that a refusal indicates; any other rule: CauseCode.MOVE_REFUSED."""
 
@@ -208,6 +210,7 @@ class DecisionCode(StrEnum):
     KNOCKED_AWAY = "knocked_away"
     CAME_BACK_EMPTY = "came_back_empty"
     GIVEN_UP = "given_up"
+    LOOKED_AGAIN = "looked_again"
 
 
 SUSPECTS: Mapping[str, DecisionCode] = {

@@ -315,7 +315,7 @@ class PickCycle:
         return reading.world_from_tool
 
     async def hand(self, closed: bool) -> None:
-        await self.supervisor.run("close the hand" if closed else "open the hand", self._hand(closed))
+        await self.supervisor.run("close the gripper" if closed else "open the gripper", self._hand(closed))
 
     def positions(self) -> dict[str, Array]:
         """Named positions of the arm (home, bin, survey, survey2, ...) -> world_from_tool."""
@@ -383,10 +383,10 @@ class PickCycle:
         if (before, then) != (PickState.IDLE, PickState.IDLE):
             self.cell.log.record("state", cycle=self._cycles, event=event, to=then, **{"from": before})
 
-    async def _gate(self, text: str, seen: Callable[[], Awaitable[object]]) -> None:
+    async def _gate(self, text: str, seen: Callable[[], Awaitable[object]], valid_s: float) -> None:
         """Hold a move: for a pause and step mode, then as long as the line does not permit it."""
         while True:
-            await self.supervisor.hold.wait(text, seen)
+            await self.supervisor.hold.wait(text, seen, valid_s)
             if not await self.line.permit(PERMITS.get(self.state)):
                 return
             await seen()
@@ -617,10 +617,10 @@ class PickCycle:
     async def _through(self, context: PickContext, world: WorldModel) -> None:
         await self.set_out()
         if self.belief.holds_part:
-            world.result = PickResult(Outcome.EMPTIED, "put down what was in the hand", None)
+            world.result = PickResult(Outcome.EMPTIED, "put down what was in the gripper", None)
         self._enter(PickEvent.FULL_HAND if self.belief.holds_part else PickEvent.BEGIN)
         if self.belief.empty_unproven:
-            await take.let_go(context, world, "bin, to open the gripper, which is not known to be open")
+            await take.let_go(context, world, "bin, to open the gripper first")
         while self.state is not PickState.IDLE:
             event = await HANDLERS[self.state](context, world)
             if event in (PickEvent.GONE, PickEvent.MEASURED):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from daemon import frames
 from daemon.arm import (
+    UNCONFIRMED,
     Mover,
     MoveRefusedError,
     OutOfReachError,
@@ -288,10 +289,16 @@ def raise_if_closed(error: MoveError) -> None:
 
 
 async def unreachable(context: PickContext, world: WorldModel, error: MoveError) -> None:
-    """A move was refused: raise where all motion is closed. Where the target was looked at on the way, its place is
-    known better than when its approach was chosen: choose again, but not for ever; else leave it alone."""
+    """A move was refused: raise where all motion is closed. Where nobody confirmed it in time, look at the table again
+    (until world.too_long ends it). Where the target was looked at on the way, its place is known better than when its
+    approach was chosen: choose again, but not for ever; else leave it alone."""
     raise_if_closed(error)
     target = world.the_target()
+    if isinstance(error, MoveRefusedError) and error.refusal.rule == UNCONFIRMED:
+        context.decide("look again", error.refusal.text, DecisionCode.LOOKED_AGAIN, label=target.label)
+        world.old_looks = 0
+        world.found = seen_parts(await whole_look(context.cell.compute, context.recogniser, target.look))
+        return
     if target.sightings:
         await plan_again(context, world, Outcome.UNREACHABLE, str(error), CauseCode.MOVE_REFUSED)
     else:

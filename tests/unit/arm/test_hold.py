@@ -9,8 +9,10 @@ from math import inf
 import pytest
 
 from daemon.arm.hold import Hold
+from daemon.arm.motion import UnansweredError
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError
 from daemon.arm.permit import MotionPermit
+from tests.fakes.in_time import lived
 
 
 def waits(hold: Hold, ask: bool, then: Callable[[asyncio.Task[None]], object]) -> str:
@@ -111,3 +113,23 @@ def test_a_hold_said_after_a_move_was_let_go_is_seen_until_the_next_is() -> None
     hold.step(False)
     assert waits(hold, False, lambda _: None) == "goes"
     assert not hold._permit.held
+
+
+def test_a_yes_counts_while_the_look_is_valid_and_nobodys_silence_is_none() -> None:
+    hold = Hold(MotionPermit(), lambda _: None)
+    hold.step(True)
+
+    async def story(answer: Callable[[], None]) -> tuple[str, bool]:
+        move = asyncio.create_task(hold.wait("stand-off", valid_s=20.0))
+        await asyncio.sleep(8.0)
+        waiting = hold.waiting
+        assert waiting is not None
+        text = waiting.text
+        answer()
+        await move
+        return text, waiting.expired
+
+    assert lived(story(hold.confirm)) == ("stand-off; its look is valid for 12 s", False)
+    with pytest.raises(UnansweredError):
+        lived(story(lambda: None))
+    assert hold.waiting is None

@@ -120,7 +120,7 @@ def test_what_came_while_a_move_was_held_back_closes_the_gate(meanwhile, rule):
 def test_a_move_that_is_refused_before_is_not_held_back_first():
     world, asked = World(np.random.default_rng(0)), []
 
-    async def gate(told: str, _) -> None:
+    async def gate(told: str, *_) -> None:
         asked.append(told)
 
     mover = mover_in(world, gate)
@@ -205,7 +205,7 @@ def test_who_held_a_move_back_may_have_moved_the_arm_and_then_it_is_not_sent(tur
     world = World(np.random.default_rng(0))
     by = np.array([0, 0, 0, 0, 0, 0.1]) if turned else np.array([-30.0, 0, 0, 0, 0, 0])
 
-    async def gate(_, seen) -> None:
+    async def gate(_, seen, __) -> None:
         world.at = frames.perturb(HEAD_DOWN, by)
         await seen()
 
@@ -271,7 +271,7 @@ def test_an_arm_that_crept_as_it_settled_is_sent_on():
 def test_dry_a_move_leaves_from_where_the_one_before_would_have_ended_and_no_arm_is_asked():
     world, asked = World(np.random.default_rng(0)), []
 
-    async def gate(_, seen) -> None:
+    async def gate(_, seen, __) -> None:
         await seen()
 
     mover = mover_in(world, gate, max_step_mm=40.0)
@@ -413,8 +413,8 @@ def test_the_hand_is_not_driven_while_nothing_may_move(meanwhile, rule):
 def test_what_came_while_the_hand_was_held_back_keeps_it_as_it_is(meanwhile, rule):
     world = World(np.random.default_rng(0))
 
-    async def held(told: str, _) -> None:
-        assert told == "open the hand"
+    async def held(told: str, *_) -> None:
+        assert told == "open the gripper"
         meanwhile(mover, world)
 
     mover = mover_in(world, held)
@@ -429,7 +429,7 @@ def test_a_hand_that_was_held_back_is_worked_only_where_it_was_to_be(off_mm):
     """Over the bin, for one: whoever had time may have moved the arm by its pendant."""
     world = World(np.random.default_rng(0))
 
-    async def held(_, seen) -> None:
+    async def held(_, seen, __) -> None:
         world.at[0, 3] += off_mm
         await seen()
 
@@ -562,12 +562,12 @@ def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():
 def test_a_held_move_says_how_far_it_goes_from_here_and_how_long_its_look_is_valid():
     told, world = [], World(np.random.default_rng(0))
 
-    async def gate(text: str, _) -> None:
-        told.append(text)
+    async def gate(text: str, _, valid_s: float) -> None:
+        told.append((text, round(valid_s)))
 
     mover = mover_in(world, gate)
     asyncio.run(mover.go(MoveCommand(NEAR, False, 50.0, "near", look_taken_s=world.clock() - 5.0)))
-    assert told[0].endswith("from here x +30 y +0 z +0 mm and 0 degrees; its look is valid for 15 s")
+    assert told == [("near: joint move to x 450 y 0 z 60 mm at 50 %, from here x +30 y +0 z +0 mm and 0 degrees", 15)]
 
 
 def test_each_move_of_a_way_announces_the_next_and_the_last_announces_none(monkeypatch):

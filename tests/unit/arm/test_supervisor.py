@@ -241,7 +241,7 @@ def test_a_no_to_a_pending_move_leaves_it_unsent_and_no_fault():
         while supervisor.status()["pending"] is None:
             await asyncio.sleep(0)
         supervisor.hold.refuse()
-        with pytest.raises(OperatorRefusedError, match="to and fro: joints to"):
+        with pytest.raises(OperatorRefusedError, match="to and fro: joint move to"):
             await task
 
     lived(story())
@@ -1129,7 +1129,9 @@ def test_a_move_that_waits_for_a_yes_is_told_to_a_tenth_of_a_millimetre():
         task = asyncio.create_task(supervisor.run("travel", travel(target)))
         await eventually(lambda: supervisor.status()["pending"] is not None)
         pending = supervisor.status()["pending"]
-        assert pending.startswith("there: joints to x 450.3 y 0 z 53 mm at 50 %, from here x +30 y +0 z -7 mm and 0 ")
+        assert pending.startswith(
+            "there: joint move to x 450.3 y 0 z 53 mm at 50 %, from here x +30 y +0 z -7 mm and 0"
+        )
         supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await task

@@ -1,6 +1,7 @@
 """Who holds the arm: stop, fail, abort, pause, step, dry, restart. The arm is stopped before anything is reported."""
 
 import asyncio
+import re
 
 import numpy as np
 import pytest
@@ -252,10 +253,43 @@ def test_in_step_mode_each_move_is_told_and_waits_for_a_yes():
 
     end, told = lived(story())
     assert end.outcome == "picked"
-    assert told[0].startswith("bin, to open the gripper, which is not known to be open: joints to ")
-    assert told[told.index("open the hand") + 1].startswith("survey 1: joints to ")
+    assert told[0].startswith("bin, to open the gripper first: joint move to ")
+    assert told[told.index("open the gripper") + 1].startswith("survey 1: joint move to ")
     assert len(told) == len(world.wire)
-    assert [text for text in told if text.endswith("the hand")] == ["open the hand", "close the hand", "open the hand"]
+    gripper = ["open the gripper", "close the gripper", "open the gripper"]
+    assert [text for text in told if text.endswith("the gripper")] == gripper
+
+
+def test_a_move_that_nobody_confirms_while_its_look_is_valid_is_asked_about_again_after_a_new_look():
+    """A careful person's late yes was refused as stale, and the part left alone as out of reach."""
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        hold = cycle.supervisor.hold
+        hold.step(True)
+        task = asyncio.create_task(cycle.pick())
+        late = []
+        while not task.done():
+            await asyncio.sleep(0.001)
+            waiting = hold.waiting
+            if waiting is None or waiting.answer.done():
+                continue
+            if "its look is valid for" in waiting.text and len(late) < 4:
+                late.append(waiting.text)
+                world.now_s += 20.0
+                while hold.waiting is waiting:
+                    await asyncio.sleep(0.1)
+                assert waiting.expired
+            else:
+                hold.confirm()
+        return await task, late
+
+    end, late = lived(story())
+    assert all(re.search(r"; its look is valid for (19|20) s$", text) for text in late), late
+    assert [r["code"] for r in world.said("decision")].count("looked_again") == len(late) == 4
+    assert [r["rule"] for r in world.said("refusal")] == ["not_confirmed"] * 4
+    assert (end.outcome, end.skipped) == ("picked", ())
 
 
 def test_a_no_in_step_mode_gives_the_pick_up_before_the_move():
@@ -616,7 +650,7 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
         closing = asyncio.create_task(cycle.hand(closed=True))
         while cycle.status()["pending"] is None:
             await asyncio.sleep(0)
-        assert (cycle.status()["pending"], world.wire) == ("close the hand", [])
+        assert (cycle.status()["pending"], world.wire) == ("close the gripper", [])
         cycle.supervisor.hold.refuse()
         with pytest.raises(OperatorRefusedError):
             await closing

@@ -826,7 +826,7 @@ def test_a_move_about_which_somebody_is_asked_is_sent_by_no_step_off_of_somebody
     story.sockets[1].say("step off")
     story.wait(2.0)
     assert story.cell.controller.machine.at_rest()
-    assert "This move still waits: bin: joints to x" in story.texts[-1]
+    assert "This move still waits: bin: joint move to x" in story.texts[-1]
     story.sockets[0].answer("y")
     story.wait(10.0)
     assert "At bin." in story.texts, "nor is anything further asked"
@@ -946,7 +946,7 @@ def test_a_move_right_behind_a_hand_that_opens_waits_until_its_fingers_have_open
     assert context is not None
     assert "The gripper is open." not in story.texts
     assert story.cell.controller.machine.at_rest()
-    assert context.cycle.status()["doing"] == "open the hand"
+    assert context.cycle.status()["doing"] == "open the gripper"
     story.wait(1.0)
     assert "The gripper is open." in story.texts
     assert not story.cell.controller.machine.at_rest()
