@@ -20,6 +20,7 @@ from daemon.maintenance.doctor import mend_of
 from daemon.maintenance.journal import fault_line
 from daemon.pick.find import in_all
 from daemon.pick.looks import Look
+from daemon.pick.transitions import SHOWN
 from daemon.pick.world import WorldModel
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.health import SAID, findings_json, troubles
@@ -122,7 +123,7 @@ def _counted(state: dict[str, Any]) -> str:
 
 
 def _doing(context: CommandContext, state: dict[str, Any]) -> str:
-    text = f"{state['doing'] or 'nothing'} ({state['state']})"
+    text = f"{state['doing'] or 'nothing'} ({SHOWN[state['state']]})"
     order = context.cycle.pick_order
     if state["auto"] and order is not None and order.count is not None:
         left_s = state["left_s"]
@@ -158,7 +159,7 @@ async def look(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 def around_told(known: WorldModel, columns: int) -> CommandResult:
     """What each look has brought, and what is known at the end."""
-    told = [f"Look {n}, at {g.about}: was {g.before}; now {g.after}." for n, g in enumerate(known.gained, start=2)]
+    told = [f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, start=2)]
     lines = [line for text in told for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
     for part in known.found:
         x, y, z = part.centre

@@ -128,7 +128,9 @@ class CommandContext:
         elif count is not None and picked >= count:
             reason = "that is as many as requested" if self._begun.job is None else "that is all of the job"
         elif outcome == Outcome.EMPTY:
-            reason = "the table is empty"
+            left = len(self.cycle.skipped)
+            alone = f"{plural(left, 'part')} left alone, `status` says why"
+            reason = f"nothing more to pick: {alone}" if left else "the table is empty"
         elif outcome in (Outcome.PICKED, Outcome.EMPTIED):
             reason = "ended by `auto off`"
         elif outcome is None:

@@ -55,7 +55,7 @@ async def by_pages(text: str, frontend: Frontend) -> str:
     lines = fold(text, frontend.columns)
     if frontend.rows is None or not frontend.asks:
         return text
-    page = max(frontend.rows - 1, 2)
+    page = max(frontend.rows - 2, 2)  # what is asked, and the line to answer on, are below it
     while len(lines) >= frontend.rows:
         await frontend.say("\n".join(lines[:page]))
         lines = lines[page:]

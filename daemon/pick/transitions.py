@@ -5,6 +5,7 @@ set_down.py, by the table HANDLERS in cycle.py. The words are those of the run l
 daemon/events/upgrade.py).
 """
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -33,6 +34,18 @@ class PickState(StrEnum):
     """In a row only: any state of a pick."""
     BACK = "back"
     """In a row only: the state it came from."""
+
+
+SHOWN: Mapping[str, str] = {
+    PickState.IDLE: "idle", PickState.SURVEY: "looking over the table", PickState.CHOOSE: "choosing a part",
+    PickState.SECOND_VIEW: "looking from another side", PickState.STOP_N: "going to the next stand-off",
+    PickState.LOOKING: "looking at the part", PickState.ESTIMATING: "measuring the part",
+    PickState.FINAL: "going to the grasp", PickState.CLOSING: "closing the gripper", PickState.RETREAT: "lifting",
+    PickState.VERIFY: "checking what the gripper holds", PickState.BIN: "bringing it to the bin",
+    PickState.SET_DOWN: "setting it down", PickState.LOOK_AT_PLACE: "looking at the place",
+    PickState.HOME: "going home", PickState.PAUSED: "paused", PickState.FAULT: "fault",
+}  # fmt: skip
+"""What an operator reads of a state."""
 
 
 class PickEvent(StrEnum):

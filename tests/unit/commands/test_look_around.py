@@ -32,7 +32,7 @@ def test_each_look_says_what_was_thought_before_it_and_what_after(columns: int) 
     lines = answer.text.splitlines()
     assert max(map(len, lines)) < columns
     text = " ".join(line.strip() for line in lines)
-    assert f"Look 2, at what lies at 560, -20: was {BEFORE}; now {AFTER}." in text
+    assert f"Look 2, at what lies at 560, -20. Before: {BEFORE}. Now: {AFTER}." in text
     assert "cube (99.8 %) at world x 500 y 0 z -280 mm" in text
     assert "without a name at world x 600 y 0 z -280 mm: fits" in text
     assert lines[-1] == "2 looks: 1 block_60, 1 cube, 1 without a name." or columns == 40

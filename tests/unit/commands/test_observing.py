@@ -74,3 +74,11 @@ def test_status_lists_what_the_last_pick_left_alone(tmp_path: Path) -> None:
     context.cycle.skipped = [left]
     told = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend())).text.splitlines()
     assert told[-1] == "skipped   cube at world x 520 y -90 z -275 mm: no grasp holds it as it lies"
+
+
+def test_status_says_what_a_pick_is_at_in_words(tmp_path: Path) -> None:
+    context = fake_context(tmp_path)
+    status = context.cycle.status()
+    context.cycle.status = lambda: status | {"doing": "pick", "state": "stop_n"}  # type: ignore[method-assign]
+    answer = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend()))
+    assert "doing     pick (going to the next stand-off)" in answer.text

@@ -136,7 +136,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
 
     async def run() -> list[str]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
-        context.cycle.supervisor = SimpleNamespace(fault=None)
+        context.cycle.supervisor, context.cycle.skipped = SimpleNamespace(fault=None), []
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
         context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
         frontend = Frontend()
@@ -150,20 +150,22 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "count", "fault", "told"),
+    ("outcomes", "count", "fault", "left", "told"),
     [
-        (["picked", "empty"], None, None, "1 part picked; the table is empty."),
-        (["picked", "picked"], 2, None, "2 parts picked; that is as many as requested."),
-        (["picked"], 3, None, "1 part picked; ended by `auto off`."),
-        (["picked", "unknown"], None, None, "1 part picked; the last one ended as unknown: because."),
-        (["picked", "fault"], 3, "stopped by ann", "1 part picked; stopped by ann."),
-        ([], 3, None, "0 parts picked; stopped before the first pick."),
+        (["picked", "empty"], None, None, 0, "1 part picked; the table is empty."),
+        (["empty"], None, None, 2, "0 parts picked; nothing more to pick: 2 parts left alone, `status` says why."),
+        (["picked", "picked"], 2, None, 1, "2 parts picked; that is as many as requested."),
+        (["picked"], 3, None, 0, "1 part picked; ended by `auto off`."),
+        (["picked", "unknown"], None, None, 0, "1 part picked; the last one ended as unknown: because."),
+        (["picked", "fault"], 3, "stopped by ann", 0, "1 part picked; stopped by ann."),
+        ([], 3, None, 0, "0 parts picked; stopped before the first pick."),
     ],
 )
-def test_each_end_of_an_auto_says_why(outcomes: list[str], count: int | None, fault: str | None, told: str) -> None:
-    context: Any = SimpleNamespace(
-        _begun=PickOrder(count), cycle=SimpleNamespace(supervisor=SimpleNamespace(fault=fault))
-    )
+def test_each_end_of_an_auto_says_why(
+    outcomes: list[str], count: int | None, fault: str | None, left: int, told: str
+) -> None:
+    cycle = SimpleNamespace(supervisor=SimpleNamespace(fault=fault), skipped=[None] * left)
+    context: Any = SimpleNamespace(_begun=PickOrder(count), cycle=cycle)
     assert CommandContext.auto_end(context, [end(outcome) for outcome in outcomes]) == told
 
 
@@ -183,7 +185,7 @@ def test_an_auto_that_may_not_begin_is_not_waited_for_in_place_of_the_one_that_i
 
     async def run() -> list[Any]:
         context: Any = SimpleNamespace(cycle=SimpleNamespace(begin_auto=auto), notices=Notices(), _auto=None)
-        context.cycle.supervisor = SimpleNamespace(fault=None)
+        context.cycle.supervisor, context.cycle.skipped = SimpleNamespace(fault=None), []
         context._auto_ended = lambda task: CommandContext._auto_ended(context, task)
         context.auto_end = lambda ends: CommandContext.auto_end(context, ends)
         await CommandContext.begin_auto(context)

@@ -5,7 +5,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from daemon.pick.cycle import HANDLERS
-from daemon.pick.transitions import NEXT, TABLE, PickEvent, PickState, follows
+from daemon.pick.transitions import NEXT, SHOWN, TABLE, PickEvent, PickState, follows
 
 
 def test_every_state_of_the_table_has_a_handler_and_every_row_leads_somewhere_known():
@@ -66,3 +66,8 @@ def test_after_a_fault_only_resume_leads_on():
     assert {row.event for row in TABLE if row.state is PickState.FAULT and row.then is not PickState.FAULT} == {
         PickEvent.RESUME
     }
+
+
+def test_every_state_that_a_pick_can_be_in_is_shown_to_an_operator_in_words():
+    assert set(SHOWN) == set(PickState) - {PickState.ANY, PickState.BACK}
+    assert not any("_" in words for words in SHOWN.values())
