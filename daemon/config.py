@@ -10,12 +10,16 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from daemon.arm import ARM, BODY_MM
 from daemon.pick.settings import Settings
+from daemon.pick.suction import SuctionCup
+from daemon.pick.two_fingers import TwoFingers
 from daemon.quantities import Coordinate, Name
 from daemon.signals.settings import SignalSettings, check_signals
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.job_file import FOLDER as JOBS
+from daemon.store.mounted_gripper import MountedGripper, load_mounted
 from daemon.store.place_file import FILE as PLACES
 from daemon.store.place_file import CellPlaces, load_places
 from daemon.store.yamlfile import ConfigError, Document, read
@@ -24,7 +28,9 @@ from daemon.vision.settings import MemorySettings, VisionSettings
 Kind = Literal["real", "recorded", "simulated"]
 Row4 = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 Matrix4 = tuple[Row4, Row4, Row4, Row4]
+TOOL: Matrix4 = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 130.0), (0.0, 0.0, 0.0, 1.0))
 Baud = Annotated[int, Meta(ge=50, le=4_000_000)]
+GripperName = Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,39}$")]
 Megabytes = Annotated[int, Meta(ge=1, le=100_000_000)]
 Silence = Annotated[float, Meta(gt=0, le=86_400)]
 FIXED = "it is fixed now; delete the line"
@@ -80,13 +86,19 @@ class ArmSettings:
     """Answer to the question that the controller asks after CAL."""
     dialect: dict[str, Any] = field(default_factory=dict)
     """How this controller speaks on the line."""
-    flange_from_tool: Matrix4 = (
-        (1.0, 0.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0, 0.0),
-        (0.0, 0.0, 1.0, 130.0),
-        (0.0, 0.0, 0.0, 1.0),
-    )
+    flange_from_tool: Matrix4 = TOOL
     """Pose of the tool centre point in the frame of the wrist centre, 4x4, mm. facetd sets VAL II's TOOL to it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownGripper:
+    """A gripper that may be mounted, by its name. The first of several is the one with which the hand-eye pose was
+    calibrated, where calibration.yaml does not say with which. Cameras on the hand stay there as grippers change."""
+
+    gripper: TwoFingers | SuctionCup = field(default_factory=TwoFingers)
+    """Its kind and dimensions."""
+    flange_from_tool: Matrix4 = TOOL
+    """Pose of its tool centre point in the frame of the wrist centre, 4x4, mm. facetd sets VAL II's TOOL to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,14 +212,17 @@ class ConfigFile:
     health: HealthSettings = field(default_factory=HealthSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)
     signals: dict[str, SignalSettings] = field(default_factory=dict)
+    grippers: dict[GripperName, KnownGripper] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Config:
     """The configuration: `values` of the file, `document` for errors with line numbers, absolute paths.
 
-    calibration: the file in use, the configured one or one made on this cell; places: those of places.yaml in the state
-    folder; notes: a line for each obsolete key, and for other surprises.
+    `values` has the mounted gripper, of the section `grippers` where there is one, in arm.flange_from_tool and
+    pick.gripper. calibration: the file in use, the configured one or one made on this cell; places: those of
+    places.yaml in the state folder; mounted: what a person said of that section; notes: a line for each obsolete key,
+    and for other surprises.
     """
 
     values: ConfigFile
@@ -215,12 +230,32 @@ class Config:
     kind: Kind
     calibration: Path = field(default_factory=Path)
     places: CellPlaces = field(default_factory=CellPlaces)
+    mounted: MountedGripper | None = None
     notes: tuple[str, ...] = ()
 
     @property
     def path(self) -> Path:
         """The configuration file."""
         return self.document.path
+
+    @property
+    def gripper(self) -> str | None:
+        """Name of the mounted gripper; None: nobody has said which of several it is, and the first is assumed."""
+        known, said = self.values.grippers, self.mounted
+        if len(known) <= 1:
+            return next(iter(known), kind_of(self.values.pick.gripper))
+        return said.name if said is not None and said.name in known else None
+
+    def each_gripper(self) -> dict[str, "Config"]:
+        """The same with each of the section `grippers` mounted, by name; itself without that section."""
+        known = self.values.grippers
+        return {name: with_mounted(self, MountedGripper(name, "", "")) for name in known} or {"": self}
+
+    @property
+    def calibrated_tool(self) -> Matrix4:
+        """flange_from_tool of the hand-eye pose, where calibration.yaml does not say it: the first gripper's."""
+        first = next(iter(self.values.grippers.values()), None)
+        return self.values.arm.flange_from_tool if first is None else first.flange_from_tool
 
     def file(self, name: str) -> Path:
         """The absolute path of a path in the file."""
@@ -269,6 +304,9 @@ def load_config(path: Path, simulated: bool = False) -> Config:
         check(document, values)
     check_signals(document, values.signals)
     config = Config(values, document, "simulated" if simulated else values.cell)
+    if values.grippers:
+        config = with_mounted(config, load_mounted(config.state))
+        notes += [] if config.gripper else [unsaid(config)]
     try:
         made, old = config.calibrations.in_use, config.calibrations.passed_over
     except CalibrationsError as error:
@@ -278,6 +316,37 @@ def load_config(path: Path, simulated: bool = False) -> Config:
             f"{made} has changed: it is in use instead of calibration {old}; go back with `calibrate use {old}`"
         )
     return replace(config, calibration=made, places=load_places(config.places_file), notes=tuple(notes))
+
+
+def with_mounted(config: Config, mounted: MountedGripper | None) -> Config:
+    """The same with that gripper of the section `grippers`, which must be there; with the first one where nobody has
+    said it. Raises ConfigError."""
+    values, document = config.values, config.document
+    for keys in (("pick", "gripper"), ("arm", "flange_from_tool")):
+        if document.has(keys):
+            raise document.error(keys, "expected it for each gripper in the section grippers; delete it here")
+    limits = values.pick.limits
+    if limits.capsules != ARM and any(piece.link == "tool" for piece in limits.capsules):
+        problem = "expected no piece with the link tool beside the section grippers: give what stays the link wrist"
+        raise document.error(("pick", "limits", "capsules"), problem)
+    if limits.body_mm != BODY_MM:
+        problem = "expected none beside the section grippers: give what stays as capsules with the link wrist"
+        raise document.error(("pick", "limits", "body_mm"), problem)
+    config = replace(config, mounted=mounted)
+    one = values.grippers[config.gripper or next(iter(values.grippers))]
+    arm, pick = replace(values.arm, flange_from_tool=one.flange_from_tool), replace(values.pick, gripper=one.gripper)
+    return replace(config, values=replace(values, arm=arm, pick=pick))
+
+
+def unsaid(config: Config) -> str:
+    """That nobody has said which gripper is mounted, and what to do."""
+    gone = f"{config.mounted.name}, which was, is not in the section grippers; " if config.mounted is not None else ""
+    return f"which gripper is mounted? {gone}`gripper use NAME`: {', '.join(config.values.grippers)}"
+
+
+def kind_of(gripper: TwoFingers | SuctionCup) -> str:
+    """The word of its kind, as in facetd.yaml."""
+    return str(type(gripper).__struct_config__.tag)
 
 
 def _check_limits(document: Document, values: ConfigFile) -> None:

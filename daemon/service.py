@@ -12,8 +12,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from daemon.arm import Supervisor
-from daemon.calibration.file import Calibration, load_calibration, same_geometry
+from daemon.calibration.file import Calibration, same_geometry
 from daemon.cell import build as cell
 from daemon.cell import sections
 from daemon.cell.no_arm import CellError
@@ -25,7 +27,7 @@ from daemon.commands.signals import serve_the_line
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
 from daemon.compute.worker import Worker
-from daemon.config import Config, load_config
+from daemon.config import TOOL, Config, Matrix4, load_config
 from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import Interpreter
 from daemon.console.notices import NoticeLevel
@@ -152,7 +154,7 @@ class Service:
             config = load_config(self._config_path, self._simulated)
             sections.check(config)
             _report_notes(config)
-            calibration = load_calibration(config.calibration)
+            calibration = sections.calibration_in_use(config)
             sections.check_hand_eye(config, calibration)
             if context.cycle.status()["doing"]:
                 raise ConfigError(
@@ -163,6 +165,9 @@ class Service:
                 if context.cycle.supervisor.permit.granted:
                     disabled = f"The arm is disabled: {', '.join(moved)} changed."
                 await context.cycle.supervisor.disable()
+            context.cycle.supervisor.between_jobs("settings are changed")
+            if (old.gripper, _tool(old)) != (config.gripper, _tool(config)):
+                context.hardware.robot.use_tool(np.array(_tool(config)))
             context.cycle.refit(*pick_cell(config, calibration, context.hardware, context.log, context.worker))
             context.cycle.placing = place_table(config)
             context.config, context.calibration = config, calibration
@@ -182,7 +187,7 @@ class Service:
             if disabled:
                 context.notices.tell(disabled, by=answered)
             journal.notify("READY=1")
-        late = [name for name in AT_START if getattr(config.values, name) != getattr(old.values, name)]
+        late = [name for name in AT_START if _at_start(config, name) != _at_start(old, name)]
         text = f"The configuration is reloaded. {disabled}".rstrip()
         if late:
             text += f" Takes effect after a restart: {', '.join(late)}."
@@ -245,7 +250,9 @@ class Service:
         self.in_background(self._guarded(tell_what_waits(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
-        journal.write("run_start", f"ready: {config.kind} cell, socket {config.socket}, run {run_log.folder}")
+        gripper = "" if config.gripper is None else f", gripper {config.gripper}"
+        text = f"ready: {config.kind} cell{gripper}, socket {config.socket}, run {run_log.folder}"
+        journal.write("run_start", text)
 
     def _furnish(
         self, config: Config, calibration: Calibration, trainer: Trainer, troubles: Troubles, run_log: RunLog
@@ -408,7 +415,7 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     sections.check(config)
     config = replace(config, notes=(*config.notes, *sections.out_of_reach(config)))
     files = config.values.files
-    calibration = load_calibration(config.calibration)
+    calibration = sections.calibration_in_use(config)
     sections.check_hand_eye(config, calibration)
     config = replace(config, notes=(*config.notes, *sections.of_another_size(config, calibration)))
     library, parts = load_facets(config.file(files.facets)), load_parts(config.file(files.parts))
@@ -420,14 +427,28 @@ def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration,
     return config, calibration, trainer
 
 
+def _tool(config: Config) -> Matrix4:
+    return config.values.arm.flange_from_tool
+
+
+def _at_start(config: Config, name: str) -> object:
+    """What takes effect only at a start of a section: of the arm all but its tool."""
+    arm = config.values.arm
+    return replace(arm, flange_from_tool=TOOL) if name == "arm" else getattr(config.values, name)
+
+
 def _moved(before: tuple[Config, Calibration], after: tuple[Config, Calibration]) -> list[str]:
     """The parts of the cell's geometry that differ between two configurations and calibrations."""
     (config, calibration), (new_config, new_calibration) = before, after
-    found = [] if same_geometry(calibration, new_calibration) else ["calibration"]
+    mounted = (config.gripper, _tool(config)) == (new_config.gripper, _tool(new_config))
+    found = [] if mounted else ["the mounted gripper"]
+    if mounted and not same_geometry(calibration, new_calibration):
+        found.append("calibration")
     pick, new_pick = config.values.pick, new_config.values.pick
     if config.places.file.fixtures != new_config.places.file.fixtures:
         found.append(f"fixtures of {new_config.places_file.name}")
-    return found + [f"pick.{name}" for name in GUARDING if getattr(pick, name) != getattr(new_pick, name)]
+    guarding = GUARDING if mounted else ("limits",)
+    return found + [f"pick.{name}" for name in guarding if getattr(pick, name) != getattr(new_pick, name)]
 
 
 def _report_notes(config: Config) -> None:

@@ -133,6 +133,7 @@ class VoidingEvent(StrEnum):
     GRIPPER_TYPED = "a line that may work the gripper was typed to the controller"
     MOVED_BY_OTHERS = "somebody else moved the arm"
     OTHERS_TYPED = "somebody else typed on the arm's line"
+    GRIPPER_CHANGED = "another gripper was mounted, or its tool centre point is another"
 
 
 PLACE = frozenset({"position", "planned"})
@@ -151,19 +152,21 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.GRIPPER_TYPED: GRIPPER,
     VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "load"},
     VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER | {"turned"},
+    VoidingEvent.GRIPPER_CHANGED: CONTROLLER | GRIPPER | {"turned"},
 }
 """Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go. A
 closing gripper, or one that a pendant may have worked, may hold another part than the one that is guarded."""
-RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED})
+RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED, VoidingEvent.GRIPPER_CHANGED})
 """After which nobody knows what is in the gripper, and no other record of the run says so."""
 
 
 def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
     """What is still believed after a change. A gripper that is believed empty stays so, but once it is no longer known
     to be open that is only assumed: a pendant may have closed it on a part. An assumed load is the largest of all that
-    may be held, whatever is."""
+    may be held, whatever is, by that gripper."""
     unknown = VOIDS[change]
-    if belief.load is not None and belief.load.source is BeliefSource.ASSUMED:
+    assumed = belief.load is not None and belief.load.source is BeliefSource.ASSUMED
+    if assumed and change is not VoidingEvent.GRIPPER_CHANGED:
         unknown -= {"load"}
     if change is VoidingEvent.GRIPPER_OPENS and belief.holds_part:
         unknown |= {"holding", "held"}

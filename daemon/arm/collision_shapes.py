@@ -3,12 +3,16 @@
 A hand's body follows from the gripper's dimensions; the guard knows no kinds of gripper.
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
+from daemon import frames
 from daemon.arm.body import Capsule, Point, point_of
+from daemon.arrays import Array
 
 PALM_MM, PALM_BEHIND_MM = 36.0, 35.0
 """Radius of what carries a gripper, and how far behind the gripper its middle is."""
@@ -18,10 +22,19 @@ PALM_IN_MM = 20.0
 
 @dataclass(frozen=True)
 class HandBody:
-    """What of a gripper may strike something, tool frame, mm: capsules, and points where capsules are too round."""
+    """What on the hand may strike something, tool frame, mm: capsules, and points where capsules are too round."""
 
     capsules: tuple[Capsule, ...]
     points_mm: tuple[Point, ...]
+
+    def seen_from(self, new_from_old: Array) -> HandBody:
+        """The same in the frame of another tool, whose pose (4, 4) that gives."""
+
+        def moved(point: Point) -> Point:
+            return point_of(frames.apply(new_from_old, np.array(point)[None])[0])
+
+        capsules = tuple(replace(c, from_mm=moved(c.from_mm), to_mm=moved(c.to_mm)) for c in self.capsules)
+        return HandBody(capsules, tuple(map(moved, self.points_mm)))
 
 
 def two_fingers(
@@ -70,6 +83,7 @@ CAMERAS_ON_HAND: tuple[Capsule, ...] = (
     Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
 )
 """What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
+CAMERAS = HandBody(CAMERAS_ON_HAND, CAMERA_POINTS_MM)
 
 ARM_LINKS: tuple[Capsule, ...] = (
     Capsule("shoulder", "upper_arm", (-520.0, 0.0, 218.5), (-340.0, 0.0, 218.5), 186.0),
@@ -90,8 +104,8 @@ BODY_MM: tuple[Point, ...] = (*two_fingers().points_mm, *CAMERA_POINTS_MM)
 """The points of that gripper and those cameras."""
 
 
-def body_like(a2_mm: float, d3_mm: float, d4_mm: float, hand: HandBody) -> tuple[Capsule, ...]:
-    """ARM of an arm of other lengths, a PUMA's shape, with a hand: along each link by that link's length, aside by the
+def links_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
+    """ARM_LINKS of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the
     shoulder's offset, to its side; as thick as the longest of them asks."""
     a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
     thick = max(a2, abs(side), d4)
@@ -101,4 +115,4 @@ def body_like(a2_mm: float, d3_mm: float, d4_mm: float, hand: HandBody) -> tuple
         start, end = (point_of(np.array(end) * along[capsule.link]) for end in (capsule.from_mm, capsule.to_mm))
         return Capsule(capsule.name, capsule.link, start, end, capsule.radius_mm * thick)
 
-    return (*map(scaled, ARM_LINKS), *hand.capsules, *CAMERAS_ON_HAND)
+    return tuple(map(scaled, ARM_LINKS))

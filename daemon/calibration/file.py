@@ -49,6 +49,7 @@ class Calibration:
     """rig: both cameras; tool_from_cyclopean: (4, 4) mm, of cameras on the hand; world_from_cyclopean: (4, 4) mm, of
     fixed cameras. Both are None before the hand-eye calibration, and one always.
 
+    flange_from_tool: (4, 4) mm, of the tool that tool_from_cyclopean is from; None: the file does not say it.
     alone: the only camera in use; the rig's other camera is then the same one at the second place of a usual moved
     pair.
     """
@@ -58,6 +59,7 @@ class Calibration:
     quality: Quality = field(default_factory=Quality)
     alone: EyeName | None = None
     world_from_cyclopean: Array | None = None
+    flange_from_tool: Array | None = None
 
     @property
     def fixed(self) -> bool:
@@ -94,8 +96,7 @@ def calibration_of(result: StereoResult, before: Calibration | None = None) -> C
     )
     if before is None:
         return Calibration(result.rig, quality=quality)
-    on_tool, in_world = before.tool_from_cyclopean, before.world_from_cyclopean
-    return Calibration(result.rig, on_tool, quality, world_from_cyclopean=in_world)
+    return replace(before, rig=result.rig, quality=quality, alone=None)
 
 
 def same_geometry(a: Calibration, b: Calibration) -> bool:
@@ -127,6 +128,7 @@ class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
 class _HandEye(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     tool_from_cyclopean: list[list[float]] | None = None
     world_from_cyclopean: list[list[float]] | None = None
+    flange_from_tool: list[list[float]] | None = None
 
 
 class _CalibrationFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -159,11 +161,12 @@ def _checked(document: Document) -> Calibration:
         raise document.error(
             ("left", "cyclopean_from_camera"), "the left camera is to the right of the right one: exchange the two"
         )
-    on_tool, in_world = (_hand_eye(document, file.hand_eye, name) for name in ("tool_from_cyclopean", IN_WORLD))
+    named = ("tool_from_cyclopean", IN_WORLD, "flange_from_tool")
+    on_tool, in_world, tool = (_hand_eye(document, file.hand_eye, name) for name in named)
     if file.hand_eye is not None and (on_tool is None) == (in_world is None):
         problem = f"expected tool_from_cyclopean (cameras on the hand) or {IN_WORLD} (fixed cameras), one of them"
         raise document.error(("hand_eye",), problem)
-    return Calibration(rig, on_tool, file.quality, "left" if file.right is None else None, in_world)
+    return Calibration(rig, on_tool, file.quality, "left" if file.right is None else None, in_world, tool)
 
 
 IN_WORLD = "world_from_cyclopean"
@@ -211,7 +214,10 @@ def _entry_of_hand_eye(calibration: Calibration) -> _HandEye | None:
     pose = calibration.hand_eye
     if pose is None:
         return None
-    return _HandEye(None, pose.tolist()) if calibration.fixed else _HandEye(pose.tolist())
+    if calibration.fixed:
+        return _HandEye(world_from_cyclopean=pose.tolist())
+    tool = calibration.flange_from_tool
+    return _HandEye(pose.tolist(), flange_from_tool=None if tool is None else tool.tolist())
 
 
 def _camera(document: Document, name: str, entry: _CameraEntry) -> Camera:

@@ -147,7 +147,7 @@ def _hand_eye_added(found: ImportedGeometry, before: Calibration | None, path: P
         )
         return replace(before, tool_from_cyclopean=None, world_from_cyclopean=pose, quality=quality)
     print("read as the pose of the left camera's optical frame in the TOOL frame (z forward, out of the gripper)")
-    return replace(before, tool_from_cyclopean=pose, world_from_cyclopean=None, quality=quality)
+    return replace(before, tool_from_cyclopean=pose, world_from_cyclopean=None, flange_from_tool=None, quality=quality)
 
 
 def _export(args: argparse.Namespace) -> int:

@@ -320,7 +320,7 @@ def solve_camera(views: Sequence[BoardView], board: Board, before: Calibration) 
     result = calibrate_camera([(v.pair.name, v.pair.left) for v in views], board, before.rig.image_size)
     quality = Quality(reprojection_px=round(result.rms_px, 4), views=len(result.used), method="one camera", made=now())
     rig = rig_of_one(result.camera, before.rig.image_size)
-    return Calibration(rig, before.tool_from_cyclopean, quality, "left"), result
+    return replace(before, rig=rig, quality=quality, alone="left", world_from_cyclopean=None), result
 
 
 def solve_hand_eye(views: Sequence[BoardView], board: Board, before: Calibration) -> tuple[Calibration, HandEyeResult]:

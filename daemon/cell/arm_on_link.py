@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -98,6 +98,13 @@ class ArmOnLink:
         after power-up."""
         question = self.link.question
         return question is not None and not self.link.dialect.asks_after_power_up(question)
+
+    def use_tool(self, flange_from_tool: Array) -> None:
+        """Go on with another gripper, its tool centre point (4, 4) mm from the wrist centre: TOOL is set to it before
+        the next reading. Only while nothing is being done."""
+        self.arm = replace(self.arm, flange_from_tool=flange_from_tool)
+        self.link.belongs_together = partial(belongs_together, self.arm)
+        self.beliefs.void(VoidingEvent.GRIPPER_CHANGED)
 
     async def close(self) -> None:
         """Close the port; does not stop the arm."""

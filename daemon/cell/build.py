@@ -13,7 +13,7 @@ from daemon.cell.cameras import RepeatedPairs, StereoCamera, ThreadedCameras
 from daemon.cell.no_arm import CellError, NoArm
 from daemon.cell.sections import alone, arm_geometry, camera_settings, dialect, truth
 from daemon.cell.simulated_operator import SimulatedOperator
-from daemon.config import Config
+from daemon.config import Config, kind_of
 from drivers.camera.pair import CameraError
 from drivers.camera.recorded import RecordedCamera
 from drivers.camera.stereo import V4L2StereoCamera
@@ -112,6 +112,7 @@ def _simulated(config: Config, on_wire: WireListener, clock: Callable[[], float]
     line_dialect = dialect(config).on_a_faster_line(simulated.time_scale)
     robot = arm_on_link(cell.port, line_dialect, arm_geometry(config), on_wire, clock, beliefs)
     operator = SimulatedOperator(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
+    operator.mount(kind_of(config.values.pick.gripper))
     cell.camera.use(alone(config))
     return Hardware(
         "simulated", robot, ThreadedCameras(cell.camera, clock, alone(config)), clock, cell.port, seed, operator

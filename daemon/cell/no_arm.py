@@ -62,6 +62,9 @@ class NoArm:
 
     move = hand = power_up = calibrate = monitor = prove_stop = set_outputs = ask_input = _refuse
 
+    def use_tool(self, _: Array) -> None:
+        """There is nothing to mount a gripper on."""
+
     def check_typable(self, _: str) -> None:
         """Accept anything: `monitor` refuses it."""
 

@@ -45,7 +45,7 @@ def pick_cell(
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
     settings = config.values.pick
     keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
-    limits = guarded(replace(settings.limits, keep_out=keep_out), hardware.robot.arm, settings.gripper.body)
+    limits = replace(guarded(config, hardware.robot.arm), keep_out=keep_out)
     settings = replace(settings, limits=limits, doubt=doubt_of(calibration.quality, settings.doubt))
     mounting: CameraMounting = OnHand(tool_from_cyclopean)
     if calibration.world_from_cyclopean is not None:

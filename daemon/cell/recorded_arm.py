@@ -7,8 +7,9 @@ from daemon.arm import body_of
 from daemon.arrays import Array
 from daemon.cell.arm_on_link import PumaKinematics
 from daemon.cell.sections import arm_geometry, guarded
-from daemon.config import OBSOLETE, Config, ConfigFile
+from daemon.config import OBSOLETE, Config, ConfigFile, with_mounted
 from daemon.pick.settings import Settings
+from daemon.store.mounted_gripper import MountedGripper
 from daemon.store.yamlfile import read
 
 
@@ -21,17 +22,20 @@ class RecordedArm:
 
     def capsules(self, joints_rad: Array) -> tuple[list[float], Array]:
         """Radii of its C capsules, mm, and their ends (N, C, 2, 3), mm in the world, at joints (N, 6) rad."""
-        limits = guarded(self.settings.limits, self.kinematics.arm, self.settings.gripper.body)
-        body = body_of(limits.capsules, ())
+        body = body_of(self.settings.limits.capsules, ())
         solid = body.radius_mm > 0
         return body.radius_mm[solid].tolist(), body.placed(self.kinematics.frames(joints_rad))[:, solid]
 
 
-def recorded_arm(config: Path, arm_file: Path | None) -> RecordedArm:
-    """The arm of a kept configuration, and of the arm.yaml that was kept with it. Raises ConfigError."""
+def recorded_arm(config: Path, arm_file: Path | None, gripper: str | None = None) -> RecordedArm:
+    """The arm of a kept configuration, and of the arm.yaml that was kept with it. gripper: name of the mounted one.
+    Raises ConfigError."""
     document, _ = read(config).without(OBSOLETE)
     values = document.convert(ConfigFile)
     if arm_file is not None:
         values = replace(values, arm=replace(values.arm, file=str(arm_file)))
     made = Config(values, document, values.cell)
-    return RecordedArm(PumaKinematics(arm_geometry(made)), values.pick)
+    if values.grippers:
+        made = with_mounted(made, None if gripper is None else MountedGripper(gripper, "", ""))
+    arm = arm_geometry(made)
+    return RecordedArm(PumaKinematics(arm), replace(made.values.pick, limits=guarded(made, arm)))

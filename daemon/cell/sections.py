@@ -11,27 +11,27 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from msgspec import Meta
 
+from daemon import frames
 from daemon.arm import (
     ARM,
     BODY_MM,
-    CAMERA_POINTS_MM,
+    CAMERAS,
     CAMERAS_ON_HAND,
     EYES,
     EyeName,
-    HandBody,
-    body_like,
     body_of,
     in_view,
+    links_like,
     plausible,
 )
 from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
-from daemon.calibration.file import Calibration, rigid
+from daemon.calibration.file import Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
-from daemon.store.yamlfile import Document, read
+from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
 from drivers.puma560 import PUMA560, ArmGeometry, link_frames, reachable, solutions
@@ -45,24 +45,36 @@ it may refuse what facetd takes for reachable."""
 
 
 def check(config: Config) -> None:
-    """Check all of these sections and the plausibility of the geometry. Raises ConfigError."""
+    """Check all of these sections and the plausibility of the geometry, with each gripper. Raises ConfigError."""
     dialect(config)
-    arm = arm_geometry(config)
-    shoulder_mm, limits = arm.world_from_base[:3, 3], config.values.pick.limits
-    gripper = config.values.pick.gripper
-    for wrong in (
-        *plausible.tool(arm.flange_from_tool),
-        *plausible.limits(limits, arm.reach_mm, shoulder_mm),
-        *plausible.hand(guarded(limits, arm, gripper.body), gripper.tip_mm, gripper.outside),
-    ):
-        raise config.document.error(wrong.keys, wrong.problem)
+    for each in config.each_gripper().values():
+        _check_geometry(each)
     if config.kind == "real":
         cameras = camera_settings(config)
         if cameras.left == cameras.right:
             problem = f"expected another camera than left's, found the same: {cameras.right}"
             raise config.document.error(("cameras", "right"), problem)
+
+
+def _check_geometry(config: Config) -> None:
+    arm = arm_geometry(config)
+    shoulder_mm, limits, gripper = arm.world_from_base[:3, 3], config.values.pick.limits, config.values.pick.gripper
+    for wrong in (
+        *plausible.tool(arm.flange_from_tool),
+        *plausible.limits(limits, arm.reach_mm, shoulder_mm),
+        *plausible.hand(guarded(config, arm), gripper.tip_mm, gripper.outside),
+    ):
+        raise config.document.error(_keys_of_gripper(config, wrong.keys), wrong.problem)
     if config.kind == "simulated":
         truth(config)
+
+
+def _keys_of_gripper(config: Config, keys: tuple[Key, ...]) -> tuple[Key, ...]:
+    """Where a value of the mounted gripper stands in the file: in the section `grippers`, where there is one."""
+    name = config.gripper or next(iter(config.values.grippers), None)
+    if not config.values.grippers or keys[:2] not in (("pick", "gripper"), ("arm", "flange_from_tool")):
+        return keys
+    return "grippers", str(name), *keys[1:]
 
 
 def out_of_reach(config: Config) -> Iterator[str]:
@@ -131,8 +143,9 @@ def _as_bytes(section: Mapping[str, Any]) -> dict[str, Any]:
 
 def arm_geometry(config: Config) -> ArmGeometry:
     """The arm of arm.yaml, or a PUMA 560, with its tool: arm.flange_from_tool, (4, 4) mm. Raises ConfigError."""
-    rows = config.values.arm.flange_from_tool
-    tool = rigid(config.document, ("arm", "flange_from_tool"), rows)
+    tool = rigid(
+        config.document, _keys_of_gripper(config, ("arm", "flange_from_tool")), config.values.arm.flange_from_tool
+    )
     file = _arm_file(config)
     if file is None or not file[1].geometry:
         return ArmGeometry(flange_from_tool=tool)
@@ -241,20 +254,45 @@ def _check_fixed(config: Config) -> None:
         raise config.document.error(("cameras", "mounting"), problem)
 
 
-def guarded(limits: GuardLimits, arm: ArmGeometry, hand: HandBody) -> GuardLimits:
-    """The limits with the capsules scaled to this arm and with this hand, where the configuration has the default ones;
-    and with its points, where it has those."""
+def guarded(config: Config, arm: ArmGeometry) -> GuardLimits:
+    """pick.limits with the capsules scaled to this arm and with the mounted gripper and the cameras, where the file has
+    the default ones; and with their points, where it has those. Of several grippers the mounted one always counts."""
+    limits, hand, cameras = config.values.pick.limits, config.values.pick.gripper.body, CAMERAS
+    if mounting(config) == "hand":
+        cameras = CAMERAS.seen_from(_tool_from(config, config.calibrated_tool))
     if limits.capsules == ARM:
-        limits = replace(limits, capsules=body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm, hand))
+        links = links_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)
+        limits = replace(limits, capsules=(*links, *hand.capsules, *cameras.capsules))
+    elif config.values.grippers:
+        limits = replace(limits, capsules=(*limits.capsules, *hand.capsules))
     if limits.body_mm == BODY_MM:
-        limits = replace(limits, body_mm=(*hand.points_mm, *CAMERA_POINTS_MM))
+        limits = replace(limits, body_mm=(*hand.points_mm, *cameras.points_mm))
     return limits
+
+
+def calibration_in_use(config: Config) -> Calibration:
+    """The calibration in use, its hand-eye pose from the mounted gripper's tool centre point: cameras on the hand stay
+    where they are as grippers change. Raises ConfigError."""
+    calibration = load_calibration(config.calibration)
+    made_with = calibration.flange_from_tool
+    made_with = np.array(config.calibrated_tool if made_with is None else made_with)
+    pose = calibration.tool_from_cyclopean
+    mounted = np.array(config.values.arm.flange_from_tool)
+    if pose is not None and not np.array_equal(made_with, mounted):
+        pose = _tool_from(config, made_with) @ pose
+    return replace(calibration, tool_from_cyclopean=pose, flange_from_tool=mounted)
+
+
+def _tool_from(config: Config, flange_from_other: Matrix4 | Array) -> Array:
+    """(4, 4): the mounted gripper's tool frame from another tool's; exactly the identity where they are one."""
+    mounted, other = np.array(config.values.arm.flange_from_tool), np.array(flange_from_other)
+    return np.eye(4) if np.array_equal(mounted, other) else frames.inverse(mounted) @ other
 
 
 def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmGeometry) -> str | None:
     """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
     out of reach."""
-    capsules = guarded(config.values.pick.limits, arm, config.values.pick.gripper.body).capsules
+    capsules = guarded(config, arm).capsules
     body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())
     ways = [joints for _, joints in solutions(config.values.pick.home.pose(), arm)]
     seen = [in_view(link_frames(joints[None], arm)[0], body, rig, world_from_cyclopean) for joints in ways]
@@ -273,8 +311,10 @@ def truth(config: Config) -> Path:
     key = "hand" if told.world_from_cyclopean is None else "world"
     if key != mounting(config):
         raise config.document.error(("cameras",), f"expected `mounting: {key}`, as {path} has the cameras there")
-    kind = TwoFingers if told.suction is None else SuctionCup
-    if not isinstance(config.values.pick.gripper, kind):
-        word = kind.__struct_config__.tag
-        raise config.document.error(("pick", "gripper"), f"expected `kind: {word}`, as {path} has that gripper")
+    kinds = {"fingers": TwoFingers, "suction": SuctionCup}
+    there = [kinds[name] for name in told.grippers]
+    if not isinstance(config.values.pick.gripper, tuple(there)):
+        words = " or ".join(str(kind.__struct_config__.tag) for kind in there)
+        problem = f"expected `kind: {words}`, as {path} has that gripper"
+        raise config.document.error(_keys_of_gripper(config, ("pick", "gripper")), problem)
     return path

@@ -51,6 +51,10 @@ class SimulatedOperator:
         self._drawn = {shape.label: len(DRAWN_VIEWS) for shape in shapes}
         return unmade
 
+    def mount(self, kind: str) -> None:
+        """Put the gripper of that kind on the arm. Raises ValueError where this cell has none."""
+        self.cell.mount("suction" if kind == "suction" else "fingers")
+
     def show(self, label: str, view: int) -> int:
         """Hold a part before the cameras in a characteristic view, modulo their number. Returns the view."""
         view %= {**self._views, **self._drawn}[label]

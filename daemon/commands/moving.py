@@ -6,6 +6,7 @@ from typing import Any
 from daemon.arm import Grant, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
+from daemon.config import unsaid
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     CommandError,
@@ -40,6 +41,8 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
     """
     if context.hardware.kind == "recorded":
         raise CommandError("this cell is a recording: it has no arm to move")
+    if context.config.gripper is None:
+        raise CommandError(f"not enabled: {unsaid(context.config)}")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
     grant = Grant.ALL if _eyes_on_hand(context) else await _by_hand_only(context, frontend)
@@ -125,7 +128,8 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
                 raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
             lines.append(_take_word(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
-    if known and pick_order is not None and frontend.asks and _eyes_on_hand(context):
+    may_enable = _eyes_on_hand(context) and context.config.gripper is not None
+    if known and pick_order is not None and frontend.asks and may_enable:
         left = cut_off(pick_order)
         agreed = await yes_or_no(frontend, f"{left}. Enable the arm and continue? [y/n]")
         if agreed is None:

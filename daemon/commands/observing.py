@@ -12,6 +12,7 @@ from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.placing import counted, destinations, each_place
 from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
+from daemon.config import unsaid
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
@@ -63,6 +64,8 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     if context.cycle.line.signals:
         waits = "" if state["waits_for"] is None else f"; waits for {state['waits_for']}"
         lines.insert(-1, f"line      PackML state {state['packml']}{waits}")
+    if context.config.values.grippers:
+        lines.insert(-1, f"gripper   {context.config.gripper or unsaid(context.config)}")
     places = counted(context)
     if places:
         told = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
@@ -76,6 +79,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         "version": version(),
         "cell": context.hardware.kind,
         "seed": context.hardware.seed,
+        "gripper": context.config.gripper,
         "mounting": "world" if context.calibration.fixed else "hand",
         "model": {"version": model_store.current, "labels": list(model.labels), "candidate": candidate},
         "troubles": dict(context.troubles.active),

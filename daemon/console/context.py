@@ -178,6 +178,7 @@ class CommandContext:
             arm=None if config.values.arm.file is None else log.keep(config.file(config.values.arm.file)),
             calibration=log.keep(config.calibration),
             model=model,
+            gripper=config.gripper,
             seed=self.hardware.seed,
             times_life=config.values.simulated.time_scale if self.hardware.kind == "simulated" else None,
             **more,

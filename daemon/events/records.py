@@ -146,6 +146,9 @@ class RunStart(EventRecord, kw_only=True):
     arm: Annotated[Text, meaning("arm.yaml, where the configuration names one: file in kept/")] = None
     calibration: Annotated[Text, meaning("file in kept/")] = None
     model: Annotated[Text, meaning("file in kept/")] = None
+    gripper: Annotated[
+        Text, meaning("the mounted one: its name, of several; else its kind; null: nobody has said it")
+    ] = None
     limits: Annotated[dict[str, Number] | None, meaning("grasp_mm and arrival_mm that it works to", "mm")] = None
     seed: Annotated[Count, meaning("of a simulated cell")] = None
     continues: Annotated[Text, meaning("the previous run, which this one continues")] = None

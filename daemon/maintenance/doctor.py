@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from daemon.arm import EyeName
-from daemon.calibration.file import Calibration, load_calibration
+from daemon.calibration.file import Calibration
 from daemon.cell import sections
 from daemon.cell.build import Hardware
 from daemon.config import Config
@@ -101,7 +101,7 @@ def _configuration(config: Config, _: bool) -> Iterator[CheckResult]:
 
 
 def _calibration(config: Config, _: bool) -> Iterator[CheckResult]:
-    calibration = load_calibration(config.calibration)
+    calibration = sections.calibration_in_use(config)
     sections.check_hand_eye(config, calibration)
     for wrong in sections.of_another_size(config, calibration):
         yield CheckResult("bad", "calibration", wrong)

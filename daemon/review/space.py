@@ -33,7 +33,7 @@ def arm_of(folder: Path, start: Record) -> tuple[RecordedArm | None, str | None]
         return None, "The run kept no configuration: the arm is not drawn."
     try:
         arm_file = kept_file(folder, start["arm"]) if start.get("arm") else None
-        return recorded_arm(kept_file(folder, start["config"]), arm_file), None
+        return recorded_arm(kept_file(folder, start["config"]), arm_file, start.get("gripper")), None
     except (RunError, FileError, ConfigError) as error:
         return None, f"The arm is not drawn: {error}"
 

@@ -69,6 +69,10 @@ class Document:
         where = f" {dotted(keys)}:" if keys else ""
         return ConfigError(f"{self.path}{line}:{where} {problem}")
 
+    def has(self, keys: tuple[Key, ...]) -> bool:
+        """Whether there is a value at `keys`."""
+        return _value(self.data, keys) is not None
+
     def convert(self, kind: type[T], at: tuple[Key, ...] = ()) -> T:
         """Convert to `kind`: a struct, a dataclass, or lists and mappings of them. Unknown keys are errors.
 

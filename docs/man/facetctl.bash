@@ -5,7 +5,7 @@ _facetctl() {
         --calibration|--config|--draw|--facets|--mesh|--model|--opencv|--out|--parts|--ros|--runs|--socket|--views) COMPREPLY=($(compgen -f -- "$cur")); return ;;
     esac
     if [ "$COMP_CWORD" = 1 ]; then
-        words="--help --version abort accept arm auto bundle calibrate cameras clear commission completion confirm console dashboard demo disable doctor dry enable export fleet forget go hand help here holding job jog look model note notices operator parts pause pick place positions recognise refuse reload replay resume review robot rollback runs scatter script show signal snap status step stop stream switch tail teach thesis train try untaught views where"
+        words="--help --version abort accept arm auto bundle calibrate cameras clear commission completion confirm console dashboard demo disable doctor dry enable export fleet forget go gripper hand help here holding job jog look model note notices operator parts pause pick place positions recognise refuse reload replay resume review robot rollback runs scatter script show signal snap status step stop stream switch tail teach thesis train try untaught views where"
     else
         case "${COMP_WORDS[1]}" in
             arm) words="-h --help identify --baud --out --lengths --pendant replay" ;;
@@ -31,7 +31,7 @@ _facetctl() {
     fi
     case "$cur" in
         -*) ;;
-        *) case " abort accept auto bundle calibrate cameras clear confirm disable doctor dry enable forget go hand help here holding job jog look model note notices operator parts pause pick place positions refuse reload resume robot rollback scatter show signal status step stop switch teach train try untaught views where " in
+        *) case " abort accept auto bundle calibrate cameras clear confirm disable doctor dry enable forget go gripper hand help here holding job jog look model note notices operator parts pause pick place positions refuse reload resume robot rollback scatter show signal status step stop switch teach train try untaught views where " in
             *" ${COMP_WORDS[1]} "*) [ "$COMP_CWORD" -gt 1 ] &&
                 words="$words $(facetctl completion of "${COMP_WORDS[@]:1:$COMP_CWORD}" 2>/dev/null)" ;;
            esac ;;

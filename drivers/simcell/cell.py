@@ -31,7 +31,7 @@ from drivers.simcell.rigid import apply, rigid
 from drivers.simcell.stand import DISTANCE_MM, characteristic_pose, drawn_pose
 from drivers.simcell.suction import cup_rods, cup_shown
 from drivers.simcell.textures import PartsKind, Pattern, TableKind, printed_faces
-from drivers.simcell.truth import load_truth
+from drivers.simcell.truth import GripperKind, load_truth, rigid_matrix
 from drivers.simcell.verdict import VerdictFile
 from drivers.simcell.witness import Witness
 from drivers.simcell.world import PartPlace, PlacedPart, World
@@ -106,7 +106,8 @@ class SimulatedCell:
         Patterns and prints are on the table and the parts there; a part held up for teaching is bare, over a plain
         cloth.
         """
-        self._settings = load_truth(truth_path)
+        self._both = load_truth(truth_path)
+        self._settings = self._both.with_gripper(self._both.grippers[0])
         self._time_scale, self._clock = time_scale, time.monotonic if loop is None else loop.time
         noise, scattering, settling = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
         self._scattering = scattering
@@ -127,7 +128,7 @@ class SimulatedCell:
             self.arm, manners or settings.controller_manners(), self._on_gripper, faults, cold or settings.cold
         )
         self._machine = self.controller.machine
-        cup = self._settings.suction
+        cup = self._both.suction
         self.switch = "works" if cup is None else cup.switch
         """Whether the vacuum switch works, or is stuck on or off."""
         self._closed_by_a_hand = False
@@ -135,10 +136,8 @@ class SimulatedCell:
         """Until when it was asked whether the vacuum holds, and the first event of the history that may last longer."""
         self._machine.before_input = self._vacuum_switch
         safety = self._settings.safety
-        gripper = finger_rods(self._settings.gripper) if cup is None else cup_rods(cup)
-        body = ArmSpheres([*safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
         barred = structs.replace(safety, keep_out=[*safety.keep_out, *self._settings.fixture])
-        self.motion_monitor = MotionMonitor(self._machine.history, body, barred, self._settings.table)
+        self.motion_monitor = MotionMonitor(self._machine.history, self._body(), barred, self._settings.table)
         boxes = [hull(box(each.low_mm, each.high_mm)) for each in self._settings.fixture]
         self._fixture = tuple(RenderedSolid(each, np.eye(4), self._settings.lighting.table_albedo) for each in boxes)
         self.server: LineServer
@@ -156,6 +155,29 @@ class SimulatedCell:
                 verdict, self.motion_monitor, self._machine.history, self.server.now_s, self._real_s
             )
         self.truth = Witness(self._settings, self.world, self._machine, self.world_from_tool)
+
+    def _body(self) -> ArmSpheres:
+        """The arm with what is on it."""
+        settings, cup = self._settings, self._settings.suction
+        gripper = finger_rods(settings.gripper) if cup is None else cup_rods(cup)
+        return ArmSpheres([*settings.safety.body, *gripper], self.arm.true_geometry, self.arm.joint_offsets_rad)
+
+    @property
+    def mounted(self) -> GripperKind:
+        """Which gripper is on the arm."""
+        return "fingers" if self._settings.suction is None else "suction"
+
+    def mount(self, kind: GripperKind) -> None:
+        """Change the gripper on an arm at rest, for another of the cell's. Raises ValueError where it has none."""
+        if kind == self.mounted:
+            return
+        with self.server.controller() as controller:
+            self._settings = self._both.with_gripper(kind)
+            tool = rigid_matrix(self._settings.arm.flange_from_tool)
+            self.arm.true_geometry = replace(self.arm.true_geometry, flange_from_tool=tool)
+            self.motion_monitor.mounted(controller.now_s, self._body())
+            self.world.mount(self._settings)
+            self.truth.settings = self._settings
 
     def stop(self) -> None:
         """End the controller's thread and close the camera; safe to call twice."""
@@ -266,7 +288,7 @@ class SimulatedCell:
     def switch_input(self, number: int, high: bool) -> None:
         """Switch a digital input of the controller, as the line does; that of the vacuum by a hand that closes the
         cup."""
-        cup = self._settings.suction
+        cup = self._both.suction
         with self.server.controller() as controller:
             if cup is not None and number == cup.switch_input:
                 self._closed_by_a_hand = high
@@ -274,11 +296,11 @@ class SimulatedCell:
 
     def _vacuum_switch(self) -> None:
         """Switch the input that the vacuum switch is wired to."""
-        cup, machine = self._settings.suction, self._machine
+        cup, machine = self._both.suction, self._machine
         if cup is None:
             return
         self._watch_hold(machine.now_s)
-        closed = self._closed_by_a_hand or self.world.held is not None
+        closed = self._closed_by_a_hand or (self.mounted == "suction" and self.world.held is not None)
         on = self.switch == "stuck on" or (self.switch == "works" and closed)
         (machine.inputs.add if on else machine.inputs.discard)(cup.switch_input)
 

@@ -150,6 +150,11 @@ class MotionMonitor:
         self._read = 0
         self._found: list[Violation] = []
 
+    def mounted(self, at_s: float, body: ArmSpheres) -> None:
+        """Another body from a moment on at which the arm is at rest."""
+        self.violations(at_s)
+        self._body = body
+
     def may_move(self, at_s: float, allowed: bool) -> None:
         """Whether the cell says enabled, and no fault stands, from a moment on."""
         self._may.add(at_s, allowed)

@@ -1,5 +1,7 @@
 """True values of the simulated cell: etc/simcell.yaml as typed values with bounds. The daemon never reads that file."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -7,12 +9,13 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from drivers.arrays import Array
 from drivers.puma560 import NEST_RAD, PUMA560, ArmGeometry
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.optics import LensCamera
+from drivers.simcell.rigid import apply, inverse
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -146,6 +149,9 @@ class BinTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     size_mm: Vector2
 
 
+GripperKind = Literal["fingers", "suction"]
+
+
 class GripperTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The parallel gripper: jaws close along tool y, both alike; fingers lie along tool z.
 
@@ -225,9 +231,10 @@ class Safety(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; fixture: boxes that stand on the
-    table, seen by the cameras, and that nothing may strike; tool_from_cyclopean: of cameras on the hand;
-    world_from_cyclopean: of fixed ones."""
+    """The whole file. suction: the gripper, where it is not the jaws of `gripper`; mounted: which of the two is on the
+    arm at first, where the cell has both; flange_from_lip: the cup's TCP then, where it is not the arm's; fixture:
+    boxes that stand on the table, seen by the cameras, and that nothing may strike; tool_from_cyclopean: of cameras on
+    the hand; world_from_cyclopean: of fixed ones."""
 
     version: int
     image_size: Annotated[list[int], Meta(min_length=2, max_length=2)]
@@ -241,6 +248,8 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     gripper: GripperTruth
     safety: Safety = Safety()
     suction: SuctionTruth | None = None
+    mounted: GripperKind | None = None
+    flange_from_lip: Matrix4 | None = None
     fixture: list[Box] = []
     tool_from_cyclopean: Matrix4 | None = None
     world_from_cyclopean: Matrix4 | None = None
@@ -252,12 +261,49 @@ class Truth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("expected tool_from_cyclopean or world_from_cyclopean, one of them")
         for name, pose in given.items():
             rigid_matrix(pose, name)
+        if self.mounted is not None and self.suction is None:
+            raise ValueError("expected `suction` beside `mounted`: a cell with both")
+        if self.flange_from_lip is not None:
+            rigid_matrix(self.flange_from_lip, "flange_from_lip")
+
+    @property
+    def grippers(self) -> tuple[GripperKind, ...]:
+        """Those of the cell, the one on the arm at first before the other."""
+        if self.suction is None:
+            return ("fingers",)
+        if self.mounted is None:
+            return ("suction",)
+        return ("fingers", "suction") if self.mounted == "fingers" else ("suction", "fingers")
+
+    def with_gripper(self, kind: GripperKind) -> Truth:
+        """The same with that one of the cell's grippers on the arm, and no other; what is given in the tool's frame
+        stays where it is on the wrist."""
+        if kind not in self.grippers:
+            raise ValueError(f"this cell has no {kind}")
+        if kind == "fingers" or self.suction is None:
+            return structs.replace(self, suction=None, mounted=None)
+        new = self.flange_from_lip or self.arm.flange_from_tool
+        moved = inverse(rigid_matrix(new)) @ rigid_matrix(self.arm.flange_from_tool)
+        eyes = self.tool_from_cyclopean
+        body = [rod if rod.frame != "tool" else _moved(rod, moved) for rod in self.safety.body]
+        return structs.replace(
+            self,
+            mounted=None,
+            arm=structs.replace(self.arm, flange_from_tool=new),
+            safety=structs.replace(self.safety, body=body),
+            tool_from_cyclopean=None if eyes is None else (moved @ np.array(eyes)).tolist(),
+        )
 
     def world_from_cyclopean_at(self, world_from_tool: Array) -> Array:
         """The pose of the cameras (4, 4) mm while the tool is there: they go with it, or are fixed in the world."""
         if self.tool_from_cyclopean is not None:
             return np.asarray(world_from_tool @ np.array(self.tool_from_cyclopean))
         return np.array(self.world_from_cyclopean)
+
+
+def _moved(rod: Rod, new_from_old: Array) -> Rod:
+    ends = apply(new_from_old, np.array([rod.from_mm, rod.to_mm])).tolist()
+    return structs.replace(rod, from_mm=ends[0], to_mm=ends[1])
 
 
 def load_truth(path: Path | str) -> Truth:

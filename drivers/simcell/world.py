@@ -92,6 +92,14 @@ class World:
         """The part in the gripper, or None."""
         return next((part for part in self.parts if part.where is PartPlace.HAND), None)
 
+    def mount(self, truth: Truth) -> None:
+        """Go on with another gripper, open. What the one before held goes with it."""
+        with self._lock:
+            self._truth, self.gap_mm = truth, truth.gripper.opening_mm
+            if self.held is not None:
+                del self._parts[self.held.name]
+            self._changed()
+
     def clear(self) -> None:
         with self._lock:
             self._parts.clear()

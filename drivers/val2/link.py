@@ -112,7 +112,7 @@ class Link:
         """
         self.port, self.dialect, self.clock = port, dialect or Dialect(), clock
         self._ledger = Ledger(on_wire)
-        self._belongs_together = belongs_together or (lambda where: True)
+        self.belongs_together = belongs_together or (lambda where: True)
         self._open_port = open_port
         self._session: LineSession | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
@@ -489,7 +489,7 @@ class Link:
             answer = session.accept(await session.ask(talk, "WHERE", (), self.dialect.answer_s))
             if answer.where is None:
                 continue
-            if any_place or self._belongs_together(answer.where):
+            if any_place or self.belongs_together(answer.where):
                 return answer.where
             why = "WHERE's place and joints do not belong together: noise, or a TOOL or BASE other than ours"
         raise Garbled(why)

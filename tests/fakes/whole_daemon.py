@@ -40,6 +40,7 @@ from daemon import service
 from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
+from daemon.cell import sections
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.build import Hardware
 from daemon.cell.cameras import ThreadedCameras
@@ -100,7 +101,7 @@ HELD_STILL_S, NOTICED_S = 10.0, 1.0
 """A daemon that did not run for longer than this lets nothing go on by itself, once it has had so long to notice."""
 AT_REST = ("Stopped", "Nothing moves.", "The arm does not move until")
 """How an answer begins that says so."""
-READERS = ("load_calibration", "load_facets", "load_parts", "load_model")
+READERS = ("load_facets", "load_parts", "load_model")
 MOVES = ("pick", "auto", "go", "hand", "robot", "calibrate", "confirm", "teach", "step", "look", "try", "where",
          "resume", "enable")  # fmt: skip
 """After a word of these the arm may go on after a stop that left no fault."""
@@ -666,6 +667,7 @@ class Story:
             patch.object(runlog, "Syncer", NoSyncer),
             *self.others.patches(),
             *(patch.object(service, name, read_once(getattr(service, name))) for name in READERS),
+            patch.object(sections, "load_calibration", read_once(load_calibration)),
         ]
         for each in self._patches:
             each.start()

@@ -232,7 +232,7 @@ def test_the_hand_that_is_guarded_is_the_one_that_the_gripper_is_said_to_be(path
     path.write_text("version: 1\ncell: simulated\npick: {gripper: {tip_mm: 60, opening_mm: 130}}\n")
     config = load_config(path)
     sections.check(config)
-    guard = sections.guarded(config.values.pick.limits, PUMA560, config.values.pick.gripper.body)
+    guard = sections.guarded(config, PUMA560)
     tips = [point for point in guard.body_mm if point[2] == 60.0]
     assert {abs(y) for _, y, _ in tips} == {65.0}
     assert any(capsule.from_mm[1] == 69.0 for capsule in guard.capsules), "as wide as the fingers open"

@@ -62,6 +62,7 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
         (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "held", "load"}),
         (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
         (VoidingEvent.OTHERS_TYPED, set(FACTS)),
+        (VoidingEvent.GRIPPER_CHANGED, set(FACTS)),
     ],
 )
 def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(change, lost):
@@ -69,9 +70,9 @@ def test_each_change_leaves_unknown_what_it_may_have_changed_and_nothing_else(ch
 
 
 @pytest.mark.parametrize("change", list(VoidingEvent))
-def test_what_is_guarded_as_the_largest_that_may_be_held_stays_whatever_happens(change):
+def test_what_is_guarded_as_the_largest_that_may_be_held_stays_as_long_as_the_gripper_does(change):
     assumed = replace(everything(), load=Belief(LOAD, BeliefSource.ASSUMED, 1.0))
-    assert voided(assumed, change).capsules == LOAD
+    assert voided(assumed, change).capsules == (() if change is VoidingEvent.GRIPPER_CHANGED else LOAD)
 
 
 def test_every_change_has_its_row():
@@ -129,7 +130,7 @@ def test_that_a_part_may_be_in_the_gripper_again_is_recorded_where_others_worked
     records = []
     beliefs = Beliefs(lambda: 0.0, lambda kind, **fields: records.append((kind, fields)))
     beliefs.void(change)
-    others = change in (VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED)
+    others = change in (VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED, VoidingEvent.GRIPPER_CHANGED)
     assert records == [("holding", {"held": None})] * others
 
 

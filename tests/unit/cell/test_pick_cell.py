@@ -84,7 +84,7 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, -127.0, 203.2))))
     (tmp_path / "facetd.yaml").write_text("version: 1\narm: {file: arm.yaml}\n")
     config = load_config(tmp_path / "facetd.yaml")
-    guard = guarded(config.values.pick.limits, arm_geometry(config), config.values.pick.gripper.body)
+    guard = guarded(config, arm_geometry(config))
     shoulder, usual = guard.capsules[0], ARM[0]
     assert shoulder.from_mm[0] == pytest.approx(usual.from_mm[0] * 203.2 / 431.8)
     assert shoulder.from_mm[2] == pytest.approx(-usual.from_mm[2] * 127.0 / 150.05)
@@ -93,7 +93,5 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
     typed = ", ".join(mine % link for link in ("upper_arm", "forearm", "wrist", "tool"))
     own = f"version: 1\narm: {{file: arm.yaml}}\npick: {{limits: {{capsules: [{typed}]}}}}\n"
     (tmp_path / "facetd.yaml").write_text(own)
-    limits = load_config(tmp_path / "facetd.yaml").values.pick.limits
-    assert {
-        capsule.name for capsule in guarded(limits, arm_geometry(config), config.values.pick.gripper.body).capsules
-    } == {"mine"}
+    config = load_config(tmp_path / "facetd.yaml")
+    assert {capsule.name for capsule in guarded(config, arm_geometry(config)).capsules} == {"mine"}

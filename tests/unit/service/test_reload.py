@@ -68,13 +68,14 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
     async def disable() -> None:
         return None
 
-    def refit(*_: Any) -> None:
+    def between_jobs(_: str) -> None:
         raise FacetdError("busy: pick")
 
-    for name in ("load_config", "load_calibration", "pick_cell", "_report_notes"):
+    for name in ("load_config", "pick_cell", "_report_notes"):
         monkeypatch.setattr(service, name, lambda *_: SimpleNamespace(calibration="c"))
     monkeypatch.setattr(service, "pick_cell", lambda *_: ())
-    monkeypatch.setattr(service, "sections", SimpleNamespace(check=lambda *_: None, check_hand_eye=lambda *_: None))
+    nothing = SimpleNamespace(check=lambda *_: None, check_hand_eye=lambda *_: None, calibration_in_use=lambda *_: None)
+    monkeypatch.setattr(service, "sections", nothing)
     monkeypatch.setattr(service, "_moved", lambda *_: ["calibration"])
     there = Service(tmp_path / "facetd.yaml", simulated=True)
     there.context = SimpleNamespace(  # type: ignore[assignment]
@@ -82,8 +83,9 @@ def test_an_arm_that_was_disabled_for_a_reload_that_was_refused_is_told_so(
         notices=SimpleNamespace(tell=lambda text, by=None: told.append(text)),
         cycle=SimpleNamespace(
             status=lambda: {"doing": None},
-            supervisor=SimpleNamespace(permit=SimpleNamespace(granted=True), disable=disable),
-            refit=refit,
+            supervisor=SimpleNamespace(
+                permit=SimpleNamespace(granted=True), disable=disable, between_jobs=between_jobs
+            ),
         ),
     )  # fmt: skip
     with pytest.raises(FacetdError, match="busy: pick"):

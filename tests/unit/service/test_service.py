@@ -30,55 +30,8 @@ from daemon.service import HALT_S, RELOAD_S, Service, make_room
 from daemon.store.runs import check_wire, list_runs, read_run
 from daemon.store.yamlfile import ConfigError
 from drivers.val2.dialect import Dialect
+from tests.fakes.daemon_process import ETC, SIMULATED, Daemon
 from tests.fakes.in_time import lived
-
-ETC = Path(__file__).resolve().parents[3] / "etc"
-SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
-
-
-class Daemon:
-    """A facetd process in a folder of its own, with somebody listening to its sd_notify."""
-
-    def __init__(self, folder: Path, config: str = "", arguments: tuple[str, ...] = ("--sim",)) -> None:
-        self.folder = folder
-        for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
-            if not (folder / name).exists():
-                shutil.copy(ETC / name, folder)
-        self.config = folder / "facetd.yaml"
-        self.config.write_text(f"version: 1\nfolders: {{state: state, runtime: .}}\n{SIMULATED}{config}")
-        self.notes = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        (folder / "notify").unlink(missing_ok=True)
-        self.notes.bind(str(folder / "notify"))
-        self.notes.settimeout(20)
-        environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify"), "OMP_NUM_THREADS": "1"}
-        self.errors = (folder / "stderr").open("w+")
-        command = [sys.executable, "-m", "daemon.main", "--config", str(self.config), *arguments]
-        self.began_s = time.monotonic()
-        self.process = subprocess.Popen(command, stderr=self.errors, env=environment)
-
-    def hears(self, text: str) -> str:
-        """Wait for a notification that holds text."""
-        while True:
-            note = self.notes.recv(4096).decode()
-            if text in note:
-                return note
-
-    def do(self, text: str) -> dict[str, Any]:
-        with DaemonLink(self.folder / "facetd.sock") as link:
-            return link.do(text, "test", lambda _: None)
-
-    def told(self) -> str:
-        return (self.folder / "stderr").read_text()
-
-    def ends(self, seconds: float = 20.0) -> int:
-        return self.process.wait(seconds)
-
-    def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-        self.notes.close()
-        self.errors.close()
 
 
 @pytest.fixture

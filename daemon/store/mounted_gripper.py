@@ -1,0 +1,45 @@
+"""Which of the known grippers a person said to have mounted last: gripper.json in the state folder."""
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from daemon.store.files import failing_as, write_atomically
+from daemon.store.outside import JSON_ERRORS, FileError, read_file
+
+FILE = "gripper.json"
+LARGEST_BYTES = 10_000
+Text = Annotated[str, Meta(min_length=1, max_length=200)]
+
+
+class MountedGripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Its name in the section `grippers`, who said so, and when (UTC)."""
+
+    name: Text
+    who: Text
+    at: Text
+    version: Literal[1] = 1
+
+
+def load_mounted(folder: Path) -> MountedGripper | None:
+    """What was said last; None where nobody has said it yet. Raises FileError."""
+    path = folder / FILE
+    if not os.path.lexists(path):
+        return None
+    try:
+        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=MountedGripper)
+    except JSON_ERRORS:
+        raise FileError(f"{path}: damaged: delete it, start facetd, then `gripper use NAME`") from None
+
+
+def keep_mounted(folder: Path, mounted: MountedGripper | None) -> None:
+    """Write it; None: nobody has said it. Raises FileError."""
+    path = folder / FILE
+    with failing_as(FileError, f"{path}: not kept"):
+        if mounted is None:
+            path.unlink(missing_ok=True)
+        else:
+            write_atomically(path, msgspec.json.encode(mounted))

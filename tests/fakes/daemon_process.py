@@ -1,0 +1,64 @@
+"""facetd as a process of its own, of a simulated cell in a folder of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from daemon.frontends.client import DaemonLink
+
+ETC = Path(__file__).resolve().parents[2] / "etc"
+SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
+
+
+class Daemon:
+    """A facetd process in a folder of its own, with somebody listening to its sd_notify."""
+
+    def __init__(self, folder: Path, config: str | None = "", arguments: tuple[str, ...] = ("--sim",)) -> None:
+        """config: the end of facetd.yaml; None: the folder has all files already."""
+        self.folder = folder
+        for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
+            if config is not None and not (folder / name).exists():
+                shutil.copy(ETC / name, folder)
+        self.config = folder / "facetd.yaml"
+        if config is not None:
+            self.config.write_text(f"version: 1\nfolders: {{state: state, runtime: .}}\n{SIMULATED}{config}")
+        self.notes = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        (folder / "notify").unlink(missing_ok=True)
+        self.notes.bind(str(folder / "notify"))
+        self.notes.settimeout(20)
+        environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify"), "OMP_NUM_THREADS": "1"}
+        self.errors = (folder / "stderr").open("w+")
+        command = [sys.executable, "-m", "daemon.main", "--config", str(self.config), *arguments]
+        self.began_s = time.monotonic()
+        self.process = subprocess.Popen(command, stderr=self.errors, env=environment)
+
+    def hears(self, text: str) -> str:
+        """Wait for a notification that holds text."""
+        while True:
+            note = self.notes.recv(4096).decode()
+            if text in note:
+                return note
+
+    def do(self, text: str) -> dict[str, Any]:
+        with DaemonLink(self.folder / "facetd.sock") as link:
+            return link.do(text, "test", lambda _: None)
+
+    def told(self) -> str:
+        return (self.folder / "stderr").read_text()
+
+    def ends(self, seconds: float = 20.0) -> int:
+        return self.process.wait(seconds)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self.notes.close()
+        self.errors.close()
