@@ -137,7 +137,9 @@ class Hold:
 
     def _expire(self, waiting: Waiting) -> None:
         if not waiting.answer.done():
-            waiting.answer.set_exception(UnansweredError("nobody confirmed the move while its look was valid"))
+            waiting.answer.set_exception(
+                UnansweredError("nobody confirmed the move while its look was valid; facetd looks again")
+            )
 
     def _answer(self, yes: bool) -> None:
         if self.waiting is None or self.waiting.answer.done():

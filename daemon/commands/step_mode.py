@@ -16,7 +16,6 @@ READ_S = 1.0
 """Nobody has read what is asked and said yes to it sooner than this after it came up, whether by `confirm` or as the
 answer to a question (frontends/command_queue.py)."""
 POLL_S = 0.05
-EXPIRED = "Nobody confirmed it in time: its look is too old now. facetd looks again and asks again."
 REMIND_S = 20.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
 UNASKED_S = 0.5
@@ -59,7 +58,7 @@ class PendingMoveReminder:
             return None
         self._told = waiting, now_s
         if waiting is None:
-            return EXPIRED if told is not None and told.expired else None
+            return None
         return f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
 
 
@@ -82,8 +81,6 @@ async def _ask_to_send(
     asking = asyncio.ensure_future(yes_or_no(frontend, f"{waiting.text}. Send it? [y/n]"))
     while not (asking.done() or work.done()) and hold.waiting is waiting:
         await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
-    if waiting.expired:
-        await frontend.say(EXPIRED)
     if asking.done() and hold.waiting is waiting:
         with contextlib.suppress(RefusedError):  # somebody else has decided in this moment
             decide(context, asking.result() is True)

@@ -72,7 +72,7 @@ class SerialFrontend:
             while True:
                 if self._open():
                     self._trouble(None)
-                    self._write(ASK_SIZE + to_terminal(GREETING) + self._editor.show_prompt())
+                    self._write(ASK_SIZE + b"\r\n" + to_terminal(GREETING) + self._editor.show_prompt())
                     self._notices.listen(self)
                     await self._lost.wait()
                 await asyncio.sleep(RETRY_S)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from daemon import frames
 from daemon.arm import CameraMounting, InWorld, Reach
 from daemon.arrays import Array
 from daemon.events.codes import BY_UNNAMED, CauseCode, DecisionCode, suspected
@@ -58,6 +59,8 @@ SIDES_DEG = (20, 35)
 (tests/bench/long/looks.py)."""
 LIES_THERE_MM, LIES_THERE_DEG = 5.0, 10.0
 """A part that a survey shows this near to a free place, and turned like this, lies at it: surveys err by less."""
+THERE_MM, THERE_DEG = 0.5, 0.1
+"""How far from a survey position an arm may be that is there."""
 MOST_OLD = 3
 """How often a table is looked at again because looks got old; after that the guard has its say."""
 
@@ -71,7 +74,9 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
     for number, view in enumerate((*settings.surveys, *settings.last_surveys), start=1):
         if number > len(settings.surveys) and (world.left(context) or world.skipped):
             break
-        await travel(context, world, view.pose(context.cell.mounting), f"survey {number}")
+        pose = view.pose(context.cell.mounting)
+        if not await _is_there(context, pose):
+            await travel(context, world, pose, f"survey {number}")
         assert context.mover.belief.at is not None
         world.taken += 1
         seen = await context.lit_look(context.mover.belief.at, f"survey {number}")
@@ -83,6 +88,17 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
     if not world.found and world.result.outcome is Outcome.EMPTY:
         _tell_outlines(world)
     return PickEvent.SEEN if world.left(context) else PickEvent.NOTHING
+
+
+async def _is_there(context: PickContext, pose: Array) -> bool:
+    """Whether the arm stands there already, as its controller says now: in step mode nobody is asked about no move."""
+    at = context.mover.belief.at
+    if at is None or context.mover.dry or apart_mm(at.world_from_tool[:3, 3], pose[:3, 3]) > THERE_MM:
+        return False
+    if np.degrees(frames.angle_between(at.world_from_tool, pose)) > THERE_DEG:
+        return False
+    await context.mover.still_there("survey")
+    return True
 
 
 def _tell_outlines(world: WorldModel) -> None:

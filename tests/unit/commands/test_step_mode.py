@@ -9,12 +9,10 @@ from typing import Any
 import pytest
 
 from daemon.arm.hold import Hold
-from daemon.arm.motion import UnansweredError
 from daemon.arm.permit import MotionPermit
 from daemon.commands import step_mode
 from daemon.commands.step_mode import with_questions
 from daemon.console.notices import Notices
-from tests.fakes.in_time import lived
 
 
 class Asked:
@@ -68,42 +66,3 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
         await asyncio.wait_for(motion, 5)
 
     asyncio.run(play())
-
-
-def test_who_is_asked_is_told_that_the_look_behind_a_move_is_too_old_now(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(step_mode, "POLL_S", 0.01)
-    hold, said = Hold(MotionPermit(), lambda _: None), []
-    hold.step(True)
-
-    class Reads(Asked):
-        async def say(self, text: str) -> None:
-            said.append(text)
-
-    cycle = SimpleNamespace(supervisor=SimpleNamespace(hold=hold), status=lambda: how_it_stands(hold))
-    context: Any = SimpleNamespace(cycle=cycle, notices=Notices())
-
-    async def play() -> None:
-        with pytest.raises(UnansweredError):
-            await with_questions(context, hold.wait("stand-off", valid_s=0.2), Reads())  # type: ignore[arg-type]
-
-    asyncio.run(play())
-    assert said == [step_mode.EXPIRED]
-
-
-def test_a_frontend_that_is_not_asked_is_told_of_it_once() -> None:
-    hold, reminder = Hold(MotionPermit(), lambda _: None), step_mode.PendingMoveReminder()
-    hold.step(True)
-
-    async def play() -> list[str | None]:
-        move = asyncio.create_task(hold.wait("stand-off", valid_s=20.0))
-        await asyncio.sleep(0.1)
-        told = [reminder.due(hold.waiting)]
-        with pytest.raises(UnansweredError):
-            await move
-        return [*told, reminder.due(hold.waiting), reminder.due(hold.waiting)]
-
-    shown = (
-        "Waiting for confirmation: stand-off; its look is valid for 20 s. `confirm` (y) sends it, "
-        "`refuse` (n) cancels it."
-    )
-    assert lived(play()) == [shown, step_mode.EXPIRED, None]

@@ -947,8 +947,8 @@ def test_the_guide_says_how_many_may_be_connected_and_for_how_long_in_silence() 
     trouble = (HOUSE / "docs" / "operate" / "trouble.md").read_text()
     faults = (HOUSE / "deploy" / "FAULTS.md").read_text()
     assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in trouble
-    silent = f"silent after {FIRST_WORD_S:g} s, one that has nothing to wait for after {IDLE_S / 60:g} min"
-    assert f"closes a connection that stays {silent}" in faults
+    silent = f"sends nothing for {FIRST_WORD_S:g} s, and an idle one after {IDLE_S / 60:g} min"
+    assert f"closes a new connection that {silent}" in faults
     assert f"came for a stop, after {STOP_S:g} s |" in faults
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm import MovedByOthersError
 from daemon.events.codes import CauseCode
 from daemon.events.outcomes import Outcome
 from daemon.pick import find
@@ -122,3 +123,16 @@ def test_outlines_that_make_no_facet_are_told_only_of_a_table_on_which_nothing_w
     monkeypatch.setattr(find, "cause_of_nothing", lambda images: None)
     step(context, world, PickState.SURVEY)
     assert world.result.outcome is after
+
+
+def test_an_arm_that_stands_at_a_survey_position_is_sent_nowhere_to_look_from_there():
+    """In step mode a person was asked about a move of nothing, and no new look came by itself."""
+    fake = one_part()
+    context, world = begun(fake)
+    assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
+    sent, looks = len(fake.said("move")), len(fake.said("look"))
+    assert step(context, world, PickState.SURVEY) is PickEvent.SEEN
+    assert (len(fake.said("move")), len(fake.said("look"))) == (sent, looks + 1)
+    fake.at = frames.perturb(fake.at, np.array([3.0, 0, 0, 0, 0, 0]))
+    with pytest.raises(MovedByOthersError):
+        step(context, world, PickState.SURVEY)
