@@ -15,7 +15,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
 from daemon.quantities import Coordinate, Name
-from daemon.signals.settings import SignalSettings, check_signals
+from daemon.signals.settings import VALVES, SignalSettings, check_signals
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.job_file import FOLDER as JOBS
@@ -307,6 +307,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     if values.grippers:
         config = with_mounted(config, load_mounted(config.state))
         notes += [] if config.gripper else [unsaid(config)]
+    _check_valves(config)
     try:
         made, old = config.calibrations.in_use, config.calibrations.passed_over
     except CalibrationsError as error:
@@ -336,6 +337,13 @@ def with_mounted(config: Config, mounted: MountedGripper | None) -> Config:
     one = values.grippers[config.gripper or next(iter(values.grippers))]
     arm, pick = replace(values.arm, flange_from_tool=one.flange_from_tool), replace(values.pick, gripper=one.gripper)
     return replace(config, values=replace(values, arm=arm, pick=pick))
+
+
+def _check_valves(config: Config) -> None:
+    valves = [name for name, signal in config.values.signals.items() if signal.role in VALVES]
+    if valves and not any(each.values.pick.gripper.by_vacuum for each in config.each_gripper().values()):
+        problem = "expected a gripper with `kind: suction`, whose valve this is; found none"
+        raise config.document.error(("signals", valves[0], "role"), problem)
 
 
 def unsaid(config: Config) -> str:

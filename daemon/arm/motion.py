@@ -150,6 +150,8 @@ class Mover:
         self.limits = limits
         self.arrival = arrival
         self.gate = gate
+        self.work_gripper: Callable[[bool, float], Awaitable[None]] = self.by_hand_valves
+        """Opens or closes the gripper, and waits for as long as it needs."""
         self.dry = False
         self.cycle = 0
 
@@ -361,19 +363,23 @@ class Mover:
         if closed:
             self._log_hand(closed)
         try:
-            await self.cell.robot.hand(closed)
+            await self.work_gripper(closed, hand_s)
         except HeldBackError:
             if closed:
                 self._log_held_back("hand")
             not_begun()
             return False
-        await asyncio.sleep(hand_s)
         if closed:
             self.beliefs.learn(BeliefSource.COMMANDED, closed=True)
         else:
             self.beliefs.learn(BeliefSource.COMMANDED, closed=False, holding=False, held=None, load=None)
             self._log_hand(closed)
         return True
+
+    async def by_hand_valves(self, closed: bool, hand_s: float) -> None:
+        """Work the gripper by the controller's own valves, and wait. Raises what the robot's hand raises."""
+        await self.cell.robot.hand(closed)
+        await asyncio.sleep(hand_s)
 
     async def _held(self, text: str, valid_s: float = inf) -> None:
         """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time

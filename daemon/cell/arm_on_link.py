@@ -167,6 +167,13 @@ class ArmOnLink:
         await self.link.set_outputs(numbers)
         self._heard()
 
+    async def work_valves(self, numbers: Sequence[int]) -> None:
+        """Switch digital outputs that work the gripper, n on and -n off; held back as OPENI and CLOSEI are. Raises
+        LinkError, HeldBackError."""
+        with _refusals():
+            await self.link.work_valves(numbers)
+        self._heard()
+
     async def ask_input(self, text: str) -> str:
         """What the controller prints to a line that reads an input, on one line. Raises LinkError."""
         printed = await self.link.ask_plainly(text)

@@ -60,7 +60,7 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    move = hand = power_up = calibrate = monitor = prove_stop = set_outputs = ask_input = _refuse
+    move = hand = power_up = calibrate = monitor = prove_stop = set_outputs = work_valves = ask_input = _refuse
 
     def use_tool(self, _: Array) -> None:
         """There is nothing to mount a gripper on."""

@@ -13,6 +13,7 @@ from daemon.errors import NOT_DONE
 from daemon.events.codes import BY_OPERATOR
 from daemon.signals.input_form import FORMS, form_found, keep_form
 from daemon.signals.line import keep_watch
+from daemon.signals.settings import VALVES
 
 USAGE = "signal show | read | find INPUT | test OUTPUT"
 ACTS = ("show", "read", "find", "test")
@@ -109,6 +110,8 @@ async def _test(context: CommandContext, words: list[str], frontend: Frontend) -
     no_more(words, 1, USAGE)
     line = context.cycle.line
     name = one_of(words, 0, context.cycle.line.names(inputs=False), "output", USAGE)
+    if line.signals[name].role in VALVES:
+        raise CommandError(f"{name} works the gripper: `hand close` and `hand open` switch it")
     if frontend.asks and not await yes_or_no(frontend, f"Switch {name} for {TEST_S:g} s? The line acts on it. [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
     level = line.levels.get(name)

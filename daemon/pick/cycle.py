@@ -120,7 +120,7 @@ class PickCycle:
         """Where parts belong; without places they go to the bin."""
         self.line = no_line()
         """The signals of the line; none unless the cell has some."""
-        self.supervisor.mover.gate = self._gate
+        self.supervisor.mover.gate, self.supervisor.mover.work_gripper = self._gate, self._work_gripper
         self._world: WorldModel | None = None
         self._cycles = 0
         self._auto = False
@@ -390,6 +390,13 @@ class PickCycle:
             if not await self.line.permit(PERMITS.get(self.state)):
                 return
             await seen()
+
+    async def _work_gripper(self, closed: bool, hand_s: float) -> None:
+        """By outputs of the controller where the valves of the mounted cup are there, else by its hand valves."""
+        if self.settings.gripper.by_vacuum and self.line.valves_at_outputs:
+            await self.line.work_cup(closed, hand_s)
+        else:
+            await self.supervisor.mover.by_hand_valves(closed, hand_s)
 
     def _context(self, recogniser: PartRecogniser) -> PickContext:
         cell, mover = self.cell, self.supervisor.mover

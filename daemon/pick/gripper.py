@@ -59,6 +59,10 @@ class Gripper(Protocol):
         """What of it may strike something."""
 
     @property
+    def by_vacuum(self) -> bool:
+        """Whether a vacuum holds the part: the valves may be at outputs of the controller."""
+
+    @property
     def tip_mm(self) -> float:
         """How far it reaches beyond the tool centre point."""
 

@@ -44,7 +44,8 @@ Friction = Annotated[float, Meta(gt=0, le=5)]
 
 class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="suction"):
     """One round suction cup, the middle of its lip at the tool centre point: `kind: suction`. CLOSEI switches the
-    vacuum on, OPENI switches it off and blows the part off."""
+    vacuum on, OPENI switches it off and blows the part off; or outputs with the roles `vacuum` and `blow_off` do
+    (`signals`)."""
 
     cup_radius_mm: Length = 10.0
     """Radius of the lip, mm."""
@@ -70,6 +71,10 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     """Time from vacuum on to the lift, s: the vacuum must be there."""
     blow_off_s: Dwell = 0.2
     """Time from vacuum off to the next move, s: the part must have left."""
+
+    @property
+    def by_vacuum(self) -> bool:
+        return True
 
     @property
     def tip_mm(self) -> float:

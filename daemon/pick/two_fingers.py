@@ -69,6 +69,10 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     """Angles from straight down at which the approach may lean, degrees."""
 
     @property
+    def by_vacuum(self) -> bool:
+        return False
+
+    @property
     def body(self) -> HandBody:
         return two_fingers(self.opening_mm, self.finger_width_mm, self.finger_thick_mm, self.pad_back_mm, self.tip_mm)
 

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from daemon.signals.input_form import InputForm, SignalError
 from daemon.signals.packml import PackMLState
-from daemon.signals.settings import ON_STOP, SignalSettings
+from daemon.signals.settings import ON_STOP, VALVES, SignalSettings
 
 POLL_S = 0.2
 """How often inputs are read that somebody waits for."""
@@ -30,6 +30,9 @@ class SignalIO(Protocol):
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         """Switch outputs: n on, -n off."""
+
+    async def work_valves(self, numbers: Sequence[int]) -> None:
+        """The same of outputs that work the gripper: not while nothing may move."""
 
     async def ask_input(self, text: str) -> str:
         """What the controller prints to a line that reads an input."""
@@ -65,6 +68,7 @@ class LineSignals:
         self._start_armed = self._reset_armed = False
         """Whether it was seen off since the last one that counted: one that was on before is none."""
         self._start_at_done = False
+        self._blows = False
         self._stop_seen = 0
         self._line = asyncio.Lock()
 
@@ -131,6 +135,28 @@ class LineSignals:
         name = self._by_role.get("part_held")
         return None if name is None else await self.read(name)
 
+    @property
+    def valves_at_outputs(self) -> bool:
+        """Whether outputs work the valves of a suction cup."""
+        return self.has("vacuum")
+
+    async def work_cup(self, closed: bool, works_s: float) -> None:
+        """Switch the vacuum on and wait; or switch it off and the blow-off on, wait, and that off again. Where the wait
+        is cut off, `watch` switches the blow-off off; the vacuum stays as it was switched last. Raises what the line
+        raises; then nobody knows how they are."""
+        on_by_name = {self._by_role["vacuum"]: closed}
+        if "blow_off" in self._by_role:
+            on_by_name[self._by_role["blow_off"]] = not closed
+        try:
+            async with self._line:
+                self._blows = not closed
+                await self._switched(on_by_name, self._io.work_valves)
+            await asyncio.sleep(works_s)
+        finally:
+            self._blows = False
+        if "blow_off" in self._by_role and not closed:
+            await self.switch({self._by_role["blow_off"]: False})
+
     async def brought(self) -> None:
         """A part was brought: part_done goes on until the line takes note, by a change of its cycle start."""
         if self.has("part_done"):
@@ -161,20 +187,26 @@ class LineSignals:
     async def set_outputs(self, state: PackMLState) -> None:
         """Set the outputs that differ from what they are to be. Raises what the line raises."""
         async with self._line:
-            wanted = {name: self._wanted(name, state) for name in self.names(inputs=False)}
+            followed = [n for n in self.names(inputs=False) if self.signals[n].role not in VALVES]
+            wanted = {name: self._wanted(name, state) for name in followed}
+            if "blow_off" in self._by_role:
+                wanted[self._by_role["blow_off"]] = self._blows
             changed = {n: on for n, on in wanted.items() if n not in self.levels or self.levels[n].on is not on}
             if changed:
                 await self.switch(changed)
 
     async def switch(self, on_by_name: Mapping[str, bool]) -> None:
         """Switch outputs. Raises what the line raises; then nobody knows how they are, and they are set again."""
+        await self._switched(on_by_name, self._io.set_outputs)
+
+    async def _switched(self, on_by_name: Mapping[str, bool], send: Callable[[Sequence[int]], Awaitable[None]]) -> None:
         for name in on_by_name:
             self.levels.pop(name, None)
         numbers = [
             self.signals[name].number if on is (self.signals[name].level == "high") else -self.signals[name].number
             for name, on in on_by_name.items()
         ]
-        await self._io.set_outputs(numbers)
+        await send(numbers)
         for name, on in on_by_name.items():
             self._take(name, on)
 
@@ -237,6 +269,9 @@ class NoSignals:
     """A cell without a line: nothing is read, nothing set."""
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
+        """Never called."""
+
+    async def work_valves(self, numbers: Sequence[int]) -> None:
         """Never called."""
 
     async def ask_input(self, text: str) -> str:

@@ -10,10 +10,13 @@ from msgspec import Meta
 from daemon.store.yamlfile import Document
 
 Input = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset"]
-Output = Literal["busy", "part_done", "fault"]
+Output = Literal["busy", "part_done", "fault", "vacuum", "blow_off"]
 Role = Literal[
-    "permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset", "busy", "part_done", "fault"
+    "permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset", "busy", "part_done", "fault",
+    "vacuum", "blow_off",
 ]  # fmt: skip
+VALVES: tuple[str, ...] = ("vacuum", "blow_off")
+"""Outputs that work a suction cup: they are switched with the gripper alone."""
 OnStop = Literal["on", "off", "hold"]
 INPUTS: tuple[str, ...] = get_args(Input)
 ON_STOP: Mapping[str, OnStop] = {"busy": "off", "part_done": "hold"}
@@ -30,7 +33,8 @@ class SignalSettings:
     """Inputs: `permit_pick` and `permit_place` let the arm move to pick and to set down; `cycle_start` asks for one
     part; `part_present` says that a part lies ready; `part_held` is the gripper's own sensor (a vacuum switch, a switch
     between the fingers): a part is in the gripper; `reset` clears a fault. Outputs: `busy` while a part is picked and
-    brought; `part_done` from when a part was brought until the line has taken note; `fault` while a fault is active."""
+    brought; `part_done` from when a part was brought until the line has taken note; `fault` while a fault is active;
+    `vacuum` and `blow_off`: the valves of a suction cup, in place of CLOSEI and OPENI."""
     level: Literal["high", "low"] = "high"
     """Level at which it counts as on. `low` for an input that is on without current, as a broken wire is."""
     on_stop: OnStop | None = None
@@ -56,11 +60,14 @@ def check_signals(document: Document, signals: Mapping[str, SignalSettings]) -> 
                 ("signals", name, "number"), f"expected a number of its own, found {signal.number} twice"
             )
         if signal.on_stop is not None and signal.role not in ON_STOP:
-            problem = "expected no on_stop: it is for busy and part_done (`fault` is on after a stop, an input is read)"
+            problem = "expected no on_stop: it is for busy and part_done (`fault` is on after a stop; valves stay)"
             raise document.error(("signals", name, "on_stop"), problem)
         if signal.role in ("permit_pick", "permit_place") and signal.level == "low":
             problem = "expected high: a broken wire must not permit motion; invert the permit at the line"
             raise document.error(("signals", name, "level"), problem)
+        if signal.role == "blow_off" and not roles["vacuum"]:
+            problem = "expected an output with the role vacuum beside blow_off: without it OPENI blows the part off"
+            raise document.error(("signals", name, "role"), problem)
         if signal.role == "part_done" and not roles["cycle_start"]:
             problem = "expected an input with the role cycle_start beside part_done: it takes note of the part"
             raise document.error(("signals", name, "role"), problem)

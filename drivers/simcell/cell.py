@@ -23,7 +23,7 @@ from drivers.simcell.boards import BoardPrint, rendered_board
 from drivers.simcell.camera import SimulatedPair, SimulatedScene
 from drivers.simcell.controller import Controller, Faults, Manners, PtyServer
 from drivers.simcell.gripper import finger_rods, fingers
-from drivers.simcell.history import DropRecord, GraspRecord, MotionRecord, ReleaseRecord
+from drivers.simcell.history import DropRecord, GraspRecord, GripperRecord, MotionRecord, ReleaseRecord
 from drivers.simcell.motion_monitor import ArmSpheres, MotionMonitor, Violation
 from drivers.simcell.parts import box, hull
 from drivers.simcell.render import RenderedSolid, rendered
@@ -131,10 +131,14 @@ class SimulatedCell:
         cup = self._both.suction
         self.switch = "works" if cup is None else cup.switch
         """Whether the vacuum switch works, or is stuck on or off."""
+        self.valve = "works" if cup is None else cup.valve
+        """Whether the vacuum's valve works, or sticks where it is on, or off."""
+        self._sucks = False
+        """Whether the valve that outputs work is open."""
         self._closed_by_a_hand = False
         self._hold_checked_s, self._hold_read = 0.0, 0
         """Until when it was asked whether the vacuum holds, and the first event of the history that may last longer."""
-        self._machine.before_input = self._vacuum_switch
+        self._machine.before_input, self._machine.after_outputs = self._vacuum_switch, self._outputs_switched
         safety = self._settings.safety
         barred = structs.replace(safety, keep_out=[*safety.keep_out, *self._settings.fixture])
         self.motion_monitor = MotionMonitor(self._machine.history, self._body(), barred, self._settings.table)
@@ -331,7 +335,27 @@ class SimulatedCell:
         over_bin, theirs = where is PartPlace.BIN, self._machine.theirs
         self._machine.history.add(DropRecord(at_s, self._machine.by, label, fell_mm, over_bin, theirs))
 
+    def _outputs_switched(self) -> None:
+        """Work the valve that outputs work, where the cup has one."""
+        cup, machine = self._settings.suction, self._machine
+        if cup is None or cup.vacuum_output is None:
+            return
+        on = cup.vacuum_output in machine.outputs
+        on = (self._sucks and self.valve == "stuck on") or (on and self.valve != "stuck off")
+        blown = cup.blow_off_output is None or cup.blow_off_output in machine.outputs
+        if on is self._sucks or not (on or blown):
+            return
+        self._sucks = on
+        machine.history.add(GripperRecord(machine.now_s, machine.by, machine.given_s, on, machine.theirs))
+        self._work(on)
+
     def _on_gripper(self, closed: bool) -> None:
+        """The controller's hand valves, which do nothing to a cup with a valve at outputs."""
+        cup = self._settings.suction
+        if cup is None or cup.vacuum_output is None:
+            self._work(closed)
+
+    def _work(self, closed: bool) -> None:
         now_s = self._machine.now_s
         tool = self.arm.pose_at(now_s)
         self._watch_hold(now_s)

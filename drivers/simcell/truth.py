@@ -178,7 +178,9 @@ class SuctionTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     radius_mm of the lip; lip_mm: how far the lip gives; length_mm from the lip to the palm; vacuum_bar below the air's
     pressure on a tight part; friction coefficient of the lip; density_g_cm3 of the parts. switch_input: number of the
-    controller's input that the vacuum switch is wired to; switch: whether it works or lies.
+    controller's input that the vacuum switch is wired to; switch: whether it works or lies. vacuum_output: number of
+    the controller's output that works the valve, in place of its hand valves; blow_off_output: of the one that blows a
+    part off, which sticks to the lip until then; valve: whether it works or sticks.
     """
 
     radius_mm: Positive
@@ -189,6 +191,9 @@ class SuctionTruth(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     density_g_cm3: Positive
     switch_input: Annotated[int, Meta(ge=1, le=9999)]
     switch: Literal["works", "stuck on", "stuck off"] = "works"
+    vacuum_output: Annotated[int, Meta(ge=1, le=9999)] | None = None
+    blow_off_output: Annotated[int, Meta(ge=1, le=9999)] | None = None
+    valve: Literal["works", "stuck on", "stuck off"] = "works"
 
 
 class Rod(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -282,6 +282,10 @@ class Link:
         ControllerError."""
         await self.ask_plainly(commands.signals(numbers))
 
+    async def work_valves(self, numbers: Sequence[int]) -> None:
+        """The same of outputs that work the hand: refused where nothing may move."""
+        await self.command(commands.signals(numbers), timeout_s=self.dialect.answer_s)
+
     async def ask_plainly(self, text: str) -> tuple[str, ...]:
         """One line that moves nothing, in a turn of its own; the lines printed. Raises ControllerError."""
         session = self._open_session

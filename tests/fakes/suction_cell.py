@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from daemon.pick.outcome import CycleEnd
 from daemon.signals.input_form import InputForm
@@ -24,6 +25,8 @@ from tests.fakes.simulated_cell import Rig, rig
 
 CONFIG = folders.HOUSE / "etc" / "suction" / "facetd.yaml"
 SWITCH = {"vacuum": SignalSettings(number=1011, role="part_held")}
+NO_VALVES: Mapping[str, SignalSettings] = {}
+VALVES = {"valve": SignalSettings(number=11, role="vacuum"), "blow": SignalSettings(number=12, role="blow_off")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,25 +54,49 @@ def model_of(parts: Sequence[Drawn]) -> Model:
 
 @contextlib.asynccontextmanager
 async def suction_rig(
-    seed: int, parts: Sequence[Drawn], truth: Path | None = None, sensor: bool = True, time_scale: float = 20.0
+    seed: int,
+    parts: Sequence[Drawn],
+    truth: Path | None = None,
+    sensor: bool = True,
+    time_scale: float = 20.0,
+    valves: Mapping[str, SignalSettings] = NO_VALVES,
 ) -> AsyncIterator[Rig]:
-    """A cell whose cup may pick these parts; sensor: whether its vacuum switch is wired. The motion monitor must have
-    found nothing at the end."""
+    """A cell whose cup may pick these parts; sensor: whether its vacuum switch is wired; valves: outputs that work it.
+    The motion monitor must have found nothing at the end."""
     async with rig(seed, model_of(parts), file=CONFIG, truth=truth, time_scale=time_scale) as here:
         here.cell.world.draw([part.shape for part in parts])
-        if sensor:
+        if sensor or valves:
             form = InputForm("LISTR SIG({number})", "0", "-1")
             cycle, log = here.cycle, here.log
-            cycle.line = LineSignals(SWITCH, here.robot, form, cycle.cell.clock, log.record)
+            cycle.line = LineSignals(
+                {**(SWITCH if sensor else {}), **valves}, here.robot, form, cycle.cell.clock, log.record
+            )
         yield here
 
 
-def picked(seed: int, part: Drawn, switch: str = "works") -> tuple[CycleEnd, str, Rig]:
-    """One part, laid at random, picked by suction: how it ended, where the part is, and the cell as it was."""
+def with_valves(folder: Path) -> Path:
+    """The truth of a cell whose cup outputs 11 and 12 work, written there."""
+    truth = yaml.safe_load((CONFIG.parent / "simcell.yaml").read_text())
+    truth["suction"] |= {"vacuum_output": 11, "blow_off_output": 12}
+    path = folder / "with-valves.yaml"
+    path.write_text(yaml.safe_dump(truth))
+    return path
+
+
+def picked(
+    seed: int,
+    part: Drawn,
+    switch: str = "works",
+    valve: str = "works",
+    truth: Path | None = None,
+    valves: Mapping[str, SignalSettings] = NO_VALVES,
+) -> tuple[CycleEnd, str, Rig]:
+    """One part, laid at random, picked by suction: how it ended, where the part is, and the cell as it was. truth,
+    valves: of a cup that outputs work."""
 
     async def story() -> tuple[CycleEnd, str, Rig]:
-        async with suction_rig(seed, [part]) as here:
-            here.cell.switch = switch
+        async with suction_rig(seed, [part], truth, valves=valves) as here:
+            here.cell.switch, here.cell.valve = switch, valve
             here.cell.scatter([part.label], np.random.default_rng(seed))
             end = await here.cycle.pick()
             return end, here.lies(part.label), here

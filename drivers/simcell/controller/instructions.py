@@ -158,11 +158,10 @@ def _program_speed(machine: Machine, arguments: str) -> None:
 
 def _signal(machine: Machine, arguments: str) -> None:
     """SIGNAL n, -m, ...: outputs on, and off."""
-    for part in split_arguments(arguments):
-        value = number(part)
-        if not value or value != int(value):
-            raise MonitorError(ILLEGAL_VALUE)
-        (machine.outputs.add if value > 0 else machine.outputs.discard)(abs(int(value)))
+    values = [number(part) for part in split_arguments(arguments)]
+    if any(not value or value != int(value) for value in values):
+        raise MonitorError(ILLEGAL_VALUE)
+    machine.signal([int(value) for value in values])
 
 
 INSTRUCTIONS: dict[str, Verb] = {

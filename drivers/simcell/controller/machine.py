@@ -3,7 +3,7 @@
 Commands call its methods; it has no line of its own. A test of a minute is a command and `advance(60)`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import numpy as np
@@ -40,6 +40,7 @@ class Machine:
         self.hand_closed = False
         self.outputs: set[int] = set()
         """Numbers of the digital outputs that are on."""
+        self.after_outputs: Callable[[], None] = lambda: None
         self.inputs: set[int] = set()
         """Numbers of the digital inputs that the line has switched on."""
         self.before_input: Callable[[], None] = lambda: None
@@ -190,6 +191,12 @@ class Machine:
             MotionRecord(motion, self.by, self.given_s, percent, self.arm.tool, self.hand_closed, self.theirs)
         )
 
+    def signal(self, numbers: Sequence[int]) -> None:
+        """Switch outputs: n on, -n off."""
+        for number in numbers:
+            (self.outputs.add if number > 0 else self.outputs.discard)(abs(number))
+        self.after_outputs()
+
     def input_is_on(self, number: int) -> bool:
         self.before_input()
         return number in self.inputs
@@ -206,6 +213,7 @@ class Machine:
         if what is Mishap.POWER_CYCLED:
             self.alive, self.calibrated = True, False
             self.outputs.clear()
+            self.after_outputs()
             self.arm.tool = np.eye(4)
             self._forget()
 

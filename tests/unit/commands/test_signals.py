@@ -40,7 +40,8 @@ class Robot:
 @pytest.fixture
 def context(tmp_path: Path) -> Any:
     context, robot = fake_context(tmp_path), Robot()
-    signals = {"permit": SignalSettings(number=1001, role="permit_pick"), "busy": SignalSettings(number=1, role="busy")}
+    signals = {"permit": SignalSettings(number=1001, role="permit_pick"), "busy": SignalSettings(number=1, role="busy"),
+               "valve": SignalSettings(number=11, role="vacuum")}  # fmt: skip
     context.cycle.line = LineSignals(signals, robot, None, lambda: 0.0, lambda *_, **__: None)
     context.hardware.robot = robot
     context.config = SimpleNamespace(state=tmp_path)
@@ -91,6 +92,7 @@ def test_an_output_is_tested_and_is_as_before_afterwards(context: Any, monkeypat
     [
         ("signal find busy", "busy: no such input"),
         ("signal test permit", "permit: no such output"),
+        ("signal test valve", "valve works the gripper: `hand close` and `hand open` switch it"),
         ("signal read", "`signal find permit` at a console"),
         ("signal show more", "one word too many"),
     ],

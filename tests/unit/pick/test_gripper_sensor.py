@@ -16,6 +16,7 @@ from daemon.pick.cycle import PickCycle
 from daemon.pick.gripper_sensor import MORE_DWELLS, contradiction
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
+from daemon.pick.two_fingers import TwoFingers
 from daemon.store.place_status import PlaceStatus
 from tests.fakes.fake_cell import World, cycle_of, one_part
 from tests.unit.pick.test_set_down import Story, measured  # noqa: F401
@@ -194,6 +195,31 @@ def test_they_contradict_each_other_where_the_sensor_says_the_other_thing(sensor
 def test_a_cup_dwells_before_the_lift_and_blows_off_before_the_next_move() -> None:
     cup = Settings(gripper=SuctionCup(dwell_s=0.4, blow_off_s=0.2), hand_s=0.3)
     assert (cup.hand_time_s(closed=True), cup.hand_time_s(closed=False)) == (0.4, 0.3)
+
+
+@pytest.mark.parametrize(("gripper", "wired"), [("suction", True), ("suction", False), ("fingers", True)])
+def test_a_cup_is_worked_by_outputs_where_its_valves_are_there_and_no_other_gripper_is(
+    gripper: str, wired: bool
+) -> None:
+    fake, worked = one_part(), []
+    kind = SuctionCup(dwell_s=0.4, blow_off_s=0.2) if gripper == "suction" else TwoFingers()
+    cycle = cycle_of(fake, Settings(gripper=kind))
+
+    async def work_cup(closed: bool, works_s: float) -> None:
+        worked.append((closed, works_s))
+
+    cycle.line.work_cup = work_cup  # type: ignore[method-assign]
+    cycle.line._by_role = {"vacuum": "valve"} if wired else {}
+
+    async def story() -> None:
+        cycle.supervisor.enable()
+        await cycle.hand(closed=True)
+        await cycle.hand(closed=False)
+
+    asyncio.run(story())
+    at_outputs = (gripper, wired) == ("suction", True)
+    assert worked == ([(True, 0.4), (False, 0.2)] if at_outputs else [])
+    assert [closed for act, closed in fake.wire if act == "hand"] == ([] if at_outputs else [True, False])
 
 
 def test_a_stop_with_a_part_in_the_gripper_leaves_the_vacuum_on() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from daemon.arm import HeldBackError
 from daemon.signals import line as lines
 from daemon.signals.input_form import FORMS, InputForm, SignalError
 from daemon.signals.line import LineSignals, keep_watch
@@ -31,6 +32,7 @@ class Line:
     def __init__(self, *on: int) -> None:
         self.on, self.typed, self.fails = set(on), [], False  # type: ignore[var-annotated]
         self.then: list[Callable[[], object]] = []
+        self.withheld = False
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         self.typed.append(list(numbers))
@@ -38,6 +40,11 @@ class Line:
             raise OSError("no answer")
         for number in numbers:
             (self.on.add if number > 0 else self.on.discard)(abs(number))
+
+    async def work_valves(self, numbers: Sequence[int]) -> None:
+        if self.withheld:
+            raise HeldBackError("a stop")
+        await self.set_outputs(numbers)
 
     async def ask_input(self, text: str) -> str:
         if self.then:
@@ -193,3 +200,62 @@ def test_a_line_that_fails_twice_is_a_trouble_and_one_that_answers_again_is_over
 )
 def test_the_five_states_of_packml(status: Any, at_work: bool, done: bool, state: PackMLState) -> None:
     assert packml_state(status, at_work, done) is state
+
+
+CUP = {
+    "vacuum": SignalSettings(number=11, role="vacuum"),
+    "blow": SignalSettings(number=12, role="blow_off", level="low"),
+    "fault": SignalSettings(number=3, role="fault"),
+}
+
+
+def test_the_cup_sucks_until_it_is_to_let_go_and_blows_off_for_as_long_as_it_needs() -> None:
+    line = Line()
+    signals = served(line, CUP)
+
+    async def story() -> list[list[int]]:
+        await signals.work_cup(closed=True, works_s=0.0)
+        blows = asyncio.create_task(signals.work_cup(closed=False, works_s=0.05))
+        while len(line.typed) < 2:
+            await asyncio.sleep(0)
+        await signals.watch(EXECUTE)
+        await blows
+        return line.typed
+
+    assert asyncio.run(story()) == [[11, 12], [-11, -12], [-3], [12]], "the watch leaves valves at work alone"
+    assert signals.levels["vacuum"].on is signals.levels["blow"].on is False
+
+
+def test_a_stop_leaves_the_vacuum_on_and_ends_a_blow_off_that_it_cut_off() -> None:
+    line = Line()
+    signals = served(line, CUP)
+
+    async def story() -> None:
+        await signals.work_cup(closed=True, works_s=0.0)
+        await signals.watch(ABORTED)
+        assert 11 in line.on, "the part does not fall"
+        blows = asyncio.create_task(signals.work_cup(closed=False, works_s=600.0))
+        while 11 in line.on:
+            await asyncio.sleep(0)
+        blows.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await blows
+        await signals.watch(ABORTED)
+
+    asyncio.run(story())
+    assert line.typed[-1] == [12], "the blow-off alone"
+
+
+def test_valves_are_held_back_as_the_gripper_is_and_nothing_of_it_is_made_up_for_later() -> None:
+    line = Line(11)
+    line.withheld = True
+    signals = served(line, CUP)
+
+    async def story() -> None:
+        with pytest.raises(HeldBackError):
+            await signals.work_cup(closed=False, works_s=0.0)
+        await signals.watch(ABORTED)
+
+    asyncio.run(story())
+    assert 11 in line.on
+    assert [12, 3] in [sorted(typed, reverse=True) for typed in line.typed], "the blow-off is off, whatever it was"

@@ -39,6 +39,11 @@ def test_a_signal_has_a_number_a_role_a_level_and_what_a_stop_makes_of_it(tmp_pa
         ({"a": {"number": 3, "role": "fault", "on_stop": "off"}}, r"signals\.a\.on_stop: expected no on_stop"),
         ({"a": {"number": 1001, "role": "permit_pick", "level": "low"}}, r"signals\.a\.level: expected high: a broken"),
         ({"a": {"number": 2, "role": "part_done"}}, r"signals\.a\.role: expected an input with the role cycle_start"),
+        ({"a": {"number": 11, "role": "vacuum"}}, r"signals\.a\.role: expected a gripper with `kind: suction`"),
+        (
+            {"a": {"number": 12, "role": "blow_off"}},
+            r"signals\.a\.role: expected an output with the role vacuum beside",
+        ),
         ({"a": {"number": 0, "role": "reset"}}, r"signals\.a\.number: expected .* found 0"),
         ({"a": {"number": 1, "role": "brake"}}, r"signals\.a\.role: expected one of .* found 'brake'"),
     ],

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.simcell.controller import Manners
 from drivers.val2.commands import signals
+from drivers.val2.errors import HeldBack
 from drivers.val2.link import ControllerError
 from tests.fakes.arm_line import MakesLine
 from tests.fakes.in_time import lived
@@ -34,6 +35,9 @@ def test_outputs_are_set_and_inputs_read_also_while_nothing_may_move(timed_line:
             assert await link.ask_plainly("LISTR SIG(1001)") == ("-1",)
             with pytest.raises(ControllerError, match="Illegal command"):
                 await link.ask_plainly("DO TYPE SIG(1001)")
+            with pytest.raises(HeldBack):
+                await link.work_valves([-3])
+            assert line.server._controller.machine.outputs == {2, 3}, "a valve of the gripper is the gripper"
 
     lived(scene())
 
