@@ -25,7 +25,6 @@ from daemon.store.place_file import CellPlaces, load_places
 from daemon.store.yamlfile import ConfigError, Document, read
 from daemon.vision.settings import MemorySettings, VisionSettings
 
-Kind = Literal["real", "recorded", "simulated"]
 Row4 = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 Matrix4 = tuple[Row4, Row4, Row4, Row4]
 TOOL: Matrix4 = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 130.0), (0.0, 0.0, 0.0, 1.0))
@@ -195,9 +194,12 @@ class ConfigFile:
 
     version: Literal[1]
     """Version of the file's format."""
-    cell: Kind = "real"
+    cell: Name = "real"
     """`real`: V4L2 cameras and a VAL II controller. `recorded`: pairs from a folder, nothing moves. `simulated`: all of
-    it simulated; `facetd --sim` does the same for one start."""
+    it simulated; `facetd --sim` does the same for one start. Or the name of a back-end that is installed beside
+    facetd."""
+    backend: dict[str, Any] = field(default_factory=dict)
+    """Settings of such a back-end; its own documentation says which."""
     simulated: SimulatedSettings = field(default_factory=SimulatedSettings)
     recorded: RecordedSettings = field(default_factory=RecordedSettings)
     cameras: dict[str, Any] = field(default_factory=dict)
@@ -227,7 +229,7 @@ class Config:
 
     values: ConfigFile
     document: Document
-    kind: Kind
+    kind: str
     calibration: Path = field(default_factory=Path)
     places: CellPlaces = field(default_factory=CellPlaces)
     mounted: MountedGripper | None = None

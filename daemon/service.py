@@ -18,6 +18,7 @@ from daemon.arm import Supervisor
 from daemon.calibration.file import Calibration, same_geometry
 from daemon.cell import build as cell
 from daemon.cell import sections
+from daemon.cell.hardware import Hardware
 from daemon.cell.no_arm import CellError
 from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
@@ -57,7 +58,10 @@ from daemon.store.yamlfile import ConfigError
 from daemon.teaching.trainer import Trainer
 
 STOPPED, NO_DEVICE, BAD_CONFIGURATION = 0, 2, 78
-AT_START = ("cell", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics", "signals")
+AT_START = (
+    *("cell", "backend", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics"),
+    "signals",
+)
 """Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
 """Keys of `pick` that describe the geometry of gripper and cell."""
@@ -91,7 +95,7 @@ class Service:
         self._socket: SocketServer | None = None
         self._terminal: SerialFrontend | None = None
         self._metrics: MetricsServer | None = None
-        self._hardware: cell.Hardware | None = None
+        self._hardware: Hardware | None = None
         self._workers: tuple[Worker, ...] = ()
         self._run_log: RunLog | None = None
         self._lock: int | None = None

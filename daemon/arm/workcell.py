@@ -5,7 +5,8 @@ builds; tests hand in fakes. Anything a robot or camera raises ends the motion: 
 reports the exception's own text.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arm.belief import Beliefs, Reading
+from daemon.arm.body import Capsule
 from daemon.arm.guard import MoveCommand
 from daemon.arm.mounting import CameraMounting
 from daemon.arm.permit import MotionPermit
@@ -57,6 +59,62 @@ class Kinematics(Protocol):
         there, as in `reachable`."""
 
 
+class ArmModel(Kinematics, Protocol):
+    """An arm as data: what is known of it before there is a line to it."""
+
+    def ways(self, world_from_tool: Array) -> Sequence[Array]:
+        """Joints (6,) rad of every configuration that brings the tool there within the joint limits."""
+
+    @property
+    def reach_mm(self) -> float:
+        """How far from the shoulder the tool centre point gets, at most."""
+
+    @property
+    def shoulder_mm(self) -> Array:
+        """(3,) world: where axes 1 and 2 cross."""
+
+    @property
+    def links(self) -> tuple[Capsule, ...]:
+        """What of the arm may strike something, the hand and the cameras aside."""
+
+
+class ControllerMonitor(Protocol):
+    """A controller's own command line, which a robot may have: an operator's way past facetd. Every method that sends
+    may raise, and returns once the arm is at rest."""
+
+    @property
+    def question(self) -> str | None:
+        """The controller's open question, or None."""
+
+    @property
+    def asks_whether_to_move(self) -> bool:
+        """Whether a yes to that question may start a motion."""
+
+    def check_typable(self, text: str) -> None:
+        """Raise a FacetdError where a line cannot be typed to this controller."""
+
+    def moves_the_arm(self, text: str) -> bool:
+        """Whether the line may move the arm: anything that is not known to move nothing."""
+
+    def turns_over(self, text: str) -> bool:
+        """Whether the line may turn shoulder, elbow or wrist over at the next move."""
+
+    def works_the_hand(self, text: str) -> bool:
+        """Whether the line may open or close the gripper, by itself or by a program that it starts."""
+
+    async def power_up(self, replies: Sequence[str]) -> list[str]:
+        """Answer the controller's questions. Returns its output."""
+
+    async def calibrate(self, reply: str) -> list[str]:
+        """Let the arm find its zeros by a motion of its own. Returns the controller's output."""
+
+    async def monitor(self, text: str) -> list[str]:
+        """Send a line, as typed at the controller's own terminal. Returns its output."""
+
+    def terminal(self, show: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
+        """Context: the terminal for a person. Its output goes to `show`; yields the function that types."""
+
+
 class Robot(Protocol):
     """The arm, in matrices. Every method may raise; a method that raised has not promised that the arm stands still.
 
@@ -70,6 +128,35 @@ class Robot(Protocol):
 
     @property
     def beliefs(self) -> Beliefs: ...
+
+    @property
+    def controller(self) -> ControllerMonitor | None:
+        """The controller's own command line; None where it has none that a person may use."""
+
+    @property
+    def heard_s(self) -> float | None:
+        """When the controller last answered, on the cell's clock."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a line to the controller."""
+
+    @property
+    def aside(self) -> bool:
+        """Whether a task has the line for itself: it knows by itself how long to wait, and nobody checks meanwhile."""
+
+    @property
+    def stopped_on_opening(self) -> bool:
+        """Whether the arm was moving when the line was last opened, and was stopped."""
+
+    async def open(self) -> None:
+        """Claim the line. An arm that is found moving is stopped."""
+
+    async def close(self) -> None:
+        """Release the line; safe to call twice. Does not stop the arm."""
+
+    async def check(self) -> None:
+        """See that the controller answers."""
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is; one that moves is a place on the way."""
@@ -98,6 +185,15 @@ class Robot(Protocol):
     async def hand(self, closed: bool) -> None:
         """OPENI or CLOSEI."""
 
+    async def set_outputs(self, numbers: Sequence[int]) -> None:
+        """Switch digital outputs: n on, -n off."""
+
+    async def work_valves(self, numbers: Sequence[int]) -> None:
+        """Switch digital outputs that work the gripper, n on and -n off; held back as `hand` is."""
+
+    async def ask_input(self, text: str) -> str:
+        """What the controller prints to a line that reads an input, on one line."""
+
     async def at_rest(self) -> bool:
         """Whether the arm is at rest now: two WHERE agree."""
 
@@ -109,8 +205,11 @@ class Robot(Protocol):
         """See that the controller takes the word that stops the arm. Raises StopRefusedError."""
 
     @property
-    def kinematics(self) -> Kinematics:
-        """How this arm moves."""
+    def kinematics(self) -> ArmModel:
+        """The arm as data, with the tool that it has now."""
+
+    def use_tool(self, flange_from_tool: Array) -> None:
+        """Another gripper is mounted: its tool centre point, (4, 4) mm from the wrist centre. Moves nothing."""
 
 
 class Picture(Protocol):

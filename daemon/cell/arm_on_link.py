@@ -2,9 +2,8 @@
 
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -19,59 +18,27 @@ from daemon.arm import (
     VoidingEvent,
 )
 from daemon.arrays import Array
+from daemon.cell.backends import WireListener
 from daemon.cell.no_arm import CellError
+from daemon.cell.puma_arm import PumaArm
 from drivers import puma560
-from drivers.val2.commands import moves_the_arm as moves_the_arm
-from drivers.val2.commands import turns_over as turns_over
-from drivers.val2.commands import works_the_hand as works_the_hand
+from drivers.val2 import commands
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
 from drivers.val2.link import Link, Start, Then
 from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
-WireListener = Callable[[dict[str, Any]], None]
-
 REST_S = 5.0
 """How long `rest` waits for a motion that facetd did not command."""
-NEAR_SINGULAR_RAD = float(np.radians(3.0))
-"""A pose with joint 5 this near to zero counts as unreachable: joints 4 and 6 would turn far for little. A straight
-line is checked at points at most 6 mm apart (sweep.py), between which joint 5 may come nearer by tenths of a degree."""
-
-
-@dataclass(frozen=True)
-class PumaKinematics:
-    """Kinematics (daemon/arm/workcell.py) of a PUMA with these lengths."""
-
-    arm: puma560.ArmGeometry
-
-    def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
-        """Joints (6,) rad that reach the pose in the present configuration, clear of a singular wrist, or None."""
-        configuration = puma560.configuration_of(joints_rad, self.arm)
-        try:
-            joints = puma560.inverse(world_from_tool, configuration, self.arm, joints_rad)
-        except puma560.UnreachableError:
-            return None
-        return None if puma560.wrist_is_singular(joints, within_rad=NEAR_SINGULAR_RAD) else joints
-
-    def between(self, joints_rad: Array, to_rad: Array, share: float) -> Array:
-        """Tool pose (4, 4) after that share of a joint-interpolated move."""
-        return puma560.forward(joints_rad + share * (to_rad - joints_rad), self.arm)
-
-    def frames(self, joints_rad: Array) -> Array:
-        """Poses of base, links and tool, (N, 8, 4, 4)."""
-        return puma560.link_frames(joints_rad, self.arm)
-
-    def along(self, world_from_tool: Array, joints_rad: Array) -> Array:
-        """Joints (N, 6) along a straight line, starting from (6,) or near to (N, 6); nan where out of reach or near a
-        singular wrist."""
-        joints = puma560.inverse_along(world_from_tool, joints_rad, self.arm)
-        joints[np.abs(np.sin(joints[:, 4])) < np.sin(NEAR_SINGULAR_RAD)] = np.nan
-        return joints
 
 
 class ArmOnLink:
-    """Robot (daemon/arm/workcell.py) over VAL II, and what only an operator does: power-up, CAL, the monitor."""
+    """Robot (daemon/arm/workcell.py) over VAL II, and its ControllerMonitor: power-up, CAL, any line."""
+
+    moves_the_arm = staticmethod(commands.moves_the_arm)
+    turns_over = staticmethod(commands.turns_over)
+    works_the_hand = staticmethod(commands.works_the_hand)
 
     def __init__(self, link: Link, arm: puma560.ArmGeometry, beliefs: Beliefs) -> None:
         self.link = link
@@ -214,8 +181,13 @@ class ArmOnLink:
         self._heard()
 
     @property
-    def kinematics(self) -> PumaKinematics:
-        return PumaKinematics(self.arm)
+    def kinematics(self) -> PumaArm:
+        return PumaArm(self.arm)
+
+    @property
+    def controller(self) -> "ArmOnLink":
+        """Itself: VAL II has a command line."""
+        return self
 
     @property
     def stopped_on_opening(self) -> bool:
@@ -258,7 +230,7 @@ class ArmOnLink:
         self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
             answer = await self.link.command(text)
-            if moves_the_arm(text):
+            if commands.moves_the_arm(text):
                 await self._rest()
                 await self._end_program()
         return list(answer.lines)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from daemon.arm import EYES, EyeName
-from daemon.cell.build import EXPECTED_ERRORS
 from daemon.cell.cameras import StereoPair, ThreadedCameras
+from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import MEASURES, Finding, examine, measure_steadiness, misleading, overridden, troubles
 

@@ -6,16 +6,17 @@ import numpy as np
 
 from daemon.arm import Beliefs, MotionPermit, Reading
 from daemon.arrays import Array
+from daemon.cell.puma_arm import PumaArm
 from daemon.errors import FacetdError
-from drivers.puma560 import PUMA560
+from drivers.puma560 import ArmGeometry
 
 
 class CellError(FacetdError):
     """The cell does not work as configured: what, where, what to do."""
 
 
-class NoKinematics:
-    """Kinematics of a cell without an arm: nothing is reachable."""
+class NoReach(PumaArm):
+    """The arm of a cell without one: a PUMA's body, and nothing is reachable."""
 
     def reachable(self, world_from_tool: Array, joints_rad: Array) -> Array | None:
         return None
@@ -34,13 +35,12 @@ class NoArm:
     """A cell without an arm (recorded pairs): the cameras are at the world's origin, and nothing moves."""
 
     heard_s: float | None = None
-    question: str | None = None
-    aside = stopped_on_opening = asks_whether_to_move = False
+    controller = None
+    aside = stopped_on_opening = False
     connected = True
-    arm = PUMA560
-    kinematics = NoKinematics()
 
-    def __init__(self, beliefs: Beliefs) -> None:
+    def __init__(self, beliefs: Beliefs, geometry: ArmGeometry) -> None:
+        self.kinematics = NoReach(geometry)
         self.permit = MotionPermit()
         self.beliefs = beliefs
 
@@ -60,17 +60,10 @@ class NoArm:
     async def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise CellError(NONE)
 
-    move = hand = power_up = calibrate = monitor = prove_stop = set_outputs = work_valves = ask_input = _refuse
+    move = hand = prove_stop = set_outputs = work_valves = ask_input = _refuse
 
     def use_tool(self, _: Array) -> None:
         """There is nothing to mount a gripper on."""
-
-    def check_typable(self, _: str) -> None:
-        """Accept anything: `monitor` refuses it."""
-
-    def terminal(self, _: object) -> NoReturn:
-        """Raise CellError."""
-        raise CellError(NONE)
 
 
 NONE = "this cell is recorded: there is no arm to move, no gripper and no controller"

@@ -19,7 +19,7 @@ from daemon.arm import (
 from daemon.calibration.file import Calibration, Quality
 from daemon.calibration.session import EPIPOLAR_LIMIT_PX, SPREAD_LIMIT_MM
 from daemon.calibration.tour import DISTANCES_MM
-from daemon.cell.build import Hardware
+from daemon.cell.hardware import Hardware
 from daemon.cell.sections import guarded
 from daemon.compute.calls import Compute
 from daemon.config import Config
@@ -45,7 +45,7 @@ def pick_cell(
         rig, tool_from_cyclopean = seen_by_one(rig, tool_from_cyclopean, alone)
     settings = config.values.pick
     keep_out = settings.limits.keep_out + fixture_boxes(config.places.fixtures)
-    limits = replace(guarded(config, hardware.robot.arm), keep_out=keep_out)
+    limits = replace(guarded(config, hardware.robot.kinematics), keep_out=keep_out)
     settings = replace(settings, limits=limits, doubt=doubt_of(calibration.quality, settings.doubt))
     mounting: CameraMounting = OnHand(tool_from_cyclopean)
     if calibration.world_from_cyclopean is not None:

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daemon.arm import body_of
+from daemon.arm import ArmModel, body_of
 from daemon.arrays import Array
-from daemon.cell.arm_on_link import PumaKinematics
-from daemon.cell.sections import arm_geometry, guarded
+from daemon.cell.backends import backend_of
+from daemon.cell.sections import guarded
 from daemon.config import OBSOLETE, Config, ConfigFile, with_mounted
 from daemon.pick.settings import Settings
 from daemon.store.mounted_gripper import MountedGripper
@@ -15,9 +15,9 @@ from daemon.store.yamlfile import read
 
 @dataclass(frozen=True, eq=False)
 class RecordedArm:
-    """Kinematics of the arm; settings: with the limits that its bodies, table and boxes are in."""
+    """The arm as data; settings: with the limits that its bodies, table and boxes are in."""
 
-    kinematics: PumaKinematics
+    kinematics: ArmModel
     settings: Settings
 
     def capsules(self, joints_rad: Array) -> tuple[list[float], Array]:
@@ -37,5 +37,5 @@ def recorded_arm(config: Path, arm_file: Path | None, gripper: str | None = None
     made = Config(values, document, values.cell)
     if values.grippers:
         made = with_mounted(made, None if gripper is None else MountedGripper(gripper, "", ""))
-    arm = arm_geometry(made)
-    return RecordedArm(PumaKinematics(arm), replace(made.values.pick, limits=guarded(made, arm)))
+    arm = backend_of(made).arm(made)
+    return RecordedArm(arm, replace(made.values.pick, limits=guarded(made, arm)))

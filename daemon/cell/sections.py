@@ -18,23 +18,24 @@ from daemon.arm import (
     CAMERAS,
     CAMERAS_ON_HAND,
     EYES,
+    ArmModel,
     EyeName,
     body_of,
     in_view,
-    links_like,
     plausible,
 )
 from daemon.arm import Limits as GuardLimits
 from daemon.arrays import Array
 from daemon.calibration.file import Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
+from daemon.cell.backends import backend_of
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
 from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
-from drivers.puma560 import PUMA560, ArmGeometry, link_frames, reachable, solutions
+from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 
 Angle = Annotated[float, Meta(ge=-720, le=720)]
@@ -45,28 +46,28 @@ it may refuse what facetd takes for reachable."""
 
 
 def check(config: Config) -> None:
-    """Check all of these sections and the plausibility of the geometry, with each gripper. Raises ConfigError."""
-    dialect(config)
+    """Check the back-end's own sections, and limits and gripper against its arm, with each gripper. Raises
+    ConfigError."""
+    backend = backend_of(config)
     for each in config.each_gripper().values():
-        _check_geometry(each)
-    if config.kind == "real":
-        cameras = camera_settings(config)
-        if cameras.left == cameras.right:
-            problem = f"expected another camera than left's, found the same: {cameras.right}"
-            raise config.document.error(("cameras", "right"), problem)
+        backend.check(each)
+        _check_geometry(each, backend.arm(each))
 
 
-def _check_geometry(config: Config) -> None:
-    arm = arm_geometry(config)
-    shoulder_mm, limits, gripper = arm.world_from_base[:3, 3], config.values.pick.limits, config.values.pick.gripper
+def _check_geometry(config: Config, arm: ArmModel) -> None:
+    limits, gripper = config.values.pick.limits, config.values.pick.gripper
     for wrong in (
-        *plausible.tool(arm.flange_from_tool),
-        *plausible.limits(limits, arm.reach_mm, shoulder_mm),
+        *plausible.limits(limits, arm.reach_mm, arm.shoulder_mm),
         *plausible.hand(guarded(config, arm), gripper.tip_mm, gripper.outside),
     ):
         raise config.document.error(_keys_of_gripper(config, wrong.keys), wrong.problem)
-    if config.kind == "simulated":
-        truth(config)
+
+
+def check_dialect_and_tool(config: Config) -> None:
+    """Check what a PUMA behind VAL II has: its dialect, its geometry, its tool. Raises ConfigError."""
+    dialect(config)
+    for wrong in plausible.tool(arm_geometry(config).flange_from_tool):
+        raise config.document.error(_keys_of_gripper(config, wrong.keys), wrong.problem)
 
 
 def _keys_of_gripper(config: Config, keys: tuple[Key, ...]) -> tuple[Key, ...]:
@@ -80,9 +81,9 @@ def _keys_of_gripper(config: Config, keys: tuple[Key, ...]) -> tuple[Key, ...]:
 def out_of_reach(config: Config) -> Iterator[str]:
     """A line for each position of the file that the configured arm cannot reach: better found at the start than with a
     part in the gripper."""
-    arm, pick = arm_geometry(config), config.values.pick
+    arm, pick = backend_of(config).arm(config), config.values.pick
     for name, place in (("home", pick.home), ("bin", pick.bin)):
-        if not reachable(place.pose(), arm=arm):
+        if not arm.ways(place.pose()):
             x, y, z = place.point_mm
             yield f"pick.{name}: the arm as it is configured cannot reach {x:g}, {y:g}, {z:g} mm at that angle"
 
@@ -217,7 +218,11 @@ def check_hand_eye(config: Config, calibration: Calibration) -> None:
         raise config.document.error(("cameras",), problem)
     for camera in implausible_rig(calibration.rig):
         raise read(config.calibration).error(camera.keys, camera.problem)
-    arm, fixed, on_hand = arm_geometry(config), calibration.world_from_cyclopean, calibration.tool_from_cyclopean
+    arm, fixed, on_hand = (
+        backend_of(config).arm(config),
+        calibration.world_from_cyclopean,
+        calibration.tool_from_cyclopean,
+    )
     if (fixed if mounting(config) == "hand" else on_hand) is not None:
         is_of, key = ("on the hand", "hand") if fixed is None else ("fixed in the world", "world")
         problem = f"expected `mounting: {key}`, as {config.calibration} is of cameras {is_of}"
@@ -254,15 +259,14 @@ def _check_fixed(config: Config) -> None:
         raise config.document.error(("cameras", "mounting"), problem)
 
 
-def guarded(config: Config, arm: ArmGeometry) -> GuardLimits:
-    """pick.limits with the capsules scaled to this arm and with the mounted gripper and the cameras, where the file has
+def guarded(config: Config, arm: ArmModel) -> GuardLimits:
+    """pick.limits with the capsules of this arm, of the mounted gripper and of the cameras, where the file has
     the default ones; and with their points, where it has those. Of several grippers the mounted one always counts."""
     limits, hand, cameras = config.values.pick.limits, config.values.pick.gripper.body, CAMERAS
     if mounting(config) == "hand":
         cameras = CAMERAS.seen_from(_tool_from(config, config.calibrated_tool))
     if limits.capsules == ARM:
-        links = links_like(arm.a2_mm, arm.d3_mm, arm.d4_mm)
-        limits = replace(limits, capsules=(*links, *hand.capsules, *cameras.capsules))
+        limits = replace(limits, capsules=(*arm.links, *hand.capsules, *cameras.capsules))
     elif config.values.grippers:
         limits = replace(limits, capsules=(*limits.capsules, *hand.capsules))
     if limits.body_mm == BODY_MM:
@@ -289,13 +293,13 @@ def _tool_from(config: Config, flange_from_other: Matrix4 | Array) -> Array:
     return np.eye(4) if np.array_equal(mounted, other) else frames.inverse(mounted) @ other
 
 
-def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmGeometry) -> str | None:
+def _home_in_view(config: Config, rig: StereoRig, world_from_cyclopean: Array, arm: ArmModel) -> str | None:
     """What of the arm fixed cameras have in view while it waits at pick.home; None where that is nothing, or home is
     out of reach."""
     capsules = guarded(config, arm).capsules
     body = body_of(tuple(piece for piece in capsules if piece not in CAMERAS_ON_HAND), ())
-    ways = [joints for _, joints in solutions(config.values.pick.home.pose(), arm)]
-    seen = [in_view(link_frames(joints[None], arm)[0], body, rig, world_from_cyclopean) for joints in ways]
+    ways = arm.ways(config.values.pick.home.pose())
+    seen = [in_view(arm.frames(joints[None])[0], body, rig, world_from_cyclopean) for joints in ways]
     return seen[0] if seen and all(seen) else None
 
 

@@ -57,7 +57,7 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
     """Wrap a command: an error of the cameras is one line and status 1."""
 
     def guarded(args: argparse.Namespace) -> int:
-        from daemon.cell.build import EXPECTED_ERRORS
+        from daemon.cell.hardware import EXPECTED_ERRORS
 
         try:
             return run(args)
@@ -79,8 +79,8 @@ def _open(args: argparse.Namespace) -> Iterator[tuple[StereoCamera, Config]]:
 
 
 def _cameras(args: argparse.Namespace) -> int:
-    from daemon.cell.build import EXPECTED_ERRORS
     from daemon.cell.cameras import device_rows
+    from daemon.cell.hardware import EXPECTED_ERRORS
 
     devices, notes = device_rows()
     measured: dict[str, Any] | None = None
@@ -205,7 +205,7 @@ def _save(camera: StereoCamera, folder: Path, rig: Any) -> dict[str, Any]:
 
 
 def _stream(args: argparse.Namespace) -> int:
-    from daemon.cell.build import EXPECTED_ERRORS
+    from daemon.cell.hardware import EXPECTED_ERRORS
     from daemon.cli.preview import Preview
 
     with _open(args) as (camera, config):

@@ -53,6 +53,11 @@ STEPS, STEPS_S = 3_000_000, 0.17
 3.11: 0.085 s of processor time, within 0.002 s)."""
 
 
+ANSWER_S, MARGIN = 5.0, 4.0
+"""How long the controller's answer is waited for at that speed, s: 20 times what it takes. At other speeds a fourth of
+this margin is kept: emulated, at a twentieth of the speed, an answer took longer than 5 s."""
+
+
 class DemoError(FacetdError):
     """The demo cannot continue: why."""
 
@@ -175,6 +180,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "cameras": own.get("cameras", {}),
+        "arm": {"dialect": {"answer_s": ANSWER_S * max(1.0, FASTEST / args.time_scale / MARGIN)}},
         "pick": own.get("pick", {})
         | {"stops": {"least_looks": 3} | own.get("pick", {}).get("stops", {}), "limits": room},
         "simulated": {

@@ -1,8 +1,9 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
-Words known to be harmless (drivers/val2/commands.py) go to the controller as they are typed. The end of any other line
-is kept back: while the arm may not move, or is held by `pause`; and else until the operator has said yes to it. A line
-in which something was taken back is spoiled and typed anew: nobody knows which keys the controller knows.
+Lines known to be harmless (ControllerMonitor of daemon/arm/workcell.py says which) go to the controller as they are
+typed. The end of any other line is kept back: while the arm may not move, or is held by `pause`; and else until the
+operator has said yes to it. A line in which something was taken back is spoiled and typed anew: nobody knows which keys
+the controller knows.
 """
 
 import asyncio
@@ -11,8 +12,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
-from daemon.arm import VoidingEvent
-from daemon.cell.arm_on_link import moves_the_arm, turns_over, works_the_hand
+from daemon.arm import ControllerMonitor, VoidingEvent
 from daemon.cell.no_arm import CellError
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import ANSWERABLE, CommandContext
@@ -39,6 +39,7 @@ NOT_OF_POWER_UP = (
     "`{}` is not a known power-up question (arm.dialect.power_up_asks). A yes may move the arm, and the arm is not "
     "enabled. `stop` answers N and ends the program that asks"
 )
+NO_MONITOR = "the {} cell has no controller with a command line"
 CAL = "CAL, in which each joint turns a little and the guard checks nothing"
 ROBOT = ("power-up", "cal", "monitor")
 ROBOT_USAGE = "robot power-up [Y N ...] | robot cal | robot monitor [TEXT]"
@@ -55,7 +56,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
     A line that may move the arm must be confirmed. `pause` and `stop` work; the guard does not check where it goes.
     """
     what = one_of(words, 0, ROBOT, "word", ROBOT_USAGE)
-    arm, supervisor = context.hardware.robot, context.cycle.supervisor
+    arm, supervisor = _monitor_of(context), context.cycle.supervisor
     by_hand = partial(supervisor.by_hand, ask=frontend.asks)
     text = " ".join(words[1:])
     if what == "power-up":
@@ -85,16 +86,24 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
     if not text:
         return await monitor(context, frontend)
     arm.check_typable(text)
-    if turns_over(text):
+    if arm.turns_over(text):
         raise CommandError(f"{text}: {NO_TURNING_OVER}; not sent")
 
     async def typed() -> list[str]:
-        note_hand(context, text)
+        note_hand(context, arm, text)
         return await arm.monitor(text)
 
-    if moves_the_arm(text):
+    if arm.moves_the_arm(text):
         return _replies(await with_questions(context, by_hand(text, typed), frontend))
     return _replies(await supervisor.converse(text, typed, moves=False))
+
+
+def _monitor_of(context: CommandContext) -> ControllerMonitor:
+    """Raises CommandError where the robot has none."""
+    monitor = context.hardware.robot.controller
+    if monitor is None:
+        raise CommandError(NO_MONITOR.format(context.hardware.kind))
+    return monitor
 
 
 def _replies(lines: list[str]) -> CommandResult:
@@ -114,12 +123,13 @@ async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
 
 
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
-    typist = Typist(context, frontend)
-    async with context.hardware.robot.terminal(lambda data: frontend.show(shown(data))) as send:
-        if context.hardware.robot.question is None:
+    controller = _monitor_of(context)
+    typist = Typist(context, controller, frontend)
+    async with controller.terminal(lambda data: frontend.show(shown(data))) as send:
+        if controller.question is None:
             send(b"\r")  # an empty line, for the controller to show its prompt
         else:  # to which that might be an answer
-            frontend.show(f"{context.hardware.robot.question} ".encode("ascii", "replace"))
+            frontend.show(f"{controller.question} ".encode("ascii", "replace"))
 
         def typed(keys: bytes) -> None:
             with contextlib.suppress(*ANSWERABLE):  # the line is gone, or a stop has it: that is told otherwise
@@ -160,8 +170,9 @@ _SHOWN = [
 class Typist:
     """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
 
-    def __init__(self, context: CommandContext, frontend: Frontend) -> None:
+    def __init__(self, context: CommandContext, controller: ControllerMonitor, frontend: Frontend) -> None:
         self._context, self._frontend, self._clock = context, frontend, context.hardware.clock
+        self._controller = controller
         self._line, self._plain = bytearray(), bytearray()
         """The line; and all that was typed, whatever it was taken for."""
         self._unsent = bytearray()
@@ -169,7 +180,7 @@ class Typist:
         that stands there is a yes, whatever is typed behind it to spoil it."""
         self._asked: tuple[str, float] | None = None
         """The line that waits for a yes, and when it was asked for."""
-        self._edited, self._moving = False, context.hardware.robot.asks_whether_to_move
+        self._edited, self._moving = False, controller.asks_whether_to_move
         """Whether something of the line was taken back; whether a yes may move the arm: to a line sent, or before."""
         self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
@@ -228,10 +239,10 @@ class Typist:
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        moves, why = moves_the_arm(text), self._held()
+        moves, why = self._controller.moves_the_arm(text), self._held()
         if why is not None and (moves or (self._moving and text[:1].encode() in YES)):
             self._keep_back(text, why, send)
-        elif turns_over(text):
+        elif self._controller.turns_over(text):
             self._keep_back(text, NO_TURNING_OVER, send)
         elif moves:
             self._asked = text, self._clock()
@@ -271,8 +282,8 @@ class Typist:
             self._record(text)
         if self._moving and text[:1].encode() in YES:  # a program may go on with it
             self._context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
-        note_hand(self._context, text)
-        self._moving |= moves_the_arm(text)
+        note_hand(self._context, self._controller, text)
+        self._moving |= self._controller.moves_the_arm(text)
         send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
         self._unsent.clear()
         self._edited = False
@@ -281,9 +292,9 @@ class Typist:
         self._context.log.record("command", who=self._frontend.who, door=f"{self._frontend.name}, monitor", text=text)
 
 
-def note_hand(context: CommandContext, text: str) -> None:
-    """Where a line may work the hand, by a word or by a program it starts, nobody knows whether a part is in it."""
-    if works_the_hand(text):
+def note_hand(context: CommandContext, controller: ControllerMonitor, text: str) -> None:
+    """Where a line may work the hand, nobody knows whether a part is in it."""
+    if controller.works_the_hand(text):
         context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
 
 

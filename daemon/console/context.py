@@ -16,7 +16,7 @@ from typing import Protocol
 
 from daemon.arm import EyeName, Recorder
 from daemon.calibration.file import Calibration
-from daemon.cell.build import EXPECTED_ERRORS, Hardware
+from daemon.cell.hardware import EXPECTED_ERRORS, Hardware
 from daemon.cell.pick_cell import pick_cell
 from daemon.compute.worker import Worker
 from daemon.config import Config

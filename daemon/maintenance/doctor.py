@@ -17,7 +17,7 @@ from typing import Literal
 from daemon.arm import EyeName
 from daemon.calibration.file import Calibration
 from daemon.cell import sections
-from daemon.cell.build import Hardware
+from daemon.cell.hardware import Hardware
 from daemon.config import Config
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode

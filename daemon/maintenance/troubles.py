@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from daemon.cell.build import Hardware
+from daemon.cell.hardware import Hardware
 from daemon.config import Config
 from daemon.pick.cycle import PickCycle
 from daemon.store.runlog import RunLog

@@ -10,7 +10,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-from daemon.cell.build import EXPECTED_ERRORS
+from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.events.codes import CauseCode, FaultCause, cause_of
 from daemon.maintenance import journal
 from daemon.maintenance.troubles import WatchedDaemon
@@ -122,11 +122,12 @@ class Watchdog:
                 await robot.close()
                 context.cycle.supervisor.line_opened_anew()
                 await robot.open()
-            if robot.question is not None:
+            controller = robot.controller
+            if controller is not None and controller.question is not None:
                 what = "answer it: `robot power-up`"
-                if robot.asks_whether_to_move:
+                if controller.asks_whether_to_move:
                     what = "`stop` answers N and ends the program that asks"
-                context.troubles.report("controller", f"the controller asks `{robot.question}`: {what}")
+                context.troubles.report("controller", f"the controller asks `{controller.question}`: {what}")
             else:
                 await robot.check()
                 context.troubles.report("controller", None)

@@ -10,10 +10,10 @@ recipe=$(sha256sum "$0" | cut -c1-16)
 refuse() { echo "arm64: cannot be prepared: $1" >&2; exit 3; }
 [[ $(id -u) == 0 ]] || refuse "installing qemu-user-static and mmdebstrap needs root"
 command -v apt-get >/dev/null || refuse "this is no Debian (apt-get is missing)"
-if ! dpkg -s qemu-user-static mmdebstrap >/dev/null 2>&1; then
+if ! dpkg -s qemu-user-static mmdebstrap arch-test >/dev/null 2>&1; then
     apt-get -qq -o DPkg::Lock::Timeout=300 update
     DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=300 install -y --no-install-recommends \
-        qemu-user-static mmdebstrap >/dev/null
+        qemu-user-static mmdebstrap arch-test >/dev/null
 fi
 
 # systemd or Debian's binfmt-support would register the emulator; a machine with neither has it done here. F: the kernel

@@ -44,12 +44,13 @@ def facetctl(*words: str | Path) -> str:
 
 
 def carry(runs: Path, work: Path) -> None:
-    """Pairs, model and calibration of the demo's run, as files to take along."""
+    """Pairs, last model and calibration of the demo's run, as files to take along."""
     (log,) = runs.glob("*/run.jsonl")
-    start = next(record for line in log.read_text().splitlines() if (record := json.loads(line))["kind"] == "run_start")
+    records = [json.loads(line) for line in log.read_text().splitlines()]
+    start = next(record for record in records if record["kind"] == "run_start")
     shutil.copy(log.parent / start["calibration"], work / "calibration.yaml")
-    (model,) = (log.parent / "kept").glob("*.npz")
-    shutil.copy(model, work / "model.npz")
+    models = [record["file"] for record in records if record["kind"] == "model" and record["file"] is not None]
+    shutil.copy(log.parent / models[-1], work / "model.npz")
     lefts = sorted((log.parent / "images").glob("*-left.png"))
     for number in np.unique(np.linspace(0, len(lefts) - 1, PAIRS).astype(int)):
         left = lefts[number]

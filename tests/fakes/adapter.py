@@ -107,10 +107,10 @@ def _obey(orders: Path, adapter: Adapter) -> None:
 def main(arguments: list[str]) -> int:
     """facetd behind an adapter."""
     from daemon import main as program
-    from daemon.cell import build
+    from daemon.cell import real_cell, simulated_cell
 
     folder = Path(arguments[arguments.index("--config") + 1]).parent
-    made = build.arm_on_link
+    made = simulated_cell.arm_on_link
 
     def behind(port: str, *more: Any) -> Any:
         adapter = Adapter(port, folder / BY_ID)
@@ -119,7 +119,7 @@ def main(arguments: list[str]) -> int:
         threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
         return made(str(folder / BY_ID), *more)
 
-    build.arm_on_link = behind  # type: ignore[assignment]
+    real_cell.arm_on_link = simulated_cell.arm_on_link = behind  # type: ignore[assignment]
     return program.main(arguments)
 
 

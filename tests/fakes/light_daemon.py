@@ -25,6 +25,7 @@ import yaml
 
 from daemon import service
 from daemon.arm.belief import Beliefs
+from daemon.arm.collision_shapes import ARM_LINKS
 from daemon.cell import build as build_room
 from daemon.config import Config
 from daemon.console import context
@@ -32,7 +33,6 @@ from daemon.maintenance import journal
 from daemon.service import Service
 from daemon.store import runlog
 from daemon.vision.values import Facet, Scene
-from drivers.puma560 import PUMA560
 from tests.fakes.computing import ComputesHere
 from tests.fakes.fake_cell import FakeEyes, FakePair, FakePicture, FakeRobot, TruthRecogniser, World
 from tests.fakes.simulated_time import SimulatedLoop
@@ -64,9 +64,9 @@ class TimedWorld(World):
 class Robot(FakeRobot):
     """What the service and the watch ask of an arm besides."""
 
-    question = None
-    arm = PUMA560
-    aside = stopped_on_opening = asks_whether_to_move = False
+    controller = None
+    links = ARM_LINKS
+    aside = stopped_on_opening = False
     connected = True
     heard_s: float | None = None
 

@@ -16,8 +16,8 @@ from daemon.arm import EyeName
 from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
-from daemon.cell.build import Hardware
 from daemon.cell.cameras import ThreadedCameras
+from daemon.cell.hardware import Hardware
 from daemon.cell.pick_cell import pick_cell
 from daemon.cell.sections import arm_geometry, dialect, truth
 from daemon.config import load_config
@@ -60,9 +60,8 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
     cell.camera.use(alone)
     eyes = ThreadedCameras(cell.camera, loop.time, alone)
-    hardware = Hardware(
-        "simulated", ArmOnLink(link, geometry, Beliefs(loop.time, log.record)), eyes, loop.time, "memory", seed
-    )
+    robot = ArmOnLink(link, geometry, Beliefs(loop.time, log.record))
+    hardware = Hardware("simulated", robot, eyes, loop.time, "memory", seed)
     try:
         await hardware.open()
         start = model or empty_model(load_facets(config.file(config.values.files.facets)))

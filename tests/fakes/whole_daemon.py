@@ -42,8 +42,8 @@ from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell import sections
 from daemon.cell.arm_on_link import ArmOnLink, belongs_together
-from daemon.cell.build import Hardware
 from daemon.cell.cameras import ThreadedCameras
+from daemon.cell.hardware import Hardware
 from daemon.cell.sections import arm_geometry, dialect
 from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.cli.demo import VIEWS
@@ -976,9 +976,10 @@ class Story:
         kind = SimulatedOperator if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
         eyes = ThreadedCameras(self.cell.camera, self.loop.time)
+        robot = ArmOnLink(link, geometry, Beliefs(self.loop.time, record))
         return Hardware(
             "simulated",
-            ArmOnLink(link, geometry, Beliefs(self.loop.time, record)),
+            robot,
             eyes,
             self.cell_clock,
             "memory",

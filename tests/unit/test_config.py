@@ -13,6 +13,7 @@ import pytest
 from daemon.arm import ARM, CAMERAS_ON_HAND
 from daemon.calibration.file import load_calibration
 from daemon.cell import sections
+from daemon.cell.puma_arm import PumaArm
 from daemon.config import load_config
 from daemon.main import main
 from daemon.store import folders
@@ -223,7 +224,9 @@ def test_a_gripper_longer_or_wider_than_the_hand_that_is_guarded_is_refused_at_t
     path: Path, gripper: str
 ) -> None:
     usual = [msgspec.to_builtins(capsule) for capsule in ARM[::-1]]
-    path.write_text(f"version: 1\npick: {{gripper: {{{gripper}}}, limits: {{capsules: {json.dumps(usual)}}}}}\n")
+    path.write_text(
+        f"version: 1\ncell: recorded\npick: {{gripper: {{{gripper}}}, limits: {{capsules: {json.dumps(usual)}}}}}\n"
+    )
     with pytest.raises(ConfigError, match=r"pick\.gripper.*the hand that is guarded"):
         sections.check(load_config(path))
 
@@ -232,7 +235,7 @@ def test_the_hand_that_is_guarded_is_the_one_that_the_gripper_is_said_to_be(path
     path.write_text("version: 1\ncell: simulated\npick: {gripper: {tip_mm: 60, opening_mm: 130}}\n")
     config = load_config(path)
     sections.check(config)
-    guard = sections.guarded(config, PUMA560)
+    guard = sections.guarded(config, PumaArm(PUMA560))
     tips = [point for point in guard.body_mm if point[2] == 60.0]
     assert {abs(y) for _, y, _ in tips} == {65.0}
     assert any(capsule.from_mm[1] == 69.0 for capsule in guard.capsules), "as wide as the fingers open"

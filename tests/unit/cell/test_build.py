@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from daemon.cell import build as cell
+from daemon.cell.no_arm import CellError
 from daemon.config import load_config
 
 ETC = Path(__file__).resolve().parents[3] / "etc"
@@ -34,7 +35,7 @@ def silent_port() -> Iterator[str]:
 
 
 def refusal(folder: Path, config: str) -> str:
-    with pytest.raises(cell.CellError) as caught:
+    with pytest.raises(CellError) as caught:
         asyncio.run(hardware(folder, config).open())
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -68,7 +69,7 @@ def test_recorded_pairs_hold_still_until_the_next_is_asked_for(tmp_path: Path) -
             seen.append(int(pair.left.pixels[20, 20]))
             if n in (1, 3):
                 assert built.cameras.step()
-        with pytest.raises(cell.CellError, match="this cell is recorded: there is no arm to move"):
+        with pytest.raises(CellError, match="this cell is recorded: there is no arm to move"):
             await built.robot.move(np.eye(4), starts=print, straight=True, speed_pct=10, timeout_s=1)
         await built.close()
         return seen

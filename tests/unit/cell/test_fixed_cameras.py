@@ -15,6 +15,7 @@ from daemon.arm import CAMERAS_ON_HAND, InWorld
 from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import sections
 from daemon.cell.pick_cell import WORST_MM, pick_cell
+from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, ConfigError, load_config
 from daemon.pick.settings import Settings
 from daemon.store import folders
@@ -44,7 +45,9 @@ def changed(old: str, new: str, name: str = "facetd.yaml") -> str:
 
 
 def built(config: Config, calibration: Calibration) -> Any:
-    hardware: Any = SimpleNamespace(robot=SimpleNamespace(arm=PUMA560), cameras=SimpleNamespace(alone=None), clock=None)
+    hardware: Any = SimpleNamespace(
+        robot=SimpleNamespace(kinematics=PumaArm(PUMA560)), cameras=SimpleNamespace(alone=None), clock=None
+    )
     return pick_cell(config, calibration, hardware, "log", "compute")  # type: ignore[arg-type]
 
 

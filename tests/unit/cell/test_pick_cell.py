@@ -15,6 +15,7 @@ from daemon.arm import ARM
 from daemon.calibration.file import Quality, load_calibration
 from daemon.calibration.session import SPREAD_LIMIT_MM
 from daemon.cell.pick_cell import doubt_of, guarded, pick_cell
+from daemon.cell.puma_arm import PumaArm
 from daemon.cell.sections import arm_geometry
 from daemon.config import load_config
 from daemon.pick.pose_fusion import Doubt
@@ -27,7 +28,7 @@ CONFIG = Path(__file__).resolve().parents[3] / "etc" / "facetd.yaml"
 
 def built(calibration: Any, alone: str | None = None) -> Any:
     hardware: Any = SimpleNamespace(
-        robot=SimpleNamespace(arm=PUMA560), cameras=SimpleNamespace(alone=alone), clock=None
+        robot=SimpleNamespace(kinematics=PumaArm(PUMA560)), cameras=SimpleNamespace(alone=alone), clock=None
     )
     return pick_cell(load_config(CONFIG), calibration, hardware, "log", "compute")  # type: ignore[arg-type]
 
@@ -84,7 +85,7 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_yaml(ArmGeometry(203.2, 0.0, -127.0, 203.2))))
     (tmp_path / "facetd.yaml").write_text("version: 1\narm: {file: arm.yaml}\n")
     config = load_config(tmp_path / "facetd.yaml")
-    guard = guarded(config, arm_geometry(config))
+    guard = guarded(config, PumaArm(arm_geometry(config)))
     shoulder, usual = guard.capsules[0], ARM[0]
     assert shoulder.from_mm[0] == pytest.approx(usual.from_mm[0] * 203.2 / 431.8)
     assert shoulder.from_mm[2] == pytest.approx(-usual.from_mm[2] * 127.0 / 150.05)
@@ -94,4 +95,4 @@ def test_the_guard_s_body_is_of_the_arm_that_stands_there_and_what_was_typed_sta
     own = f"version: 1\narm: {{file: arm.yaml}}\npick: {{limits: {{capsules: [{typed}]}}}}\n"
     (tmp_path / "facetd.yaml").write_text(own)
     config = load_config(tmp_path / "facetd.yaml")
-    assert {capsule.name for capsule in guarded(config, arm_geometry(config)).capsules} == {"mine"}
+    assert {capsule.name for capsule in guarded(config, PumaArm(arm_geometry(config))).capsules} == {"mine"}

@@ -12,6 +12,7 @@ import yaml
 from daemon.arm import CAMERAS
 from daemon.calibration.file import load_calibration, save_calibration
 from daemon.cell import sections
+from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, load_config, unsaid
 from daemon.events.outcomes import Outcome
 from daemon.pick.outcome import CycleEnd
@@ -69,7 +70,7 @@ def test_cameras_and_hand_eye_stay_on_the_wrist_as_grippers_change(path: Path) -
         np.array(c.values.arm.flange_from_tool) @ k.tool_from_cyclopean for c, k in ((fingers, before), (cup, after))
     ]
     assert np.allclose(*flange, atol=1e-9)
-    guard = sections.guarded(cup, sections.arm_geometry(cup))
+    guard = sections.guarded(cup, PumaArm(sections.arm_geometry(cup)))
     named = {capsule.name: capsule for capsule in guard.capsules}
     assert "left finger" not in named
     for camera in CAMERAS.capsules:

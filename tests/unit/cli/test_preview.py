@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from daemon.cell.build import EXPECTED_ERRORS, CellError
+from daemon.cell.hardware import EXPECTED_ERRORS, CellError
 from daemon.cli.preview import Preview, Shot
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import subprocess
 import sys
 import tempfile
@@ -10,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from daemon.cell import sections
 from daemon.cli import demo
 from daemon.cli.starting import StartError, listener, wait_until_ready
+from daemon.config import load_config
 
 REPORT = """
 import os, socket, sys, time
@@ -87,3 +91,14 @@ def test_a_daemon_is_listened_for_in_one_folder_time_and_again(tmp_path: Path) -
         with listener(tmp_path):
             pass
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("scale", "answer_s"), [(demo.FASTEST, 5.0), (5.0, 5.0), (1.0, 25.0)])
+def test_on_a_slow_computer_the_demo_waits_longer_for_its_controller(
+    tmp_path: Path, scale: float, answer_s: float
+) -> None:
+    """Emulated, the simulated controller took longer than 5 s to close the gripper, and the pick ended in a fault."""
+    arguments = argparse.Namespace(time_scale=scale, fixed=False, table="plain", parts="plain")
+    made = demo._configuration(arguments, 1, tmp_path / "runs", str(tmp_path))
+    (tmp_path / "facetd.yaml").write_text(json.dumps(made))
+    assert sections.dialect(load_config(tmp_path / "facetd.yaml")).answer_s == answer_s

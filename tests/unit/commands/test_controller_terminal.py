@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from daemon.arm import capsule_around
 from daemon.arm.belief import BeliefSource
-from daemon.cell.arm_on_link import ArmOnLink, moves_the_arm
+from daemon.cell.arm_on_link import ArmOnLink
 from daemon.cell.no_arm import CellError
 from daemon.commands.controller_terminal import SPOIL, Typist, shown
 from daemon.pick.cycle import PickCycle
@@ -25,6 +25,7 @@ from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller
+from drivers.val2.commands import moves_the_arm, turns_over, works_the_hand
 from drivers.val2.link import Link
 from tests.fakes.fake_cell import TruthRecogniser, World, build
 from tests.fakes.fake_context import FakeFrontend, FakeLog
@@ -38,8 +39,10 @@ def standing(fault: str | None = None, enabled: bool = True) -> Any:
     if enabled:
         cycle.supervisor.enable()
     cycle.supervisor.permit.fault = fault
-    robot = SimpleNamespace(asks_whether_to_move=False)
-    hardware = SimpleNamespace(clock=count().__next__, robot=robot)
+    controller = SimpleNamespace(
+        asks_whether_to_move=False, moves_the_arm=moves_the_arm, turns_over=turns_over, works_the_hand=works_the_hand
+    )
+    hardware = SimpleNamespace(clock=count().__next__, robot=SimpleNamespace(controller=controller))
     return SimpleNamespace(cycle=cycle, hardware=hardware, log=FakeLog())
 
 
@@ -53,7 +56,7 @@ class Shown(FakeFrontend):
 def typed(context: Any, *keys: bytes, apart_s: float = 1.0) -> tuple[bytes, Shown]:
     sent, frontend = bytearray(), Shown()
     context.hardware.clock = count(0.0, apart_s).__next__
-    typist = Typist(context, frontend)
+    typist = Typist(context, context.hardware.robot.controller, frontend)
     for some in keys:
         typist.typed(some, sent.extend)
     return bytes(sent), frontend
@@ -128,7 +131,7 @@ def test_a_word_that_turns_the_next_way_over_is_not_sent(line: bytes) -> None:
 def test_a_yes_to_a_program_that_asks_may_work_the_hand() -> None:
     """It was taken for what it had been before the program went on."""
     context = standing()
-    context.hardware.robot.asks_whether_to_move = True
+    context.hardware.robot.controller.asks_whether_to_move = True
     typed(context, b"N\r")
     assert context.cycle.belief.holds_part is False
     typed(context, b"Y\r")
@@ -147,7 +150,7 @@ def test_a_line_that_may_move_the_arm_is_held_like_a_move_also_after_the_yes(mea
     context = standing()
     supervisor = context.cycle.supervisor
     sent, frontend = bytearray(), Shown()
-    typist = Typist(context, frontend)
+    typist = Typist(context, context.hardware.robot.controller, frontend)
     typist.typed(b"DO READY\r", sent.extend)
     if meanwhile == "pause":
         supervisor.hold.pause()
@@ -244,7 +247,7 @@ def test_whichever_keys_the_controller_does_not_know_it_reads_no_line_that_could
 
 def asked_by_cal(context: Any) -> tuple[Typist, bytearray]:
     """A terminal at which CAL was typed and agreed to, so that the controller asks; and what was sent to it."""
-    typist, sent = Typist(context, Shown()), bytearray()
+    typist, sent = Typist(context, context.hardware.robot.controller, Shown()), bytearray()
     for keys in (b"CAL\r", b"y"):
         typist.typed(keys, sent.extend)
     return typist, sent
@@ -273,7 +276,7 @@ def test_of_a_yes_that_is_held_nothing_reaches_the_controller_that_begins_with_o
 
 def test_the_yes_to_a_question_that_stood_before_the_terminal_was_opened_is_held_where_the_arm_may_not_move() -> None:
     context = standing(enabled=False)
-    context.hardware.robot.asks_whether_to_move = True
+    context.hardware.robot.controller.asks_whether_to_move = True
     sent, frontend = typed(context, b"Y\r")
     assert sent == SPOIL
     assert "not enabled" in frontend.said[0]

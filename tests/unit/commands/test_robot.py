@@ -28,7 +28,8 @@ def test_a_yes_to_what_is_no_question_of_power_up_leaves_it_open_what_the_hand_h
     arm = SimpleNamespace(
         question="Another part (Y/N)?", asks_whether_to_move=True, check_typable=len, power_up=power_up
     )
-    context: Any = SimpleNamespace(cycle=cycle, hardware=SimpleNamespace(robot=arm), notices=Notices())
+    hardware = SimpleNamespace(robot=SimpleNamespace(controller=arm))
+    context: Any = SimpleNamespace(cycle=cycle, hardware=hardware, notices=Notices())
 
     assert cycle.status()["holding"] is False
     asyncio.run(robot.run(context, ["power-up", "Y"], FakeFrontend()))

@@ -16,7 +16,7 @@ from unittest.mock import AsyncMock, Mock, patch
 import pytest
 
 from daemon.arm.permit import Grant, MotionPermit
-from daemon.cell import build as cell
+from daemon.cell.no_arm import CellError
 from daemon.console.context import CommandContext
 from daemon.events.codes import CauseCode, FaultCause
 from daemon.maintenance import journal, watchdog
@@ -51,7 +51,7 @@ class WatchedCell:
             roll_due=False,
         )
         self.heard_s = time.monotonic()
-        self.question = None
+        self.controller = None
         self.aside = self.stopping = False
         self.connected = True
         self.set_by_s = 0.0
@@ -66,7 +66,7 @@ class WatchedCell:
 
     async def grab(self, not_before_s: float, timeout_s: float) -> None:
         if self.camera_fails:
-            raise cell.CellError("no stereo pair within 0.1 s")
+            raise CellError("no stereo pair within 0.1 s")
 
     async def check(self) -> None:
         self.heard_s = time.monotonic()

@@ -1,0 +1,46 @@
+"""The simulated cell: rendered cameras, and an arm behind a simulated VAL II controller on a pseudo-terminal."""
+
+import random
+
+from daemon.arm import ArmModel
+from daemon.cell.arm_on_link import arm_on_link
+from daemon.cell.backends import CellBackend, Surroundings
+from daemon.cell.cameras import ThreadedCameras
+from daemon.cell.hardware import Hardware
+from daemon.cell.puma_arm import PumaArm
+from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, dialect, truth
+from daemon.cell.simulated_operator import SimulatedOperator
+from daemon.config import Config, kind_of
+from drivers.simcell.boards import BoardPrint
+from drivers.simcell.cell import SimulatedCell
+from drivers.simcell.stand import VIEWS
+
+
+def _check(config: Config) -> None:
+    check_dialect_and_tool(config)
+    truth(config)
+
+
+def _arm(config: Config) -> ArmModel:
+    return PumaArm(arm_geometry(config))
+
+
+def _build(config: Config, given: Surroundings) -> Hardware:
+    """The cell already runs."""
+    simulated = config.values.simulated
+    seed = simulated.seed if simulated.seed is not None else random.SystemRandom().randrange(1_000_000)
+    verdict = None if simulated.verdict is None else config.file(simulated.verdict)
+    truth_file = truth(config)
+    cell = SimulatedCell(
+        truth_file, seed, simulated.time_scale, table=simulated.table, parts=simulated.parts, verdict=verdict
+    )
+    line_dialect = dialect(config).on_a_faster_line(simulated.time_scale)
+    robot = arm_on_link(cell.port, line_dialect, arm_geometry(config), given.on_wire, given.clock, given.beliefs)
+    operator = SimulatedOperator(cell, {label: len(views) for label, views in VIEWS.items()}, BoardPrint)
+    operator.mount(kind_of(config.values.pick.gripper))
+    cell.camera.use(alone(config))
+    cameras = ThreadedCameras(cell.camera, given.clock, alone(config))
+    return Hardware("simulated", robot, cameras, given.clock, cell.port, seed, operator)
+
+
+BACKEND = CellBackend(_check, _arm, _build)
