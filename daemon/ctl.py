@@ -147,6 +147,8 @@ def _main(arguments: list[str] | None) -> int:
         if words[0] == "completion":
             return _completion(words[1:], socket_path)
         if _works_without_daemon(words):
+            if words[0] == "dashboard" and socket_path is not None:
+                words[1:1] = ["--socket", str(socket_path)]
             return _offline(OFFLINE.get(words[0], TRAIN), [*words, *(["--json"] if as_json else [])])
         return _online(words, socket_path, as_json)
     except DaemonUnreachableError as error:

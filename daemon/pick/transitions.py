@@ -37,15 +37,15 @@ class PickState(StrEnum):
 
 
 SHOWN: Mapping[str, str] = {
-    PickState.IDLE: "idle", PickState.SURVEY: "looking over the table", PickState.CHOOSE: "choosing a part",
-    PickState.SECOND_VIEW: "looking from another side", PickState.STOP_N: "going to the next stand-off",
-    PickState.LOOKING: "looking at the part", PickState.ESTIMATING: "measuring the part",
-    PickState.FINAL: "going to the grasp", PickState.CLOSING: "closing the gripper", PickState.RETREAT: "lifting",
-    PickState.VERIFY: "checking what the gripper holds", PickState.BIN: "bringing it to the bin",
-    PickState.SET_DOWN: "setting it down", PickState.LOOK_AT_PLACE: "looking at the place",
-    PickState.HOME: "going home", PickState.PAUSED: "paused", PickState.FAULT: "fault",
+    PickState.IDLE: "idle", PickState.SURVEY: "survey the table", PickState.CHOOSE: "choose a part",
+    PickState.SECOND_VIEW: "look from another side", PickState.STOP_N: "approach", PickState.LOOKING: "look",
+    PickState.ESTIMATING: "estimate the pose", PickState.FINAL: "move to the grasp",
+    PickState.CLOSING: "close the gripper", PickState.RETREAT: "lift", PickState.VERIFY: "verify the grasp",
+    PickState.BIN: "bring it to the bin", PickState.SET_DOWN: "set it down",
+    PickState.LOOK_AT_PLACE: "look at its place", PickState.HOME: "move home", PickState.PAUSED: "paused",
+    PickState.FAULT: "fault",
 }  # fmt: skip
-"""What an operator reads of a state."""
+"""Names of the states for people, in `status` and on pages."""
 
 
 class PickEvent(StrEnum):

@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon.events.codes import CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
+from daemon.pick.transitions import SHOWN
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
 from daemon.review.measures import strips
 from daemon.review.not_counted import not_counted_text, picks_not_counted
@@ -22,14 +23,6 @@ from daemon.review.why import causes, in_plain_words
 MOST_CYCLES = 1000
 """Most cycles shown, the newest ones; figures and measures cover all."""
 Json = dict[str, Any]
-IN_STATE = {
-    "survey": "survey the table", "second_view": "look from another side", "choose": "choose a part",
-    "stop_n": "approach", "looking": "look", "estimating": "estimate the pose", "final": "move to the grasp",
-    "closing": "close the gripper", "retreat": "lift", "verify": "verify the grasp", "bin": "bring it to the bin",
-    "set_down": "set it down", "look_at_place": "look at its place",
-    "home": "move home",
-}  # fmt: skip
-"""Names of the pick's states for people."""
 
 
 def page_data(digest: Digest) -> Json:
@@ -47,7 +40,7 @@ def page_data(digest: Digest) -> Json:
         "models": digest.models_used(),
         "kept": {name: digest.kept(name) for name in ("config", "calibration")},
         "going": digest.going,
-        "end": (digest.end or {}).get("why"),
+        "end": ended_in_words(digest.end),
         "production": done,
         "definition": DEFINITION,
         "remedies": remedies(done),
@@ -59,7 +52,7 @@ def page_data(digest: Digest) -> Json:
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "places": places_json(digest, shown_of(digest)),
         "events": events(digest),
-        "states": {IN_STATE.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
+        "states": {SHOWN.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
     }
 
 
@@ -257,21 +250,28 @@ EVENT_KINDS = {
 }  # fmt: skip
 """Kinds of records in the table of events, and their names for people."""
 EVENTS = {
-    "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:", "run_end": "the run ended:",
+    "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:",
     "held_back": "withdrawn before it was sent",
 }  # fmt: skip
 
 
+def ended_in_words(end: Json | None) -> str | None:
+    """How a run ended, from its `run_end`; None where it has none."""
+    why = (end or {}).get("why")
+    return "switched off" if why == "signal SIGTERM" else why
+
+
 def _event_text(record: Json) -> str:
     kind = record["kind"]
+    if kind == "run_end":
+        return f"the run ended: {ended_in_words(record)}"
     if kind == "eyes":
         return f"cameras in use: {record.get('alone') or 'both'}: {record.get('why')}"
     if kind in ("note", "operator"):
         return f"{record.get('text')} ({record.get('who')})" if kind == "note" else f"from now on {record.get('who')}"
     if kind == "gained":
-        return (
-            f"look {record.get('look')} at {record.get('about')}: was {record.get('before')}; now {record.get('after')}"
-        )
+        look, about, before, after = (record.get(k) for k in ("look", "about", "before", "after"))
+        return f"look {look} at {about}. Before: {before}. Now: {after}"
     parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
     if len(parts) > 1 and parts[1].startswith(parts[0]):
         parts = [in_plain_words(parts[1]), *parts[2:]]  # a fault's text begins with its code

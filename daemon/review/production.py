@@ -20,6 +20,8 @@ from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""
 NAMELESS = ("unknown", "ambiguous")
+NONE_CHOSEN = "no part chosen"
+"""The row of picks that chose none: rows of parts add up to the total."""
 
 Json = dict[str, Any]
 
@@ -36,8 +38,9 @@ def production(runs: Sequence[Digest]) -> Json:
     worked_s = sum(filter(None, map(_worked_s, timed)))
     by_part = {
         label: [sum(is_success(c.outcome) for c in of), len(of)]
-        for label in sorted({c.label for c in cycles if c.label})
-        for of in [[c for c in cycles if c.label == label]]
+        for label in [*sorted({c.label for c in cycles if c.label}), NONE_CHOSEN]
+        for of in [[c for c in cycles if (c.label or NONE_CHOSEN) == label]]
+        if of
     }
     return {
         "runs": len(runs),

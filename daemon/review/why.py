@@ -107,6 +107,10 @@ def in_plain_words(text: str) -> str:
     return words if colon and name.isidentifier() and name.endswith(CLASS_ENDS) else text
 
 
+PLANNED = (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH, CauseCode.NO_WAY_TO_PLACE)
+"""Why no grasp was planned, as the planner says."""
+
+
 def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """What the guard refused, and why a part was unreachable."""
     if cycle.outcome not in (Outcome.UNREACHABLE, Outcome.FAULT, UNFINISHED):
@@ -117,7 +121,7 @@ def _refused(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
             code = BY_RULE.get(rule, CauseCode.MOVE_REFUSED)
             yield LikelyCause(code, 0.9, f"{rule}: {record.get('text')}", seq_of(record))
     if cycle.outcome == Outcome.UNREACHABLE:
-        planned = cycle.code in (CauseCode.NO_GRASP, CauseCode.BLOCKED, CauseCode.OUT_OF_REACH)
+        planned = cycle.code in PLANNED
         code = cause_code(cycle.code) if planned else CauseCode.OUT_OF_REACH
         yield LikelyCause(code, 0.9 if planned else 0.6, str(cycle.why), _last(cycle))
 

@@ -22,7 +22,7 @@ by("summary").append(...[
   cell.name ? el("b", {}, `${cell.name} `) : null, `run ${data.run}, `,
   data.started ? el("time", { title: `${data.started.slice(0, 19).replace("T", " ")} UTC` }, `${dayAndTime(data.started, offset)} (${zone})`) : null,
   `, ${duration(data.seconds)}, `,
-  data.going ? el("b", { class: "tag on" }, "still going") : data.end ? `ended: ${data.end === "signal SIGTERM" ? "switched off" : data.end}` : el("b", { class: "tag off" }, "cut off: killed, or the power failed"),
+  data.going ? el("b", { class: "tag on" }, "still going") : data.end ? `ended: ${data.end}` : el("b", { class: "tag off" }, "cut off: killed, or the power failed"),
   el("br"), [cell.version ? `facetd ${cell.version}` : null, `model ${data.models.join(", then ") || "none"}`,
     data.kept.calibration ? `calibration ${data.kept.calibration}` : null, data.kept.config ? `configuration ${data.kept.config}` : null].filter(Boolean).join(" · "),
 ].filter(Boolean));
@@ -283,7 +283,7 @@ if (data.places.last.length) {
   const more = (count) => { cards.append(...made.splice(0, count).map(card)); rest.hidden = !made.length; rest.textContent = `show ${plural(made.length, "earlier set-down")}`; };
   const rest = el("button", { type: "button", onclick: () => more(24) });
   by("places").hidden = false;
-  by("places-body").append(el("div", { class: "charts" }, ...[placesDrawing(data.places.last), placingTable(data.places.figures)].filter(Boolean)), cards, rest);
+  by("places-body").append(el("div", { class: "charts drawing-and-table" }, ...[placesDrawing(data.places.last), placingTable(data.places.figures)].filter(Boolean)), cards, rest);
   more(12);
 }
 

@@ -135,11 +135,12 @@ function placesDrawing(places) {
   for (const p of drawn) {
     const name = `place ${(PLACE_SIGNS[p.status] || "") === "✓" ? "right" : PLACE_SIGNS[p.status] === "✗" ? "wrong" : PLACE_SIGNS[p.status] ? "unsure" : "empty"}`;
     const group = svg("g", { class: name }), x = p.outline.reduce((s, q) => s + q[0], 0) / p.outline.length, y = p.outline.reduce((s, q) => s + q[1], 0) / p.outline.length;
+    const label = p.name.split(".").pop(), wide = Math.max(...p.outline.map((q) => q[0])) - Math.min(...p.outline.map((q) => q[0]));
     const size = Math.max(6, Math.min(...[0, 1].map((k) => Math.max(...p.outline.map((q) => q[k])) - Math.min(...p.outline.map((q) => q[k])))) / 3);
     group.append(svg("title", {}, `${p.name}: ${p.part}, ${p.status}${known(p.off_mm) ? `, ${number(p.off_mm)} mm and ${number(p.off_deg)} degrees off` : ""}`),
       svg("polygon", { points: p.outline.map(([px, py]) => `${px},${-py}`).join(" ") }),
       svg("text", { x, y: -y, "text-anchor": "middle", "font-size": size }, PLACE_SIGNS[p.status] || ""),
-      svg("text", { x, y: -y + size, "text-anchor": "middle", "font-size": 0.8 * size }, p.name.split(".").pop()));
+      svg("text", { x, y: -y + size, "text-anchor": "middle", "font-size": Math.min(0.8 * size, 2.3 * wide / Math.max(label.length, 1)) }, label));
     layer.append(group);
   }
   const count = {};

@@ -56,7 +56,7 @@ function boxEdges(low, high) {
 function traces({ parts, radius, ends, way, table_z, keep_out }) {
   const shown = partTraces(parts);
   if (ends) shown.push({ type: "mesh3d", name: "arm", ...tubes(ends, radius), color: colour("dim"), opacity: 0.45, hoverinfo: "name", showlegend: true });
-  if (way.length) shown.push(line("way of the tool", way, { color: colour("c0"), width: 5 }));
+  if (way.length) shown.push(line("path of the tool", way, { color: colour("c0"), width: 5 }));
   if (known(table_z) && way.length) {
     const seen = [...way, ...parts.flatMap((p) => p.facets.flat())], [x, y] = [0, 1].map((a) => [Math.min(...seen.map((p) => p[a])) - 60, Math.max(...seen.map((p) => p[a])) + 60]);
     shown.push({ type: "mesh3d", name: "table", x: [x[0], x[1], x[1], x[0]], y: [y[0], y[0], y[1], y[1]], z: Array(4).fill(table_z), i: [0, 0], j: [1, 2], k: [2, 3], color: colour("line"), opacity: 0.7, hoverinfo: "name", showlegend: true });
@@ -70,7 +70,7 @@ const options = { displaylogo: false, responsive: true, displayModeBar: window.i
 // parts: [{label, facets}]; the arm's capsules: radius, ends (null: no arm); way: points of the tool
 function draw(id, view) {
   return Plotly.react(id, traces(view), { ...plain(), margin: { l: 0, r: 0, t: 60, b: 0 },
-    scene: { aspectmode: "data", xaxis: axis("x mm"), yaxis: axis("y mm"), zaxis: axis("z mm"), camera: { eye: { x: 1.15, y: -1.35, z: 0.7 }, center: { x: 0, y: 0, z: -0.15 } } } }, options);
+    scene: { aspectmode: "data", xaxis: axis("x mm"), yaxis: axis("y mm"), zaxis: axis("z mm"), camera: { eye: innerWidth < 700 ? { x: 1.9, y: -2.2, z: 1.15 } : { x: 1.15, y: -1.35, z: 0.7 }, center: { x: 0, y: 0, z: -0.15 } } } }, options);
 }
 return { draw, colour, plain, axis, options };
 })();

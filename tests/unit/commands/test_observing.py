@@ -81,4 +81,4 @@ def test_status_says_what_a_pick_is_at_in_words(tmp_path: Path) -> None:
     status = context.cycle.status()
     context.cycle.status = lambda: status | {"doing": "pick", "state": "stop_n"}  # type: ignore[method-assign]
     answer = asyncio.run(Interpreter(context, every_command()).interpret("status", FakeFrontend()))
-    assert "doing     pick (going to the next stand-off)" in answer.text
+    assert "doing     pick (approach)" in answer.text

@@ -949,7 +949,7 @@ def test_the_guide_says_how_many_may_be_connected_and_for_how_long_in_silence() 
     assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in trouble
     silent = f"sends nothing for {FIRST_WORD_S:g} s, and an idle one after {IDLE_S / 60:g} min"
     assert f"closes a new connection that {silent}" in faults
-    assert f"came for a stop, after {STOP_S:g} s |" in faults
+    assert f"takes a connection for a stop, and closes it after {STOP_S:g} s |" in faults
 
 
 def test_beyond_the_limit_the_oldest_of_those_who_came_to_stop_goes_first(

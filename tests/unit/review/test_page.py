@@ -87,7 +87,7 @@ def test_what_one_more_look_brought_is_on_the_page(made: MadeRun) -> None:
         "gained", cycle=1, look=2, about="what lies at 520, 10", before="cube 84 %, pyramid 16 %", after="cube 99.9 %"
     )
     data = data_of(write_page(made.close(), made.folder / "page.html").read_text())
-    told = "look 2 at what lies at 520, 10: was cube 84 %, pyramid 16 %; now cube 99.9 %"
+    told = "look 2 at what lies at 520, 10. Before: cube 84 %, pyramid 16 %. Now: cube 99.9 %"
     assert [e["text"] for e in data["events"] if e["kind"] == "gained"] == [told]
 
 

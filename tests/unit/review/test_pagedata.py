@@ -318,3 +318,21 @@ def test_after_a_calibration_the_eyes_usual_place_is_another(made: MadeRun) -> N
     looks(25, 0.3)
     strip = next(one for one in strips(read_digest(made.close())) if one["name"].startswith("stereo rotation"))
     assert (strip["worst"], len(strip["s"])) == (0.0, 50)
+
+
+def test_a_run_whose_computer_ended_it_in_order_was_switched_off_wherever_the_page_says_so(made: MadeRun) -> None:
+    made.pick()
+    lines = made.close() / "run.jsonl"
+    lines.write_text(lines.read_text().replace("the made run ends", "signal SIGTERM"))
+    data = page_data(read_digest(made.folder))
+    assert data["end"] == "switched off"
+    assert data["events"][-1]["text"] == "the run ended: switched off"
+
+
+def test_picks_by_part_add_up_to_all_that_were_tried(made: MadeRun) -> None:
+    """Three of ten chose no part: each part had 100 %, and the run 70."""
+    made.pick()
+    made.pick("unreachable", label=None)
+    production = page_data(read_digest(made.close()))["production"]
+    assert production["parts"] == {"cube": [1, 1], "no part chosen": [0, 1]}
+    assert [production[key] for key in ("picked", "tried")] == [1, 2]

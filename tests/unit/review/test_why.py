@@ -29,7 +29,7 @@ from daemon.review.not_counted import picks_not_counted
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data
 from daemon.review.production import production
-from daemon.review.why import _all_moves, _beyond, _text, causes, in_plain_words
+from daemon.review.why import PLANNED, _all_moves, _beyond, _text, causes, in_plain_words
 from daemon.store.folders import HOUSE
 from daemon.store.runs import read_run
 from daemon.store.yamlfile import kinds_of
@@ -685,3 +685,16 @@ def test_a_night_of_misses_is_explained_in_time_that_grows_with_its_looks(made: 
         return asked["scene"]
 
     assert asked_for(80) == 2 * asked_for(40)
+
+
+@pytest.mark.parametrize("code", PLANNED)
+def test_a_part_for_which_no_grasp_was_planned_has_the_planners_own_cause(made: MadeRun, code: CauseCode) -> None:
+    """A part that no grasp brings to its place was said to be out of the arm's reach."""
+    made.cycle += 1
+    made.write("cycle_start", cycle=made.cycle, target=None)
+    made.look("survey")
+    made.write(
+        "cycle_end", cycle=made.cycle, outcome="unreachable", code=code, label=None, stops=0, why="pyramid: none"
+    )
+    *others, cycle = read_digest(made.close()).cycles
+    assert causes(cycle, others)[0].code is code
