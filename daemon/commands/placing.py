@@ -14,6 +14,7 @@ from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.place_goals import flattened, spot_of
 from daemon.pick.plan import SidePlan, stable_sides
+from daemon.pick.set_down import HeldHere
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
 from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus, PlaceStatusError
@@ -21,6 +22,8 @@ from daemon.vision.geometry import Polyhedron
 
 USAGE = "place show [NAME|PART] | check [NAME] | plan PART [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
 ACTS = ("show", "check", "plan", "teach", "clear", "drop")
+SURE = 2.0
+"""So many predicted errors are within the tolerance of a place that is known well enough."""
 HERE = "here"
 """Instead of a part: the one in the gripper, where the arm is."""
 MOST_PLANNED = 3
@@ -206,8 +209,10 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     asked = old is not None and frontend.asks
     if asked and not await yes_or_no(frontend, f"There is a place {name}. Replace its pose? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
+    known: HeldHere | None = None
     if held:
-        label, pose = await context.cycle.held_here()
+        known = await context.cycle.held_here()
+        label, pose = known.label, known.world_from_part
     else:
         _shape(context, label)
         pose = await with_questions(context, context.cycle.locate(label), frontend)
@@ -232,9 +237,23 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
     lies = "is in the gripper" if held else "lies"
     told = f"{name} is where the {label} {lies}, {at_mm(middle)}. When you take it away: `place clear {name}`."
+    data: dict[str, object] = {"place": name, "world_from_part": pose.tolist()}
+    if known is not None:
+        told += f"\n{_how_sure(known, entry)}"
+        data |= {"errs_mm": known.errs_mm, "errs_deg": known.errs_deg}
     if why := context.cycle.placing.unusable.get(name):
         told += f"\nIt cannot be used: {why}"
-    return CommandResult(told, {"place": name, "world_from_part": pose.tolist()})
+    return CommandResult(told, data)
+
+
+def _how_sure(known: HeldHere, entry: PlaceEntry) -> str:
+    """How well the place is known that was taught by the part in the gripper, beside its tolerance."""
+    told = f"Known to {known.errs_mm:.2f} mm and {known.errs_deg:.2f} degrees (one standard deviation)"
+    if SURE * known.errs_mm <= entry.tolerance_mm and SURE * known.errs_deg <= entry.tolerance_deg:
+        return f"{told}."
+    most = f"{entry.tolerance_mm:g} mm and {entry.tolerance_deg:g} degrees"
+    lay_it = "Lay the part there, and `place teach NAME PART`, if you can"
+    return f"{told}: that is much beside its tolerance of {most}. {lay_it}."
 
 
 def _recorded(context: CommandContext, name: str, label: str, status: PlaceStatus, why: str) -> None:

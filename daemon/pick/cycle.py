@@ -236,10 +236,10 @@ class PickCycle:
         self._must_be_empty()
         return await self.supervisor.run(f"locate {label}", self._locate(label))
 
-    async def held_here(self) -> tuple[str, Array]:
-        """The label of the part that facetd grasped and has in the gripper, and where that part is, world_from_part
-        (4, 4) mm: by WHERE, the same before and after a look, and by the part's edges in the look. Nothing moves, and
-        nothing needs to be enabled: people may have guided the arm. RefusedError where it is not known."""
+    async def held_here(self) -> set_down.HeldHere:
+        """The part that facetd grasped and has in the gripper, and where it is: by WHERE, the same before and after a
+        look, and by the part's edges in the look. Nothing moves, and nothing needs to be enabled: people may have
+        guided the arm. RefusedError where it is not known."""
         return await self.supervisor.run("measure the part in the gripper", self._held_here(), moves=False)
 
     async def plan_from_side(self, goal: Goal, side: int) -> SidePlan:
@@ -420,7 +420,7 @@ class PickCycle:
         await self._set_out_to_look()
         return await set_down.locate(self._context(self.recogniser), WorldModel([]), label)
 
-    async def _held_here(self) -> tuple[str, Array]:
+    async def _held_here(self) -> set_down.HeldHere:
         if self.recogniser is None:
             raise RefusedError("there is no model: teach and train first")
         return await set_down.held_here(self._context(self.recogniser))

@@ -203,10 +203,11 @@ def _reaches_in_hand(target: Target, doubt: Doubt) -> tuple[float, ...]:
 @dataclass(frozen=True, eq=False)
 class HeldPose:
     """How a part is in the gripper. seen: tool_from_part (4, 4) mm by its edges; pose: the same weighed with how it was
-    grasped; chi2: how far these two are apart (6 degrees of freedom)."""
+    grasped, covariance (6, 6) of that; chi2: how far these two are apart (6 degrees of freedom)."""
 
     seen: Array
     pose: Array
+    covariance: Array
     chi2: float
 
 
@@ -245,8 +246,18 @@ def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: Camera
     there = there + frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4)) + BESIDE_FINGERS
     apart = frames.difference(seen, grasped)
     chi2 = float(apart @ np.linalg.solve(held.covariance + there, apart))
-    pose, _ = frames.fuse([grasped, seen], [held.covariance, there])
-    return HeldPose(seen, pose, chi2)
+    pose, covariance = frames.fuse([grasped, seen], [held.covariance, there])
+    return HeldPose(seen, pose, covariance, chi2)
+
+
+def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array, doubt: Doubt) -> tuple[float, float]:
+    """One standard deviation of where the middle of a held part is in the world, mm, and of how it is turned, degrees,
+    over the three axes: by covariance (6, 6) of tool_from_part (4, 4), and by the arm's repeatability."""
+    arm = frames.lever_covariance(tool_from_part, doubt.arm(), np.eye(4))
+    middle = frames.point_motion(tool_from_part[:3, :3] @ shape.corners_mm.mean(axis=0))
+    both = covariance + arm
+    mm = float(np.sqrt(np.trace(middle @ both @ middle.T)))
+    return mm, float(np.degrees(np.sqrt(np.trace(both[3:, 3:]))))
 
 
 def _held_reach_mm(shape: Polyhedron, held: HeldPart, doubt: Doubt) -> float:

@@ -6,7 +6,7 @@ the part is carried there, set before the gripper opens, and what the look showe
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,16 @@ from daemon.arm import (
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
-from daemon.pick.following import Target, at_place, held_by_edges, held_pose, in_hand, mount_of, sighted
+from daemon.pick.following import (
+    Target,
+    at_place,
+    held_by_edges,
+    held_pose,
+    in_hand,
+    mount_of,
+    predicted_error,
+    sighted,
+)
 from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed
 from daemon.pick.looks import Expected, Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
@@ -191,9 +200,19 @@ async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
     return fuse(sightings, context.settings.doubt).world_from_part if sightings else pose
 
 
-async def held_here(context: PickContext) -> tuple[str, Array]:
-    """The label of the part in the gripper and where it is, world_from_part (4, 4) mm, from where the arm rests: see
-    PickCycle.held_here. Raises RefusedError where it is not known."""
+class HeldHere(NamedTuple):
+    """The part in the gripper: its label, where it is, world_from_part (4, 4) mm, and how far off that may be, one
+    standard deviation, mm and degrees."""
+
+    label: str
+    world_from_part: Array
+    errs_mm: float
+    errs_deg: float
+
+
+async def held_here(context: PickContext) -> HeldHere:
+    """The part in the gripper, from where the arm rests: see PickCycle.held_here. Raises RefusedError where it is not
+    known."""
     cell, held = context.cell, context.mover.belief.held
     if held is None or context.mover.belief.holds_part is False:
         raise RefusedError("facetd has grasped no part that is in the gripper: `pick` one, and `stop` it on its way")
@@ -216,7 +235,8 @@ async def held_here(context: PickContext) -> tuple[str, Array]:
         )
     if found.chi2 > CHI_SQUARE_6:
         raise RefusedError(f"the {label} is not held as it was grasped: {lay_it}")
-    return label, before.world_from_tool @ found.pose
+    errs = predicted_error(shape, found.pose, found.covariance, context.settings.doubt)
+    return HeldHere(label, before.world_from_tool @ found.pose, *errs)
 
 
 async def _go_round(

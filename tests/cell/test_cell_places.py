@@ -79,10 +79,10 @@ def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path:
 
 
 def test_a_place_is_taught_by_the_part_that_is_held_there(tmp_path: Path) -> None:
-    """A pick is stopped on its way with the part, and the arm brought low over the table: what is said of the part
-    there is held against where the cell truly has it."""
+    """A pick is stopped on its way with the part, and the arm brought low over the table, from there by the pendant:
+    what is said of the part there, and how sure that is, is held against where the cell truly has it."""
 
-    async def story() -> tuple[str, float, float]:
+    async def story() -> tuple[str, float, float, float, float]:
         async with rig(seed=6, model=drawn_model()) as here:
             here.cell.scatter(["cube"], np.random.default_rng(6))
             heard, stops = here.log.heard, list[asyncio.Task[Any]]()
@@ -99,16 +99,21 @@ def test_a_place_is_taught_by_the_part_that_is_held_there(tmp_path: Path) -> Non
             low = (await here.cycle.where()).world_from_tool.copy()
             low[2, 3] = -230.0
             await here.cycle.move_to(low, "low over the table")
-            label, pose = await here.cycle.held_here()
+            turned = (await here.cycle.where()).joints_rad + np.radians([7.0, 0.0, 0.0, 0.0, 0.0, 5.0])
+            with here.cell.server.controller() as controller:
+                controller.machine.drive_by_pendant(turned)
+            while not await here.robot.at_rest():
+                pass
+            label, pose, errs_mm, errs_deg = await here.cycle.held_here()
             held = here.cell.world.held
             assert held is not None
             shape = drawn_model().metric[label].solid
             level = goal_of(Place("nest", Manner(part=label), np.eye(4), np.eye(4)), shape)
             there = Goal(level.place, shape, tuple(pose @ each for each in level.poses), 0.0)
             lies = replace(held, pose=held.world_from_part(here.cell.world_from_tool()))
-            return (label, *true_error(there, lies))
+            return (label, *true_error(there, lies), errs_mm, errs_deg)
 
-    label, error_mm, error_deg = asyncio.run(story())
+    label, error_mm, error_deg, errs_mm, errs_deg = asyncio.run(story())
     assert label == "cube"
-    assert error_mm < 1.5
-    assert error_deg < 1.0
+    assert error_mm < 3.0 * errs_mm < 3.0
+    assert error_deg < 3.0 * errs_deg < 3.0

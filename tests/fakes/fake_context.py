@@ -23,6 +23,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.place_goals import PlaceTable
 from daemon.pick.plan import SidePlan
+from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
 from daemon.signals.line import LineSignals, no_line
 from daemon.signals.packml import PackMLState
@@ -57,6 +58,7 @@ class FakeCycle:
     placing: PlaceTable = field(default_factory=PlaceTable)
     recogniser: Any = None
     located: Any = None
+    errs: tuple[float, float] = (0.3, 0.1)
     plans: Sequence[SidePlan] = ()
     line: LineSignals = field(default_factory=no_line)
     packml: PackMLState = PackMLState.IDLE
@@ -112,7 +114,7 @@ class FakeCycle:
 
     async def held_here(self) -> Any:
         self.told.append("held here")
-        return "cube", self.located
+        return HeldHere("cube", self.located, *self.errs)
 
     async def plan_from_side(self, goal: Any, side: int) -> SidePlan:
         self.told.append(f"plan {goal.place.name} from side {side + 1}")

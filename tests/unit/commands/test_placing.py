@@ -106,7 +106,18 @@ def test_a_place_is_taught_by_the_part_in_the_gripper(context: Any) -> None:
     assert place.frame_from_part[:3, 3] == pytest.approx([450.0, 100.0, -275.0], abs=0.01)
     assert context.cycle.placing.statuses.of("slot").status is PlaceStatus.CLAIMED
     assert "slot is where the cube is in the gripper" in answer.text
+    assert "Known to 0.30 mm and 0.10 degrees (one standard deviation)." in answer.text
     assert "cannot be used" not in answer.text
+
+
+def test_a_place_that_is_known_less_well_than_its_tolerance_is_told_so(context: Any) -> None:
+    context.cycle.located = frames.rigid(np.eye(3), np.array([450.0, 100.0, -274.6]))
+    for errs in ((0.6, 0.1), (0.1, 0.6)):
+        context.cycle.errs = errs
+        answer = say(context, "place teach slot here", FakeFrontend(answers=["y"]))
+        assert "that is much beside its tolerance of 1 mm and 1 degrees. Lay the part there" in " ".join(
+            answer.text.split()
+        )
 
 
 def test_a_place_taught_in_the_air_by_a_part_that_leans_is_said_to_be_of_no_use(context: Any) -> None:

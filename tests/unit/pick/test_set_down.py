@@ -337,10 +337,14 @@ def test_where_the_part_in_the_gripper_is_follows_from_where_and_a_look(
     refused("facetd has grasped no part that is in the gripper")
     beliefs.learn(BeliefSource.COMMANDED, holding=True, held=HeldPart("cube", grasped, np.eye(6)))
     refused("the edges of the cube do not show clearly in the gripper")
-    monkeypatch.setattr(set_down, "held_by_edges", lambda *_: HeldPose(seen, seen, chi2))
+    monkeypatch.setattr(
+        set_down, "held_by_edges", lambda *_: HeldPose(seen, seen, np.diag([0.04] * 3 + [1e-6] * 3), chi2)
+    )
     fake.records.clear()
-    label, pose = asyncio.run(here())
+    label, pose, errs_mm, errs_deg = asyncio.run(here())
     assert label == "cube"
+    assert np.sqrt(3 * 0.04) < errs_mm < 1.0, "the arm's own error is in it"
+    assert np.degrees(np.sqrt(3e-6)) < errs_deg < 0.2
     np.testing.assert_allclose(pose, fake.at @ seen, atol=1e-9)
     assert not fake.said("move")
     chi2 = CHI_SQUARE_6 + 1.0
@@ -512,7 +516,7 @@ def test_how_a_part_is_held_is_taken_from_its_edges_where_these_agree_with_the_g
     seen = frames.perturb(np.eye(4), np.array([3.0, 0.0, 4.0, 0.0, 0.0, np.radians(2.0)]))
 
     async def compute(*_: Any) -> HeldPose | None:
-        return None if chi2 is None else HeldPose(seen, held, chi2)
+        return None if chi2 is None else HeldPose(seen, held, np.eye(6), chi2)
 
     cell = SimpleNamespace(
         compute=compute, rig=None, mounting=None, alone=None,
