@@ -190,11 +190,12 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         fits = rooms >= needed_mm
         if not fits.any():
             return [], f"room for a lip of {most_mm:.1f} mm radius, {needed_mm:.1f} are needed"
-        normal = shape.normals[facet]
-        heights = (shape.corners_mm - points[0]) @ normal
-        beside = np.cross(shape.corners_mm - points[fits][:, None], normal)
-        under_palm = (np.linalg.norm(beside, axis=2) < PALM_MM) & (heights > self.cup_length_mm)
-        fits[fits] = ~under_palm.any(axis=1)
+        axes, normal = axes_on(shape, facet), shape.normals[facet]
+        flat = (points[fits] - points[0]) @ axes.T
+        for high in _above_facet(shape, facet, points[0], axes, self.cup_length_mm):
+            under_palm = inside(flat, high[None])[0] | (_from_sides(flat, high) < PALM_MM)
+            fits[np.flatnonzero(fits)[under_palm]] = False
+            flat = flat[~under_palm]
         if not fits.any():
             return [], "the part is higher beside it than the cup is long"
         some, theirs = points[fits], rooms[fits]
@@ -287,15 +288,14 @@ def axes_on(shape: Polyhedron, facet: int) -> Array:
 def rooms_on(shape: Polyhedron, facet: int) -> tuple[Array, Array]:
     """(P, 3) points of a grid on a facet, part frame, and (P,) how far each is from the facet's border, the rims of its
     holes, and what of the part rises above it; 0 outside, in a hole, and under what rises."""
-    axes, normal, origin = axes_on(shape, facet), shape.normals[facet], shape.corners_mm[shape.rings[facet][0]]
+    axes, origin = axes_on(shape, facet), shape.corners_mm[shape.rings[facet][0]]
     ring = (shape.corners_mm[shape.rings[facet]] - origin) @ axes.T
     holes = [(hole.ring_mm - origin) @ axes.T for hole in shape.holes if hole.facet == facet]
     low, high = ring.min(axis=0), ring.max(axis=0)
     pitch = max(PITCH_MM, float(np.sqrt(np.prod(high - low) / MOST_POINTS)))
     x, y = np.meshgrid(*(np.arange(a + pitch / 2, b, pitch) for a, b in zip(low, high, strict=True)))
     flat = np.column_stack([x.ravel(), y.ravel()])
-    over = [shape.corners_mm[r] for k, r in enumerate(shape.rings) if k != facet] + list(shape.covers)
-    above = [cut for cut in (_above(each - origin, axes, normal) for each in over) if cut is not None]
+    above = _above_facet(shape, facet, origin, axes, RISES_MM)
     on = inside(flat, ring[None])[0]
     for other in (*holes, *above):
         on &= ~inside(flat, other[None])[0]
@@ -306,10 +306,18 @@ def rooms_on(shape: Polyhedron, facet: int) -> tuple[Array, Array]:
     return origin + flat @ axes, rooms
 
 
-def _above(corners: Array, axes: Array, normal: Array) -> Array | None:
-    """(K, 2) what of a polygon (N, 3) is above a plane through the origin, seen along the plane's normal; None:
-    nothing."""
-    heights = corners @ normal - RISES_MM
+def _above_facet(shape: Polyhedron, facet: int, origin: Array, axes: Array, over_mm: float) -> list[Array]:
+    """(K, 2) each: what of the part's other faces is higher than over_mm above a facet's plane, along its axes from a
+    point (3,) of it."""
+    others = [shape.corners_mm[r] for k, r in enumerate(shape.rings) if k != facet] + list(shape.covers)
+    cuts = (_above(each - origin, axes, shape.normals[facet], over_mm) for each in others)
+    return [cut for cut in cuts if cut is not None]
+
+
+def _above(corners: Array, axes: Array, normal: Array, over_mm: float) -> Array | None:
+    """(K, 2) what of a polygon (N, 3) is higher than over_mm above a plane through the origin, seen along the plane's
+    normal; None: nothing."""
+    heights = corners @ normal - over_mm
     if heights.max() <= 0.0:
         return None
     kept = []

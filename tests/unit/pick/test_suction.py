@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.pick.suction import SuctionCup, rooms_on, upward, weight_and_middle
+from daemon.pick.suction import CupGrasp, SuctionCup, rooms_on, turned, upward, weight_and_middle
 from daemon.vision.geometry import Hole, exact
 from tests.fakes.drawn import prism
 from tests.fakes.fake_cell import shape_of
@@ -187,3 +187,163 @@ def test_its_body_is_guarded_down_to_the_lip():
     assert {round(float(np.hypot(x, y)), 6) for x, y, _ in low} == {10.0}
     for capsule in CUP.body.capsules:
         assert max(capsule.from_mm[2], capsule.to_mm[2]) + capsule.radius_mm <= 1e-9
+
+
+def test_an_angle_offers_the_spot_nearest_below_its_mass_centre_and_the_one_with_most_room():
+    """Its mass centre is 1.8 mm from its inner corner; the largest circle on it touches both outer sides and that."""
+    solid, top = plate(((0, 0), (100, 0), (100, 40), (40, 40), (40, 100), (0, 100)))
+    mass = np.array([(4000 * 50 + 2400 * 20) / 6400] * 2 + [10.0])
+    spots, why = CUP.spots(solid, top, mass, ERROR_MM)
+    assert not why
+    nearest, roomiest = spots
+    kept_off = 40.0 - NEEDED_MM / np.sqrt(2)
+    assert nearest.at_mm == pytest.approx([kept_off, kept_off, 20.0], abs=2.0)
+    assert NEEDED_MM <= nearest.room_mm < NEEDED_MM + 2.0
+    radius = 40 * np.sqrt(2) / (1 + np.sqrt(2))
+    assert roomiest.at_mm == pytest.approx([radius, radius, 20.0], abs=2.0)
+    assert roomiest.room_mm == pytest.approx(radius, abs=1.0)
+
+
+@given(side=st.floats(26.0, 48.0))
+def test_where_both_are_one_place_there_is_one_spot_and_its_room_is_half_the_side(side):
+    solid, top = plate(((0, 0), (side, 0), (side, side), (0, side)))
+    (spot,), why = CUP.spots(solid, top, np.array([side / 2, side / 2, 10.0]), 0.0)
+    assert not why
+    assert spot.at_mm == pytest.approx([side / 2, side / 2, 20.0], abs=1.0)
+    assert side / 2 - 1.0 < spot.room_mm <= side / 2
+
+
+@given(cup=st.floats(4.0, 20.0), edge=st.floats(0.0, 4.0), error=st.floats(0.0, 4.0))
+def test_a_facet_serves_from_the_room_on_that_lip_edge_and_error_need_together(cup, edge, error):
+    solid, top = plate(((0, 0), (50, 0), (50, 50), (0, 50)))
+    _, rooms = rooms_on(solid, top)
+    gripper = SuctionCup(cup_radius_mm=cup, edge_mm=edge)
+    spots, why = gripper.spots(solid, top, np.array([25.0, 25.0, 10.0]), error)
+    assert bool(spots) == (cup + edge + error <= rooms.max())
+    assert why == (
+        "" if spots else f"room for a lip of {rooms.max():.1f} mm radius, {cup + edge + error:.1f} are needed"
+    )
+
+
+def stepped(wide_mm, deep_mm):
+    """A block with a step 30 mm below its top, so wide from the wall on: solid, the step's facet."""
+    corners, rings = prism([(0, 0), (45 + wide_mm, 0), (45 + wide_mm, 20), (45, 20), (45, 50), (0, 50)], deep_mm)
+    upright = frames.rotation_from_vector(np.array([np.pi / 2, 0.0, 0.0]))
+    solid = exact(corners @ upright.T, rings)
+    return solid, next(k for k, _ in upward(solid, np.eye(4), 5.0) if solid.centres_mm[k][2] < 30.0)
+
+
+@pytest.mark.parametrize(("long_mm", "nearest_mm"), [(29.0, 36.0), (31.0, NEEDED_MM)])
+@pytest.mark.parametrize("deep_mm", [50.0, 200.0])
+def test_a_cup_shorter_than_the_wall_beside_it_is_high_sits_where_the_palm_clears_all_of_the_wall(
+    deep_mm, long_mm, nearest_mm
+):
+    """The palm was kept off the corners of a wall alone: it would have come down on the edge of a long one."""
+    solid, step = stepped(100.0, deep_mm)
+    cup = msgspec.structs.replace(CUP, cup_length_mm=long_mm)
+    spots, why = cup.spots(solid, step, np.array([0.0, -deep_mm / 2, 10.0]), ERROR_MM)
+    assert not why
+    assert spots[0].at_mm[0] - 45.0 == pytest.approx(nearest_mm, abs=3.0)
+    assert all(spot.at_mm[0] - 45.0 >= nearest_mm for spot in spots)
+
+
+@pytest.mark.parametrize(("long_mm", "serves"), [(29.0, False), (31.0, True)])
+def test_on_a_narrow_step_only_a_cup_that_is_longer_than_the_wall_is_high_can_sit(long_mm, serves):
+    solid, step = stepped(30.0, 50.0)
+    cup = msgspec.structs.replace(CUP, cup_length_mm=long_mm)
+    spots, why = cup.spots(solid, step, solid.corners_mm.mean(axis=0), ERROR_MM)
+    assert (bool(spots), why) == (serves, "" if serves else "the part is higher beside it than the cup is long")
+
+
+@pytest.mark.parametrize("side", [20.0, 50.0, 300.0])
+def test_the_grid_is_as_fine_as_a_millimetre_and_has_no_more_points_than_it_may(side):
+    solid, top = plate(((0, 0), (side, 0), (side, side), (0, side)))
+    points, rooms = rooms_on(solid, top)
+    assert len(points) == len(rooms) == pytest.approx(min(side * side, 2500.0), rel=0.05)
+    assert points[:, 2] == pytest.approx(20.0)
+    assert [points[:, :2].min(), points[:, :2].max()] == pytest.approx([0.0, side], abs=side / 50 + 0.5)
+
+
+@given(lean=st.floats(-0.5, 0.5), turn=st.floats(-3.0, 3.0), most=st.floats(1.0, 80.0))
+def test_the_facets_that_look_up_are_those_that_lean_no_more_than_they_may_the_most_level_first(lean, turn, most):
+    solid = shape_of("pentagonal_prism")
+    pose = lying(solid, lean, turn)
+    up = np.degrees(np.arccos(np.clip(solid.normals @ pose[2, :3], -1.0, 1.0)))
+    found = upward(solid, pose, most)
+    assert [round(leans, 9) for _, leans in found] == sorted(round(float(each), 9) for each in up if each <= most)
+    assert all(leans == pytest.approx(up[facet], abs=1e-6) for facet, leans in found)
+
+
+def test_the_hand_is_turned_evenly_round_the_normal_from_along_the_longest_side():
+    solid, top = plate()
+    rotations = turned(solid, top)
+    assert len(rotations) == 12
+    for number, rotation in enumerate(rotations):
+        angle = np.radians(30.0 * number)
+        assert rotation[:, 2] == pytest.approx([0.0, 0.0, -1.0])
+        assert abs(rotation[0, 0]) == pytest.approx(abs(np.cos(angle)))
+        assert rotation @ rotation.T == pytest.approx(np.eye(3))
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+    ways = {tuple(np.round(rotation[:, 0], 6) + 0.0) for rotation in rotations}
+    assert len(ways) == 12
+
+
+@given(lean=st.floats(0.0, 0.6), error=st.floats(0.0, 3.0))
+def test_a_grasp_is_described_as_it_is_and_the_best_come_first(lean, error):
+    solid, _ = plate(high_mm=30.0)
+    pose = lying(solid, lean)
+    post = frames.apply(pose, np.array([[5.0, 5.0, 45.0], [12.0, 12.0, 45.0], [5.0, 12.0, 90.0]]))
+    found, _ = CUP.grasps(solid, pose, -300.0, error, [post])
+    order = [(grasp.blocked, round(grasp.load, 1), grasp.tilt_deg) for grasp in found]
+    assert order == sorted(order)
+    weight_n, mass = weight_and_middle(solid, CUP.density_g_cm3)
+    for grasp in found:
+        part_from_tool = frames.inverse(pose) @ grasp.world_from_tool
+        normal = solid.normals[grasp.facet - 1]
+        assert part_from_tool[:3, 2] == pytest.approx(-normal, abs=1e-9)
+        assert grasp.tilt_deg == pytest.approx(np.degrees(np.arccos(-grasp.world_from_tool[2, 2])), abs=1e-4)
+        lip = part_from_tool[:3, 3] - part_from_tool[:3, 2] * CUP.lip_mm / 2
+        assert (lip - solid.centres_mm[grasp.facet - 1]) @ normal == pytest.approx(0.0, abs=1e-9)
+        off = mass - lip
+        across_mm = float(np.linalg.norm(off - (off @ normal) * normal))
+        assert grasp.load == pytest.approx(CUP.load(weight_n, across_mm, -float(off @ normal), grasp.tilt_deg))
+        assert grasp.blocked == CUP.in_the_way(grasp.world_from_tool, post)
+
+
+def test_a_grasp_says_by_which_facet_with_how_much_room_and_of_what_load():
+    grasp = CupGrasp(np.eye(4), 12.4, facet=3, room_mm=11.26, load=0.424)
+    assert grasp.told == "by facet 3, tilted 12 degrees, room for a lip of 11.3 mm radius, 42 % of what the cup holds"
+    assert grasp.figures == {"facet": 3, "room_mm": 11.26, "load": 0.424}
+    assert grasp.risk == 0.424
+
+
+@given(
+    tilt=st.floats(0.0, 60.0), across=st.floats(0.0, 60.0), deep=st.floats(-20.0, 60.0), carried=st.floats(0.0, 30.0)
+)
+def test_what_a_part_asks_is_the_larger_of_pulling_it_off_and_turning_it_off(tilt, across, deep, carried):
+    """The hand leans by what the grasp or its way to the bin needs, whichever is more."""
+    cup = msgspec.structs.replace(CUP, carried_deg=carried, friction=0.4, safety=3.0)
+    force_n = cup.vacuum_bar * 0.1 * np.pi * 100.0
+    lean = np.radians(max(tilt, carried))
+    off = 3.0 * 2.0 * (np.cos(lean) + np.sin(lean) / 0.4) / force_n
+    lever = (across * np.cos(lean) + max(deep, 0.0) * np.sin(lean)) / (cup.cup_radius_mm / 2)
+    assert cup.force_n == pytest.approx(force_n)
+    assert cup.load(2.0, across, deep, tilt) == pytest.approx(max(off, 6.0 * lever / force_n))
+
+
+def test_a_cup_works_as_long_as_its_vacuum_needs_and_looks_the_same_with_a_part_as_without():
+    cup = SuctionCup(dwell_s=0.7, blow_off_s=0.4, cup_radius_mm=6.0)
+    assert (cup.works_s(True), cup.works_s(False)) == (0.7, 0.4)
+    assert (cup.empty, cup.widest_mm, cup.tip_mm) == (None, None, 0.0)
+    assert cup.held_about == (0.0, 0.0, 12.0)
+    assert cup.outside == ("cup_radius_mm", 6.0)
+
+
+@given(near=st.floats(-80.0, 80.0), high=st.floats(-30.0, 120.0))
+def test_what_lies_beside_is_in_the_way_of_the_cup_and_above_it_of_the_palm(near, high):
+    """A small post at one side."""
+    post = np.array([[near, 0.0, high], [near + 1.0, 1.0, high + 1.0]])
+    beside = max(near, -near - 1.0)
+    of_cup = beside < CUP.cup_radius_mm and -1.0 < high < 80.0
+    of_palm = beside < 36.0 and high + 1.0 > CUP.cup_length_mm
+    assert CUP.in_the_way(np.diag([1.0, -1.0, -1.0, 1.0]), post) == (of_cup or of_palm)
