@@ -63,8 +63,6 @@ def known(looks: Sequence[Look], recogniser: PartRecogniser, doubt: Doubt) -> li
 def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
     """At most so many of the looks, in their order: the newest, and one by one that which shows most from where it was
     seen least by those before; what has no name counts most."""
-    if len(looks) <= most:
-        return list(looks)
     parts = [(k, part) for k, look in enumerate(looks) for part in seen_parts(look)]
     owner = np.array([k for k, _ in parts], np.intp)
     centres = np.array([part.centre for _, part in parts]).reshape(-1, 3)
@@ -74,7 +72,7 @@ def telling(looks: Sequence[Look], most: int = MOST_FUSED) -> list[Look]:
     one = np.linalg.norm(centres[:, None] - centres, axis=2) < SAME_PLACE_MM
     alike = np.where(one, rays @ rays.T, -1.0)  # cosines of the rays to one place; other places are as the other side
     chosen, nearest = list[int](), np.full(len(parts), -1.0)
-    for _ in range(most):
+    for _ in range(min(most, len(looks))):
         gains = np.bincount(owner, weight * (1.0 - nearest), len(looks))
         gains[chosen] = -1.0
         best = len(looks) - 1 - int(np.argmax(gains[::-1])) if chosen else len(looks) - 1  # the newer of two alike

@@ -15,7 +15,7 @@ from daemon import frames
 from daemon.arm import OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
-from daemon.pick import following
+from daemon.pick import following, moved_pair
 from daemon.pick.following import (
     CameraMount,
     came_back_empty,
@@ -28,8 +28,9 @@ from daemon.pick.following import (
 )
 from daemon.pick.looks import Taken
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Doubt
+from daemon.pick.suction import SuctionCup
 from daemon.store import folders
-from daemon.vision.geometry import StereoRig, exact
+from daemon.vision.geometry import StereoRig, exact, moved_rig
 from daemon.vision.refine import Fit
 from daemon.vision.values import Part, Recognition
 from drivers.simcell.cell import SimulatedCell
@@ -49,6 +50,8 @@ def taken(pair: Any, rig: StereoRig) -> Taken:
     return Taken(pair, pair, Reading(np.eye(4), np.zeros(6)), 0.0, rig, np.eye(4))
 
 
+DOWN = rigid(np.diag([1.0, -1.0, -1.0]), [500.0, 0.0, 50.0])
+ASIDE = rigid(np.eye(3), [70.0, 0.0, 0.0])
 IN_THE_HAND = rigid(turn([0, 0, 1], np.pi / 2), [0.0, 0.0, 10.0])
 
 
@@ -254,3 +257,39 @@ def test_the_least_error_at_the_grasp_is_that_of_calibration_and_arm_alone_and_g
     assert 2.0 * near < far < 4.5 * near, "a disparity errs with the square of the distance, an image centre with it"
     aside = least_error(mount, 300.0, replace(none, hand_eye_mm=0.3)).predicted_mm
     assert aside == pytest.approx(0.3 * np.sqrt(3.0), rel=0.01), "of three axes"
+
+
+def test_one_camera_that_took_both_pictures_has_what_goes_with_it_in_one_place_in_both() -> None:
+    seen, mount = look_back(1, True)
+    for who, cameras in ((None, (seen.rig.left, seen.rig.right)), ("right", (mount.rig.left, mount.rig.left))):
+        views = following._eyes_on_the_hand(seen, replace(mount, alone=who)).views
+        for view, camera in zip(views, cameras, strict=True):
+            np.testing.assert_array_equal(view.eye.camera.cyclopean_from_camera, camera.cyclopean_from_camera)
+
+
+def test_no_look_tells_of_a_gripper_that_shows_the_same_with_a_part_as_without_that_it_is_empty() -> None:
+    assert not came_back_empty(*look_back(1, False), SuctionCup())
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_in_a_pair_of_one_eye_each_picture_says_where_the_part_is_and_the_arm_errs_at_both(
+    monkeypatch: pytest.MonkeyPatch, shown: bool
+) -> None:
+    both = moved_rig(load_calibration(CONFIG.calibration).rig.left, (640, 480), (DOWN, DOWN @ ASIDE))[0]
+    truth, arm = rigid(np.eye(3), [5.0, -3.0, 300.0]), Doubt(arm_mm=0.1, arm_deg=0.03).arm()
+    fits = [Fit(frames.perturb(truth, np.array([off, 0, 0, 0, 0, 0])), 0.01 * np.eye(6), 0.2, 8) for off in (0.1, -0.1)]
+    asked: list[Any] = []
+    monkeypatch.setattr(following, "fit_each", lambda *about: asked.append(about) or (fits if shown else None))
+    pair: Any = SimpleNamespace(eyes="the pictures", rig=both, moved=SimpleNamespace(arm=arm))
+    found = following.by_edges(shape_of("cube"), pair, truth, 7.0)
+    assert [about[1:] for about in asked] == [("the pictures", truth, 7.0)]
+    if not shown:
+        assert found is None
+        return
+    assert found is not None
+    share = following.TOLERANCE_MM / (50.0 * np.sqrt(3.0))
+    poses, own = [fit.cyclopean_from_part for fit in fits], [fit.covariance for fit in fits]
+    pose, covariance = moved_pair.weighed(poses, own, (both.left, both.right), arm, share)
+    np.testing.assert_allclose(found.cyclopean_from_part, pose)
+    np.testing.assert_allclose(found.covariance, covariance)
+    assert abs(found.cyclopean_from_part[0, 3] - 5.0) < 0.1

@@ -19,7 +19,7 @@ from daemon.pick.pose_fusion import Doubt
 from daemon.pick.settings import Settings
 from daemon.vision.geometry import StereoRig, baseline, moved_rig
 from daemon.vision.health import Clue
-from daemon.vision.values import FacetView, Group, Scene
+from daemon.vision.values import FacetView, Group, Part, Recognition, Scene
 from tests.fakes.fake_cell import TruthRecogniser, World, build, one_part, rig
 
 ARM = Doubt(arm_mm=0.1, arm_deg=0.03).arm()
@@ -110,6 +110,42 @@ def test_a_parts_doubt_in_a_moved_pair_is_its_own_and_the_arms() -> None:
     np.testing.assert_allclose(added[3:, 3:], arm[3:, 3:] / 2)
     assert (added[:3, 3:] == 0).all()
     assert added[2, 2] > 10 * added[0, 0] > 0
+
+
+@given(st.floats(45.0, 115.0), st.floats(200.0, 600.0))
+def test_the_arms_error_sideways_moves_what_lies_ahead_in_depth_by_distance_over_baseline(
+    baseline_mm: float, ahead_mm: float
+) -> None:
+    """Both places err by the arm's; where the rays to a point straight ahead then meet follows from similar triangles,
+    and by what turns the right eye about its own y the point moves sideways by its distance."""
+    both = pair_at(baseline_mm)
+    right = both.right.cyclopean_from_camera[:3, 3]
+    part: Any = SimpleNamespace(
+        cyclopean_from_part=frames.rigid(np.eye(3), [0.0, 0.0, ahead_mm]), covariance=np.zeros((6, 6))
+    )
+    sideways = moved_pair.of_pair(part, both, np.diag([0.1**2, 0, 0, 0, 0, 0]))
+    assert sideways[2, 2] == pytest.approx(2 * (0.1 * ahead_mm / baseline_mm) ** 2)
+    assert sideways[0, 0] == pytest.approx(sideways[2, 2] * (right[0] / ahead_mm) ** 2)
+    turning = moved_pair.of_pair(part, both, np.diag([0, 0, 0, 0, 1e-4**2, 0]))
+    ray_mm2 = ahead_mm**2 + (baseline_mm / 2) ** 2
+    assert turning[2, 2] == pytest.approx(2 * (1e-4 * ray_mm2 / baseline_mm) ** 2)
+    assert turning[4, 4] == pytest.approx(1e-4**2 / 2)
+
+
+def test_a_scene_of_a_moved_pair_has_the_arms_errors_in_its_parts_as_in_its_facets() -> None:
+    world = World(np.random.default_rng(0))
+    both = pair_at(80.0)
+    facet = TruthRecogniser(world)._facet(np.array([[0.0, 0, 320], [40, 0, 320], [40, 40, 320], [0, 40, 320]]))
+    pose = frames.rigid(np.eye(3), np.array([20.0, 20.0, 320.0]))
+    part = Part(Recognition("cube", 0.9, 1.0, 1.0, None, False, ""), (facet,), pose, 0.01 * np.eye(6), (), 0.1, ())
+    scene = Scene((part,), (), FacetView((Group((facet,), ((0, 1, 2, 3),)),), (), (), (), 2.0))
+    after = moved_pair.with_arm(scene, both, ARM)
+    (one,), (group,) = after.parts, after.view.groups
+    np.testing.assert_allclose(one.covariance, moved_pair.of_pair(part, both, ARM))
+    np.testing.assert_array_equal(one.facets[0].covariance_mm2, group.facets[0].covariance_mm2)
+    grown = np.linalg.eigvalsh(one.facets[0].covariance_mm2 - facet.covariance_mm2)
+    assert (grown[:, -1] > 0.01).all()
+    np.testing.assert_array_equal(one.facets[0].corners_mm, facet.corners_mm)
 
 
 def laid(motions: list[Any]) -> tuple[list[Any], list[Any], StereoRig]:

@@ -79,3 +79,35 @@ def test_what_is_left_takes_as_long_as_each_of_the_last_parts_that_were_brought_
     assert cycle.status()["left_s"] == 3 * (1.75 * LATEST + 0.5)
     cycle.pick_order = PickOrder(None)
     assert cycle.status()["left_s"] is None
+
+
+def test_with_one_camera_a_gripper_low_amid_the_parts_goes_aside_for_no_look() -> None:
+    world = one_part()
+    cycle = cycle_of(world)
+    object.__setattr__(cycle.cell, "alone", "left")
+    world.at = world.at.copy()
+    world.at[:3, 3] = 480.0, 0.0, -270.0
+    with pytest.raises(RefusedError, match="low over the table: raise it first, `jog z`"):
+        asyncio.run(cycle.look())
+    assert not world.said("move")
+
+
+def test_named_positions_of_several_surveys_are_numbered_and_those_of_home_and_bin_are_the_settings() -> None:
+    settings = Settings(surveys=Settings().surveys[:1] * 3)
+    positions = cycle_of(one_part(), settings).positions()
+    assert list(positions) == ["home", "bin", "survey", "survey2", "survey3"]
+    np.testing.assert_allclose(positions["home"], settings.home.pose())
+    np.testing.assert_allclose(positions["bin"], settings.bin.pose())
+
+
+def test_going_down_is_one_job_over_the_place_and_then_straight_and_slowly_down_to_it() -> None:
+    world = one_part()
+    cycle = cycle_of(world)
+    over, down = world.at.copy(), world.at.copy()
+    over[:3, 3] += (30.0, 0.0, 0.0)
+    down[:3, 3] += (30.0, 0.0, -40.0)
+    asyncio.run(cycle.go_down(over, down, "touch"))
+    settings = cycle.settings
+    moves = [(move["purpose"], move["how"], move["speed_pct"]) for move in world.said("move")]
+    assert moves == [("touch, over it", "joint", settings.travel_pct), ("touch", "straight", settings.near_pct)]
+    np.testing.assert_allclose(world.at, down, atol=0.5)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
+from daemon.pick import find
 from daemon.pick.next_view import (
     IN_TABLE_MM,
     PartHypothesis,
@@ -220,3 +221,9 @@ def test_where_nothing_explains_all_facets_the_largest_that_is_explained_counts_
     found = hypotheses_of(part, cast("Any", Standing(of_1=[("block", SUNK, 0.6)])), 0.0)
     assert [(h.label, h.probability) for h in found] == [(UNKNOWN, 1.0)]
     assert len(found[0].solid.facets) == len(part.facets)
+
+
+def test_how_much_is_open_of_a_part_is_what_its_likely_poses_leave_undecided() -> None:
+    """Two that are as likely as each other are one bit, and one alone nothing."""
+    assert find._open_bits(TWINS[:2], rig()) == pytest.approx(1.0, abs=1e-6)
+    assert find._open_bits(TWINS[:1], rig()) == pytest.approx(0.0, abs=1e-6)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.events.pick_order import PickOrder
+from daemon.pick.outcome import CycleEnd
 from drivers.simcell import parts
 from tests.fakes.fake_cell import World, cycle_of
 
@@ -121,3 +122,27 @@ def test_auto_off_said_while_an_auto_is_being_cut_off_leaves_nothing_to_take_up(
 
     asyncio.run(scene())
     assert cycle.pick_order is None
+
+
+def test_a_dry_auto_ends_after_one_pick_and_leaves_nothing_to_take_up() -> None:
+    world = some(2)
+    cycle = cycle_of(world)
+    cycle.supervisor.dry(True)
+    ends = asyncio.run(cycle.auto(PickOrder(2)))
+    assert [end.outcome for end in ends] == ["dry"]
+    assert (cycle.pick_order, cycle.status()["auto"], world.wire) == (None, False, [])
+
+
+def test_an_auto_that_is_stopped_while_it_waits_for_parts_gives_what_it_brought() -> None:
+    world = some(1)
+    cycle = cycle_of(world)
+
+    async def story() -> list[CycleEnd]:
+        running = asyncio.create_task(cycle.auto(PickOrder(None, every_s=3600.0)))
+        while [end.outcome for end in cycle.ends] != ["picked", "empty"]:
+            await asyncio.sleep(0.01)
+        await cycle.supervisor.abort()
+        return await running
+
+    assert [end.outcome for end in asyncio.run(story())] == ["picked", "empty"]
+    assert not cycle.status()["auto"]

@@ -141,3 +141,19 @@ def test_packml_says_at_work_of_a_job_that_may_move_the_arm_and_no_longer_waits_
     cycle.line = SimpleNamespace(waits_to_begin=waits, done=3)
     monkeypatch.setattr("daemon.pick.cycle.packml_state", lambda _, at_work, done: (at_work, done))
     assert cycle.packml == (busy and moves and not waits, 3)
+
+
+@pytest.mark.parametrize("asks", ["wanted", "brought"])
+def test_a_line_that_can_no_longer_be_read_ends_an_auto_with_the_arm_stopped_and_a_fault(asks: str) -> None:
+    world = one_cube()
+    cycle = with_line(world, Inputs())
+
+    async def unreadable(*_: object) -> bool:
+        raise OSError("the input module is gone")
+
+    setattr(cycle.line, asks, unreadable)
+    ends = asyncio.run(cycle.auto(PickOrder(3, on_signal=asks == "wanted")))
+    assert [end.outcome for end in ends] == ([] if asks == "wanted" else ["picked"])
+    assert cycle.supervisor.fault == "signals: the input module is gone"
+    assert [name for name, _ in world.wire].count("abort") == 1
+    assert cycle.state == "fault"
