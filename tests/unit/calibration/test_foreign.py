@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -351,3 +353,111 @@ def test_a_lens_that_is_ours_already_stays_as_it_is(values: list[float]) -> None
     lens = refitted(MATRIX, np.array(values), SIZE)
     assert lens.off_px == 0
     np.testing.assert_array_equal(lens.distortion, ([*values, *[0.0] * 5])[:5])
+
+
+def edited(path: Path, change: Callable[[Any], object]) -> None:
+    """The first document of a file, changed."""
+    values = next(yaml.safe_load_all(path.read_text()))
+    change(values)
+    path.write_text(yaml.safe_dump(values))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda info: info.pop("K"), r"r\.yaml: ROS camera_info that lacks camera_matrix \(K of the message\)"),
+        (lambda info: info.update(K=[1.0] * 8), "camera_matrix: expected 3x3 numbers, found 8"),
+        (lambda info: info.update(K="abc"), "camera_matrix: expected numbers, found 'abc'"),
+        (lambda info: info.update(K=[float("nan")] * 9), "camera_matrix: expected finite numbers"),
+        (lambda info: info.update(K=[]), "camera_matrix: expected finite numbers"),
+        (lambda info: info.update(K={"rows": 3, "cols": 2, "data": [0] * 6}), "expected 3x3 numbers, found 3x2 of 6"),
+        (lambda info: info.update(K={"rows": 3, "cols": 3, "data": [0] * 8}), "found 3x3 of 8 numbers"),
+        (lambda info: info.update(R=[2.0, 0, 0, 0, 1, 0, 0, 0, 1]), "rectification_matrix: expected a rotation"),
+        (lambda info: info.update(distortion_model="omni"), "expected one of plumb_bob, .*fisheye, found omni"),
+        (lambda info: info.update(width=320), r"image sizes differ: \[\(320, 480\), \(640, 480\)\]"),
+        (lambda info: info.pop("height"), "lacks imageSize; give --size WIDTHxHEIGHT"),
+        (lambda info: info["P"].__setitem__(3, 0.0), r"no baseline \(P\[0,3\] = 0\): one camera twice"),
+    ],
+)
+def test_what_is_wrong_with_a_camera_info_is_named(tmp_path: Path, change: Callable[[Any], object], told: str) -> None:
+    files = messages(tmp_path, small=False)
+    edited(files[1], change)
+    with pytest.raises(InterchangeError, match=told):
+        read_foreign(files)
+
+
+def test_camera_infos_are_read_in_the_unit_and_size_that_are_given_and_without_distortion_where_they_have_none(
+    tmp_path: Path,
+) -> None:
+    files = messages(tmp_path, small=False)
+    for path in files:
+        edited(path, lambda info: info.update(D=[], distortion_model=""))
+    found = read_foreign(files, (1280, 960), 10.0)
+    assert found.kind == "ROS camera_info (no distortion)"
+    assert found.rig is not None
+    assert found.rig.image_size == (1280, 960)
+    assert found.rig.baseline_mm == pytest.approx(60.0 / 1000 * 10.0)
+    assert not found.rig.left.distortion.any()
+    assert found.refit_px == (0.0, 0.0)
+
+
+def test_one_camera_info_and_files_of_two_formats_are_told(tmp_path: Path) -> None:
+    files = messages(tmp_path, small=False)
+    with pytest.raises(InterchangeError, match=r"l\.yaml: camera_info of one camera; name two files"):
+        read_foreign(files[:1])
+    (tmp_path / "s.yml").write_text(storage(("M1", "D1", "M2", "D2"), "size: [640, 480]\n", unlike_rig()))
+    with pytest.raises(InterchangeError, match=r"different formats: .*l\.yaml: camera_info, .*s\.yml: FileStorage"):
+        read_foreign([files[0], tmp_path / "s.yml"])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda chain: chain["cam1"].update(resolution=[320, 240]), r"sizes differ: \[\(640, 480\), \(320, 240\)\]"),
+        (lambda chain: chain["cam1"].update(camera_model="omni"), "cam1: a omni camera with radtan: pinhole"),
+        (lambda chain: chain["cam0"].update(distortion_model="fov"), "cam0: a pinhole camera with fov"),
+        (lambda chain: chain["cam1"].pop("T_cn_cnm1"), "cam1.T_cn_cnm1: expected"),
+        (lambda chain: chain["cam1"]["T_cn_cnm1"][0].__setitem__(0, 3.0), "cam1.T_cn_cnm1: expected a rotation"),
+        (lambda chain: chain["cam0"].update(intrinsics=[1.0, 2.0, 3.0]), "cam0.intrinsics: expected 1x4 .*found 3"),
+        (
+            lambda chain: chain["cam0"].update(distortion_model="equidistant", distortion_coeffs=[-9.0, 9.0, 9.0, 9.0]),
+            r"c\.yaml: ",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_camchain_is_named(tmp_path: Path, change: Callable[[Any], object], told: str) -> None:
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(camchain(unlike_rig())))
+    edited(tmp_path / "c.yaml", change)
+    with pytest.raises(InterchangeError, match=told):
+        read_foreign([tmp_path / "c.yaml"])
+
+
+def test_a_camchain_whose_right_camera_is_named_first_is_exchanged_and_read_in_its_unit(tmp_path: Path) -> None:
+    rig = unlike_rig()
+    (tmp_path / "c.yaml").write_text(yaml.safe_dump(camchain(StereoRig(rig.right, rig.left, rig.image_size))))
+    assert_same(rig_in([tmp_path / "c.yaml"], exchanged=True), rig)
+    assert rig_in([tmp_path / "c.yaml"], exchanged=True, unit_mm=10.0).baseline_mm == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("T: !!", "gone: !!", "OpenCV FileStorage that lacks T"),
+        ("size: [640, 480]", "other: 1", "lacks imageSize; give --size WIDTHxHEIGHT"),
+        ("size: [640, 480]", "size: [640]", "lacks imageSize"),
+        ("   rows: 3\n   cols: 1", "   rows: 2\n   cols: 1", "T: found 2x1 of 3 numbers"),
+    ],
+)
+def test_what_is_wrong_with_a_file_storage_is_named(tmp_path: Path, old: str, new: str, told: str) -> None:
+    text = storage(("M1", "D1", "M2", "D2"), "size: [640, 480]\n", unlike_rig())
+    assert old in text
+    (tmp_path / "s.yml").write_text(text.replace(old, new))
+    with pytest.raises(InterchangeError, match=told):
+        read_foreign([tmp_path / "s.yml"])
+
+
+@pytest.mark.parametrize("content", ["<opencv_storage><M1", "<html></html>"])
+def test_xml_that_is_no_file_storage_is_told_in_one_line(tmp_path: Path, content: str) -> None:
+    (tmp_path / "s.xml").write_text(content)
+    with pytest.raises(InterchangeError, match=r"s\.xml: "):
+        read_foreign([tmp_path / "s.xml"])

@@ -95,3 +95,35 @@ def test_one_width_says_nothing_of_how_well_it_is_known_and_nothing_unusable_is_
     given.write_text(text.replace("[512, 480]", "[5, 4]"))
     assert ctl.main(["calibrate", "quick", str(given), "--out", str(out)]) == 2
     assert out.read_bytes() == before
+
+
+def test_the_errors_of_each_depth_are_printed_with_their_means_and_the_line_that_compensates_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    m = measured(baseline_mm=204.0)
+    document = {
+        **{k: getattr(m, k) for k in ("image_size", "baseline_mm", "fixation_mm", "pin_left_px", "pin_right_px")},
+        "widths": [{"mm": w.mm, "at_mm": w.at_mm, "px": w.px} for w in m.widths],
+        "depths": [{"at_mm": d.at_mm, "left_px": d.left_px, "right_px": d.right_px} for d in m.depths],
+    }
+    (tmp_path / "m.yaml").write_text(json.dumps(document))
+    words = ["calibrate", "quick", str(tmp_path / "m.yaml"), "--out", str(tmp_path / "calibration.yaml")]
+    assert ctl.main(words) == 0
+    result, lines = calibrate_quick(m), capsys.readouterr().out.splitlines()
+    columns = result.formula_mm, result.compensated_mm, result.left_out_mm, result.rays_mm
+    assert lines[0] == f"focal length {result.focal_px:.1f} +- {result.focal_sigma_px:.1f} px over the widths"
+    for k, line in enumerate(lines[3:9]):
+        assert [float(word) for word in line.split()] == pytest.approx(
+            [480.0 + 40.0 * k, *(errors[k] for errors in columns)], abs=0.006
+        )
+    shares = [f"{100 * np.mean(np.abs(errors) / result.at_mm):.2f}" for errors in columns]
+    assert lines[9].split()[1::2] == shares
+    readings = ", ".join(f"[{at:.2f}, {off:.2f}]" for at, off in result.readings_mm)
+    assert f"depth_readings_mm: [{readings}]" in lines[11]
+    assert ctl.main([*words, "--json"]) == 0
+    line = json.loads(capsys.readouterr().out)
+    names = ("formula_rms_mm", "compensated_rms_mm", "left_out_rms_mm", "rays_rms_mm")
+    rms = [float(np.linalg.norm(errors) / np.sqrt(len(errors))) for errors in columns]
+    assert [line[name] for name in names] == pytest.approx(rms, abs=6e-4)
+    assert (line["depths"], line["focal_px"]) == (6, round(result.focal_px, 3))
+    assert len(list(tmp_path.glob("calibration-*.yaml"))) == 1, "the old one is kept"

@@ -149,3 +149,38 @@ def test_every_option_of_the_command_is_taken() -> None:
         words = [word for name, values in given.items() if name != needed for word in (name, *values)]
         with pytest.raises(SystemExit):
             parser.parse_args(["stereo", *words])
+
+
+def test_the_line_for_machines_has_each_figure_of_the_result_rounded_and_where_it_was_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = calibrate_stereo(sights(3), BOARD, (640, 480))
+    sigmas = {"left.fx": 0.123456, "baseline_mm": 12345.678}
+    result = replace(
+        made, stereo_rms_px=0.123456, left_rms_px=0.234567, right_rms_px=0.345678, epipolar_px=0.456789,
+        coverage=0.567891, by_pair={"a": 0.111119, "b": 0.2}, dropped={"c": "blurred"}, sigmas=sigmas,
+    )  # fmt: skip
+    args = argparse.Namespace(json=True, out=tmp_path / "c.yaml")
+    recorded._print(args, result, {"d": "no board"}, tmp_path / "old.yaml", "look")
+    assert json.loads(capsys.readouterr().out) == {
+        "pairs": 2, "stereo_rms_px": 0.1235, "left_rms_px": 0.2346, "right_rms_px": 0.3457, "epipolar_px": 0.4568,
+        "baseline_mm": round(made.rig.baseline_mm, 4), "coverage": 0.568, "by_pair": {"a": 0.1111, "b": 0.2},
+        "sigmas": {"left.fx": 0.1235, "baseline_mm": 12350.0}, "dropped": {"c": "blurred"}, "unused": {"d": "no board"},
+        "warning": "look", "kept": str(tmp_path / "old.yaml"), "out": str(tmp_path / "c.yaml"),
+    }  # fmt: skip
+
+
+def test_the_result_is_printed_for_people_line_by_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = calibrate_stereo(sights(3), BOARD, (640, 480))
+    result = replace(made, stereo_rms_px=0.1236, epipolar_px=0.4568, coverage=0.567, by_pair={"a": 0.1}, dropped={})
+    args = argparse.Namespace(json=False, out=tmp_path / "c.yaml")
+    recorded._print(args, result, {}, None, None)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == [
+        "1 pairs, corners in 57 % of the image",
+        "residual: 0.124 px rms, 0.457 px mean to the epipolar line",
+    ]
+    assert [line[:5] for line in lines[2:5]] == ["left ", "right", "basel"]
+    assert lines[5] == f"written: {tmp_path}/c.yaml"
+    assert lines[6].startswith("a residual is not an accuracy: calibrate hand-eye next")
+    assert len(lines) == 7

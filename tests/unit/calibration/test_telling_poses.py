@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arrays import Array
@@ -13,7 +15,7 @@ from daemon.calibration.board import parse_board
 from daemon.calibration.hand_eye import Sample, hand_eye_problem
 from daemon.calibration.hand_eye_doubt import SHARED, ArmError, motion_by_parameters, pose_equations
 from daemon.calibration.least_squares import pose_of
-from daemon.calibration.telling_poses import Setup, error_mm, information, most_telling
+from daemon.calibration.telling_poses import FEW, Setup, error_mm, information, most_telling
 from daemon.calibration.tour import looks_at, spread_out
 from tests.fakes.fake_cell import rig
 
@@ -95,3 +97,78 @@ def test_one_camera_tells_less_than_two() -> None:
     assert error_mm(one, information(one, poses)[0].sum(axis=0)) > error_mm(
         setup, information(setup, poses)[0].sum(axis=0)
     )
+
+
+def test_each_chosen_pose_is_the_one_that_leaves_the_least_error_after_those_before() -> None:
+    """Reckoned anew, one pose after the other, from all views together."""
+    setup = setup_with(held=False)
+    poses = tools(setup)[::9]
+    adds, in_view = information(setup, poses)
+    done, chosen = [poses[3]], list[int]()
+    start = information(setup, done)[0][0]
+    for _ in range(4):
+        left = {
+            k: float(error_mm(setup, start + sum(adds[j] for j in chosen) + adds[k]))
+            for k in range(len(poses))
+            if in_view[k] and k not in chosen and poses[k][1, 3] > poses[3][1, 3]
+        }
+        chosen.append(min(left, key=left.__getitem__))
+    assert most_telling(setup, poses, 4, lambda pose: bool(pose[1, 3] > poses[3][1, 3]), done) == chosen
+
+
+def test_no_more_poses_are_chosen_than_show_the_board() -> None:
+    setup = setup_with(held=False)
+    poses = tools(setup)[::20]
+    in_view = np.flatnonzero(information(setup, poses)[1])
+    assert sorted(most_telling(setup, poses, 1000, lambda _: True, poses[:1])) == in_view.tolist()
+    assert most_telling(setup, poses, 0, lambda _: True, poses[:1]) == []
+
+
+def test_a_pose_is_asked_about_only_where_it_would_be_chosen_next() -> None:
+    """To ask may mean to plan a way there."""
+    setup, asked = setup_with(held=False), list[Array]()
+    poses = tools(setup)[::9]
+    most_telling(setup, poses, 3, lambda pose: asked.append(pose) or True, poses[:1])
+    assert len(asked) == 3
+
+
+@given(st.floats(-300.0, 300.0), st.floats(100.0, 600.0))
+def test_with_nothing_seen_a_part_is_off_by_the_rulers_error_at_its_distance_from_the_cameras(
+    aside: float, ahead: float
+) -> None:
+    """20 mm an axis, and 0.2 rad about the two axes that are square to the way there."""
+    at_mm = HAND_EYE[:3, 3] + np.array([aside, 0.0, ahead])
+    by_ruler = error_mm(replace(setup_with(held=False), at_mm=at_mm), np.zeros((12, 12)))
+    assert by_ruler == pytest.approx(np.sqrt(3 * 20.0**2 + 2 * 0.2**2 * (aside**2 + ahead**2)))
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_a_pose_shows_the_whole_board_where_each_corner_is_before_each_camera_and_in_its_picture(
+    held: bool, cameras: int
+) -> None:
+    setup = replace(setup_with(held), cameras=cameras, points_mm=BOARD.points_mm()[::6])
+    poses = tools(setup)[::4]
+    rng = np.random.default_rng(0)
+    poses += [
+        pose @ frames.perturb(np.eye(4), np.append(rng.normal(0, 60, 3), rng.normal(0, 0.3, 3))) for pose in poses
+    ]
+    eyes = (setup.rig.left, setup.rig.right)[:cameras]
+    whole = []
+    for pose in poses:
+        seen = frames.inverse(setup.mounting) @ (pose if held else frames.inverse(pose)) @ setup.rest
+        corners = frames.apply(seen, setup.points_mm)
+        px = np.array([camera.project(corners) for camera in eyes])
+        inside = (px >= 0.0) & (px < np.array(setup.rig.image_size))
+        whole.append(bool(inside.all() and (corners[:, 2] > 0.0).all()))
+    assert information(setup, poses)[1].tolist() == whole
+    assert 0 < sum(whole) < len(whole)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_of_a_board_with_few_corners_all_count_and_a_pose_adds_exactly_what_the_solver_takes(held: bool) -> None:
+    setup = replace(setup_with(held), points_mm=np.ascontiguousarray(BOARD.points_mm()[::6]))
+    assert len(setup.points_mm) == FEW
+    for pose in tools(setup)[::40]:
+        adds = information(setup, [pose])[0][0]
+        np.testing.assert_allclose(adds, by_equations(setup, pose), rtol=1e-3, atol=1e-3 * np.abs(adds).max())
