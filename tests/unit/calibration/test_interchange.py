@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
@@ -122,3 +123,86 @@ def test_a_turn_that_is_no_matrix_is_named(tmp_path: Path) -> None:
     written.release()
     with pytest.raises(InterchangeError, match=r"stereo\.yml: R: expected 9 numbers, found 3"):
         rig_in([tmp_path / "stereo.yml"], (640, 480))
+
+
+def imported(tmp_path: Path, *words: str) -> list[str]:
+    return ["calibrate", "import", *words, "--out", str(tmp_path / "c.yaml")]
+
+
+def test_an_import_says_what_it_read_wrote_and_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = tmp_path / "s.yml", tmp_path / "c.yaml"
+    to_opencv(unlike_rig(), file)
+    rig = unlike_rig()
+    focal = f"{rig.left.matrix[0, 0]:.1f} and {rig.right.matrix[0, 0]:.1f} px"
+    written = f"{out}: 640x480 px, focal lengths {focal}, baseline {rig.baseline_mm:.2f} mm"
+    assert ctl.main(imported(tmp_path, str(file), "--size", "640x480")) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{file}: read as OpenCV FileStorage", written]
+    assert load_calibration(out).quality.method == "imported"
+    save_calibration(Calibration(rig, frames.rigid(np.eye(3), [10.0, 60.0, -90.0])), out)
+    assert ctl.main(imported(tmp_path, "--opencv", str(file), "--size", "640x480")) == 0
+    kept = [path.name for path in tmp_path.glob("c-*.yaml")]
+    told = capsys.readouterr().out.splitlines()
+    assert told == [
+        f"{file}: read as OpenCV FileStorage",
+        "the old file's hand-eye is of the old cameras and is dropped: run calibrate hand-eye next",
+        f"{written}; the old one is {sorted(kept)[-1]}",
+    ]
+    assert load_calibration(out).tool_from_cyclopean is None
+
+
+def test_an_import_without_a_file_and_one_of_cameras_that_cannot_be_write_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ctl.main(imported(tmp_path)) == 2
+    assert "no file was named: facetctl calibrate import FILE... --out" in capsys.readouterr().err
+    to_ros(unlike_rig(), tmp_path / "l.yaml", tmp_path / "r.yaml")
+    assert (
+        ctl.main(imported(tmp_path, "--ros", str(tmp_path / "l.yaml"), str(tmp_path / "r.yaml"), "--unit", "mm")) == 2
+    )
+    assert f"{tmp_path}/l.yaml, {tmp_path}/r.yaml: not written: " in capsys.readouterr().err
+    assert not (tmp_path / "c.yaml").exists()
+
+
+def test_a_lens_that_is_converted_is_told_with_its_error_for_each_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = unlike_rig()
+    pose = frames.inverse(rig.right.cyclopean_from_camera) @ rig.left.cyclopean_from_camera
+    chain = {}
+    for name, eye in (("cam0", rig.left), ("cam1", rig.right)):
+        m = eye.matrix
+        chain[name] = {
+            "camera_model": "pinhole", "distortion_model": "equidistant" if name == "cam1" else "none",
+            "distortion_coeffs": [0.01, 0.0, 0.0, 0.0] if name == "cam1" else [],
+            "intrinsics": [float(m[0, 0]), float(m[1, 1]), float(m[0, 2]), float(m[1, 2])], "resolution": [640, 480],
+        }  # fmt: skip
+    chain["cam1"]["T_cn_cnm1"] = np.vstack([np.column_stack([pose[:3, :3], pose[:3, 3] / 1000]), [0, 0, 0, 1]]).tolist()
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump(chain))
+    assert ctl.main(imported(tmp_path, str(tmp_path / "chain.yaml"))) == 0
+    told = capsys.readouterr().out
+    off_px = read_foreign([tmp_path / "chain.yaml"]).refit_px
+    assert off_px[0] == 0.0 < off_px[1]
+    assert f"right camera: lens converted to k1 k2 p1 p2 k3, off by {off_px[1]:.3f} px at most, at the corners" in told
+    assert "left camera" not in told
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_a_hand_eye_that_is_read_says_of_which_frame_and_takes_the_others_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], fixed: bool
+) -> None:
+    rig, out = unlike_rig(), tmp_path / "c.yaml"
+    other = frames.rigid(np.eye(3), [1.0, 2.0, 3.0])
+    save_calibration(Calibration(rig, *((other, None) if fixed else (None, None))), out)
+    pose = {"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "x": 0.010, "y": 0.060, "z": 0.9 if fixed else -0.09}
+    (tmp_path / "he.yaml").write_text(
+        yaml.safe_dump({"parameters": {"eye_on_hand": not fixed}, "transformation": pose})
+    )
+    assert ctl.main(imported(tmp_path, str(tmp_path / "he.yaml"))) == 0
+    told, found = capsys.readouterr().out, load_calibration(out)
+    assert ("optical frame in the WORLD frame" in told, "optical frame in the TOOL frame" in told) == (fixed, not fixed)
+    assert (found.tool_from_cyclopean is None, found.world_from_cyclopean is None) == (fixed, not fixed)
+    assert found.quality.method == "imported"
+    mounting = found.world_from_cyclopean if fixed else found.tool_from_cyclopean
+    assert mounting is not None
+    left = (mounting @ rig.left.cyclopean_from_camera)[:3, 3]
+    np.testing.assert_allclose(left, [10.0, 60.0, 900.0 if fixed else -90.0], atol=1e-9)
