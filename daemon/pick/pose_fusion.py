@@ -58,7 +58,8 @@ class Sighting:
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """What the looks say together: world_from_part, covariance (6, 6) with everything in it, and the error predicted at
-    the grasp, rms over the three axes."""
+    the grasp: rms distance and rms angle, over all directions together (sqrt(3) times what an axis errs by where all
+    err alike)."""
 
     world_from_part: Array
     covariance: Array
