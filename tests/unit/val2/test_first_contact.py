@@ -358,3 +358,106 @@ def test_places_by_the_pendant_count_once_and_only_far_from_the_others() -> None
     ] * 5
     assert told == [f"all joints are within {near:.1f} degrees of a place that is known: farther, please"
                     for near in (0.0, APART_DEG - 0.1)]  # fmt: skip
+
+
+class Says(Terminal):
+    """One that answers some lines otherwise: the text, or what makes it."""
+
+    def __init__(self, others: dict[str, str | Callable[[], str]], **manners: Any) -> None:
+        super().__init__(**manners)
+        self.others = others
+
+    def carried_out(self, line: str) -> str:
+        """See Terminal."""
+        said = self.others.get(line)
+        return super().carried_out(line) if said is None else said if isinstance(said, str) else said()
+
+
+def creeping() -> Says:
+    """An arm that moves between any two WHEREs."""
+    terminal = Says({})
+
+    def moved_on() -> str:
+        terminal.joints[1] += 0.5
+        return terminal.table()
+
+    terminal.others["WHERE"] = moved_on
+    return terminal
+
+
+@pytest.mark.parametrize(
+    ("terminal", "told"),
+    [
+        (Terminal(baud=12345), "nothing answers at any speed: is the controller on"),
+        (
+            Says({"WHERE": "*Undefined value*"}),
+            r"WHERE was answered by b'.*Undefined value.*': six numbers under X Y Z",
+        ),
+        (creeping(), "two WHERE in a row differ: the arm moves, or the line spoils digits"),
+        (Says({"!!": "what?"}), "is no command anywhere, and was answered by .* instead of an error between asterisks"),
+        (Says({"!!": ""}), "instead of an error between asterisks"),
+        (Terminal(prompt=""), "it answers b'.*' and gives no prompt: the line's framing is another"),
+    ],
+    ids=["silent", "no table", "moves", "no asterisks", "no answer", "no prompt"],
+)
+def test_what_a_first_contact_cannot_make_out_ends_it_with_what_was_seen_and_nothing_moved(
+    terminal: Terminal, told: str
+) -> None:
+    with pytest.raises(UnclearError, match=told):
+        met(terminal, yes)
+    assert not any("DRIVE" in line for line in terminal.lines)
+
+
+def test_each_speed_is_tried_with_each_end_of_a_line_once_and_in_order() -> None:
+    tried = list[tuple[int, bytes]]()
+
+    class Silent(Terminal):
+        def hears(self, step: Exchange) -> Heard:
+            """Nothing."""
+            if step.data:
+                tried.append((self.speed, step.data.removeprefix(b"!!")))
+            return Heard((), step.most_s)
+
+    with pytest.raises(UnclearError, match="nothing answers at any speed"):
+        met(Silent(), yes)
+    assert tried == [(baud, end) for baud in BAUDS for end in ENDS]
+
+
+def test_a_converter_that_echoes_beside_an_echoing_controller_is_told() -> None:
+    class Doubled(Terminal):
+        def hears(self, step: Exchange) -> Heard:
+            """Each letter comes twice as it is typed; what is printed, once."""
+            heard = super().hears(step)
+            typed = step.data.rstrip(b"\r\n")
+            twice = bytes(letter for letter in typed for _ in range(2))
+            return Heard(tuple((at_s, said.replace(typed, twice, 1)) for at_s, said in heard.pieces), heard.seconds)
+
+    with pytest.raises(UnclearError, match="comes back twice: the converter on the line echoes by itself"):
+        met(Doubled(), yes)
+
+
+def test_only_where_the_person_agrees_does_a_joint_turn_and_only_where_asked_for_are_places_taken_by_the_pendant() -> (
+    None
+):
+    for agrees, pendant in ((False, False), (True, False), (False, True), (True, True)):
+        terminal = Terminal()
+        known, asked, _ = met(terminal, yes if agrees else no_moves, pendant)
+        assert any("DRIVE" in line for line in terminal.lines) == known.moved == agrees
+        assert [consult.about for consult in asked] == ["move", *(["pendant"] if pendant else [])]
+        assert known.findings["digits"].value == (2, 3)
+
+
+@given(late_s=st.integers(5, 250).map(lambda hundredths: hundredths / 100))
+def test_a_prompt_that_comes_late_is_waited_for_twice_as_long(late_s: float) -> None:
+    class Late(Terminal):
+        def hears(self, step: Exchange) -> Heard:
+            """The prompt comes by itself, so long after what was said before it."""
+            heard = super().hears(step)
+            if not heard.data.endswith(b"."):
+                return heard
+            pieces = ((0.1, heard.data[:-1]), (0.1 + late_s, b"."))
+            return Heard(pieces, 0.1 + late_s + step.quiet_s)
+
+    found = met(Late(), no_moves)[0].findings
+    assert found["prompt_late_s"].value == round(late_s, 2)
+    assert found["resync_s"].value == round(max(1.0, 2 * late_s + 0.5), 1)
