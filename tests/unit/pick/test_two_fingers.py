@@ -3,11 +3,13 @@
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.pick import two_fingers
 from daemon.pick.two_fingers import (
+    FingerGrasp,
     TwoFingers,
     centre_of_mass,
     closed_fingers,
@@ -23,6 +25,7 @@ from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth
 from tests.fakes.drawn import prism
+from tests.fakes.fake_cell import shape_of
 
 GRIPPER = TwoFingers()
 MIDDLE = np.array([520.0, 0.0, -300.0])
@@ -180,3 +183,123 @@ def test_the_fingers_may_close_along_and_across_the_longest_edge():
     found = np.array(closing_directions(solid))
     for wanted in (longest, np.cross([0.0, 0.0, 1.0], longest)):
         assert np.abs(found @ wanted).max() > np.cos(np.radians(4.0))
+
+
+def box(long_mm, wide_mm, high_mm):
+    """On its middle."""
+    corners, rings = prism([(0, 0), (long_mm, 0), (long_mm, wide_mm), (0, wide_mm)], high_mm)
+    return exact(corners - [long_mm / 2, wide_mm / 2, 0.0], rings)
+
+
+def standing(turn):
+    return frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, turn])), np.array([520.0, 0.0, -300.0]))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(15.0, 110.0), st.floats(15.0, 110.0), st.floats(20.0, 45.0), st.floats(-3.0, 3.0))
+def test_a_box_is_taken_square_across_each_of_its_sides_that_the_fingers_have_room_beside(
+    long_mm, wide_mm, high_mm, turn
+):
+    most_mm = GRIPPER.opening_mm - 2 * GRIPPER.side_clearance_mm
+    sides = [side for side in (long_mm, wide_mm) if side < most_mm - 0.5]
+    assume(all(abs(side - most_mm) > 0.6 for side in (long_mm, wide_mm)))
+    pose = standing(turn)
+    square = [g for g in grasps(box(long_mm, wide_mm, high_mm), pose, -300.0, GRIPPER) if g.slip_deg < 1.0]
+    for side in sides:
+        assert any(abs(grasp.width_mm - side) < 0.1 for grasp in square), (side, [g.width_mm for g in square])
+    for grasp in square:
+        assert min(abs(grasp.width_mm - side) for side in sides) < 0.1
+        across = abs(pose[:3, :3].T @ grasp.world_from_tool[:3, 1])
+        axis = 0 if abs(grasp.width_mm - long_mm) < 0.1 and across[0] > 0.5 else 1
+        assert across[axis] == pytest.approx(1.0, abs=1e-3)
+        middle = frames.apply(frames.inverse(pose), grasp.world_from_tool[:3, 3])
+        assert middle[axis] == pytest.approx(0.0, abs=0.1), "the fingers close about its middle"
+        lean = np.degrees(np.arccos(-grasp.world_from_tool[2, 2]))
+        assert lean == pytest.approx(grasp.tilt_deg, abs=1e-4)
+        assert grasp.tilt_deg in GRIPPER.tilts_deg
+
+
+def test_grasps_come_unblocked_before_blocked_then_firm_before_slipping_then_upright_before_leaning():
+    for label, rest in RESTS:
+        corners = part_shape(label).hull.vertices
+        beside = frames.apply(lying(label, rest, 0.3, 520.0, 62.0), corners)
+        found = grasps(known(corners), lying(label, rest), -300.0, GRIPPER, [beside])
+        order = [(grasp.blocked, round(grasp.slip_deg / 5.0), grasp.tilt_deg) for grasp in found]
+        assert order == sorted(order)
+        for grasp in found:
+            assert grasp.blocked == GRIPPER.in_the_way(grasp.world_from_tool, beside)
+            assert grasp.slip_deg <= np.degrees(np.arctan(GRIPPER.friction))
+            assert grasp.risk == pytest.approx(grasp.slip_deg / 45.0)
+            assert grasp.figures == {"slip_deg": grasp.slip_deg}
+
+
+def test_a_grasp_says_how_wide_how_tilted_and_how_square_it_is():
+    grasp = FingerGrasp(np.eye(4), 20.0, width_mm=34.6, slip_deg=7.4)
+    assert grasp.told == "35 mm wide, tilted 20 degrees, contacts 7 degrees off square"
+
+
+def test_a_grasp_is_found_again_only_among_those_turned_nearly_as_before():
+    """Within 0.25 rad of it."""
+    corners, pose = part_shape("cube").hull.vertices, lying("cube", 0)
+    every = grasps(known(corners), pose, -300.0, GRIPPER)
+    before = every[0].world_from_tool
+    again = grasps(known(corners), pose, -300.0, GRIPPER, near=before[:3, :3])
+    apart = [frames.angle_between(grasp.world_from_tool, before) for grasp in every]
+    assert len(again) == sum(angle <= 0.25 for angle in apart)
+    assert 0 < len(again) < len(every)
+    assert all(frames.angle_between(grasp.world_from_tool, before) <= 0.25 for grasp in again)
+
+
+@given(st.floats(-40.0, 40.0), st.floats(-90.0, 90.0), st.floats(-120.0, 60.0), st.floats(1.0, 20.0))
+def test_what_is_in_the_room_that_the_open_fingers_sweep_is_in_their_way(x, y, z, size):
+    """A cube of that size, its lowest corner there in the tool's frame; the tool lies anyhow."""
+    tool = frames.rigid(frames.rotation_from_vector(np.array([0.3, 2.0, -1.0])), [500.0, 20.0, -100.0])
+    local = np.array([x, y, z]) + size * np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
+    half, wide = GRIPPER.finger_width_mm / 2, GRIPPER.opening_mm / 2 + GRIPPER.finger_thick_mm
+    meets = -half - size < x < half and -wide - size < y < wide and -80.0 - size < z < GRIPPER.tip_mm
+    assert GRIPPER.in_the_way(tool, frames.apply(tool, local)) == meets
+
+
+unit_vectors = (
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+    .filter(lambda v: np.linalg.norm(v) > 0.1)
+    .map(lambda v: np.array(v) / np.linalg.norm(v))
+)
+
+
+@given(unit_vectors, unit_vectors, unit_vectors)
+def test_a_direction_is_off_two_normals_by_its_angle_to_the_nearest_between_them(direction, one, other):
+    between = [a * one + (1.0 - a) * other for a in np.linspace(0.0, 1.0, 2001)]
+    cosines = [float(direction @ v / np.linalg.norm(v)) for v in between if np.linalg.norm(v) > 1e-6]
+    nearest = np.degrees(np.arccos(np.clip(max(cosines), -1.0, 1.0)))
+    found = two_fingers._off_cone_deg(direction, np.array([one, other]))
+    if np.linalg.norm(one + other) > 0.1:
+        assert found == pytest.approx(nearest, abs=0.2)
+    alone = two_fingers._off_cone_deg(direction, np.array([one]))
+    assert alone == pytest.approx(np.degrees(np.arccos(np.clip(direction @ one, -1.0, 1.0))))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_fewer_than_four_corners_span_no_solid(count):
+    with pytest.raises(ValueError, match=f"{count} corners span no solid"):
+        hull(np.eye(3)[:count] * 50.0)
+
+
+@given(st.sampled_from(TAUGHT))
+def test_closing_directions_are_level_of_length_one_and_no_two_alike(label):
+    found = np.array(closing_directions(hull(part_shape(label).hull.vertices)))
+    assert (found[:, 2] == 0.0).all()
+    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0)
+    alike = np.abs(found @ found.T) - np.eye(len(found))
+    assert alike.max() <= np.cos(np.radians(4.0))
+
+
+def test_what_two_fingers_are_asked_is_what_their_settings_say():
+    gripper = TwoFingers(opening_mm=60.0, finger_thick_mm=7.0, finger_width_mm=11.0, pad_back_mm=40.0, tip_mm=9.0)
+    assert gripper.outside == ("opening_mm", 37.0)
+    assert gripper.held_about == (40.0, 9.0, 11.0)
+    assert (gripper.widest_mm, gripper.tip_mm, gripper.works_s(True), gripper.works_s(False)) == (60.0, 9.0, 0.0, 0.0)
+    assert gripper.takes(shape_of("cube"), 1.0) == ""
+    assert GRIPPER.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == ""
+    small = TwoFingers(opening_mm=20.0)
+    assert small.grasps(shape_of("cube"), lying("cube", 0), -300.0, 1.0).why == "no grasp holds it as it lies"
