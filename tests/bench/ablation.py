@@ -5,8 +5,9 @@ nodes are mislabelled names go wrong with them or fall silent. Once on the scene
 drawings; once on all of them, taught from their train views, where FACETD_SHARED says they are.
 
 Each step or term is left out of looks at rendered scenes, at parts of the look-alike families' even seeds taught alone
-and as strangers, and at real pairs of a printed cube: what pays in none of these sets is to be deleted. Names and
-poses are counted, as rendered names alone do not show what a step does to the covariance of a real part.
+and as strangers, at real pairs of a printed cube, and at heaps of parts: what pays in none of these sets is to be
+deleted. Names and poses are counted, as rendered names alone do not show what a step does to the covariance of a real
+part.
 
 usage: python -m tests.bench.ablation [COMPONENT ...]
 COMPONENT: only these of COMPONENTS, after "nothing"; without any: recall, and all of them.
@@ -31,16 +32,19 @@ import numpy as np
 
 from daemon.main import tame_malloc
 from daemon.vision import look as look_module
-from daemon.vision.evidence import by_edges, counter_evidence, rivals
+from daemon.vision.evidence import by_edges, counter_evidence, occlusion, overlaps, rivals
 from daemon.vision.hypotheses import search
 from daemon.vision.look import look
 from daemon.vision.model.model import Model
 from daemon.vision.refine import edge_adjustment
-from tests.bench import poses
+from tests.bench import hard_sets, poses
 from tests.bench.look_alikes import MODES, answers
 from tests.bench.recognise import matched, test_folders, trained
-from tests.fakes import rendered
+from tests.bench.simulated_looks import true_rig
+from tests.fakes import many_parts, rendered
 from tests.fakes.ablated import by_facets, four_drawn, instead, misled, without_recall
+from tests.fakes.hard_scenes import staged
+from tests.fakes.photographed import cell
 
 
 class Without(NamedTuple):
@@ -53,6 +57,8 @@ class Without(NamedTuple):
 
 FAMILY_SEEDS = range(0, 24, 2)
 """Of each family: a pair of every kind."""
+HEAP_SEEDS = range(8200, 8232, 2)
+"""Of the kinds of heaps, 64 parts taught."""
 COMPONENTS: dict[str, Without] = {
     "the fine pass": Without(look_module, "_worth_a_closer_look", lambda _: False),
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
@@ -74,7 +80,10 @@ COMPONENTS: dict[str, Without] = {
     "off the faces": Without(counter_evidence, "off_faces_px", lambda *_: 0.0),
     "near-duplicates": Without(counter_evidence, "untaught_rival", lambda *_: rivals.UntaughtRival()),
     "rounded corners": Without(counter_evidence, "told_by_rounding", lambda one, *_: one),
-    "occlusion": Without(counter_evidence, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
+    "occlusion": Without(occlusion, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
+    "occlusion: edges that run on": Without(occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)),
+    "occlusion in the evidence": Without(by_edges, "_without_hidden", lambda laid, *_: laid),
+    "strong edges beside parts": Without(overlaps, "_strong_beside_px2", lambda *_: 0.0),
 }
 
 
@@ -117,13 +126,14 @@ def _components(chosen: Sequence[str]) -> None:
     """A row for each component left out, each set in its columns."""
     print(f"\n{'left out':<36}{'scenes: right':>14}{'wrong':>6}{'mm':>7}{'in 95 %':>8}{'ms':>6}"
           f"{'families: right':>17}{'strangers':>10}{'real pairs':>12}{'mm':>7}{'in 95 %':>8}"
-          f"{'any two':>9}{'mm':>7}{'in 95 %':>8}{'> 3 s':>6}{'ms':>6}")  # fmt: skip
+          f"{'any two':>9}{'mm':>7}{'in 95 %':>8}{'> 3 s':>6}{'ms':>6}{'heaps: right':>14}{'strangers':>10}{'ms':>6}"
+    )  # fmt: skip
     for name in ("nothing", *chosen):
         with ExitStack() as stack:
             if name in COMPONENTS:
                 module, function, instead_of = COMPONENTS[name]
                 stack.enter_context(mock.patch.object(module, function, instead_of))
-            print(f"{name:<36}{_of_scenes()}{_of_families()}{_of_real()}", flush=True)
+            print(f"{name:<36}{_of_scenes()}{_of_families()}{_of_real()}{_of_heaps()}", flush=True)
 
 
 def _of_scenes() -> str:
@@ -158,6 +168,15 @@ def _of_real() -> str:
     named = [sum(one is not None for one, _ in looks) for looks in (pairs, any_two)]
     first, second = (_places([one for one, _ in looks]) for looks in (pairs, any_two))
     return f"{named[0]:>12}{first}{named[1]:>9}{second}{far:>6}{np.median([ms for _, ms in any_two]):>6.0f}"
+
+
+def _of_heaps() -> str:
+    parts = many_parts.drawn_parts(hard_sets.TAUGHT + hard_sets.STRANGERS)
+    shown, strangers = parts[: hard_sets.TAUGHT], parts[hard_sets.TAUGHT :]
+    rig, model, row = true_rig(cell()), many_parts.taught(shown, None), hard_sets.Row()
+    for kind, seed in product(("heap", "all"), HEAP_SEEDS):
+        hard_sets.take_look(staged(kind, seed, shown, strangers), rig, model, row)
+    return f"{f'{row.right} of {row.asked}':>14}{row.invented:>10}{np.median(row.ms):>6.0f}"
 
 
 def _places(measured: Sequence[poses.Measured | None]) -> str:

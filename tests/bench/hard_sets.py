@@ -77,7 +77,7 @@ def main(arguments: list[str] | None = None) -> None:
         for k in range(told.count):
             scene = staged(kind, told.first + 2 * k + told.held_out, shown, strangers)
             for count, one in models.items():
-                _look(scene, rig, one, rows[count])
+                take_look(scene, rig, one, rows[count])
         for count, row in rows.items():
             print(_line(kind, count, row), flush=True)
             if told.list:
@@ -98,7 +98,7 @@ def _arguments(given: list[str]) -> argparse.Namespace:
     return told
 
 
-def _look(scene: Staged, rig: StereoRig, model: Model, row: Row) -> None:
+def take_look(scene: Staged, rig: StereoRig, model: Model, row: Row) -> None:
     """Count one look."""
     seen = look(scene.left, scene.right, rig, model, clock=time.process_time)
     row.ms.append(1000 * sum(seen.seconds.values()))

@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon.arrays import Array, Flags
 from daemon.vision.evidence.edge_places import STEP, EdgePlaces, edge_places
-from daemon.vision.evidence.occlusion import hidden_places
+from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.evidence.rivals import untaught_rival
 from daemon.vision.evidence.rounding_rivals import told_by_rounding
@@ -106,7 +106,7 @@ def speaks_against(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Agains
     found = _of_places(solid, pose, eyes, both, off_px)
     if found.twin < MOST_LIKELY_TWIN:
         return found
-    hidden = [hidden_places(solid, pose, eyes, k, seen.visible, seen.there) for k, seen in enumerate(both)]
+    hidden = hidden_of(solid, pose, eyes, both).places
     if not any(hides.any() for hides in hidden):
         return found
     both = [replace(seen, visible=seen.visible & ~hides) for seen, hides in zip(both, hidden, strict=True)]

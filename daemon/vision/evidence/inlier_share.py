@@ -4,11 +4,13 @@ In: both eyes, a part laid onto them. Out: a share. Where a stranger lies, a gue
 leaves the others unexplained. Print leaves some, too: it lies inside the faces of parts that are there.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import PlanarShape, Polyhedron
 from daemon.vision.hypotheses import hull, pixels
 from daemon.vision.image import StereoImages
 from daemon.vision.refine import ExpectedEdges, across
@@ -21,15 +23,22 @@ angle between them."""
 
 
 def edge_inlier_share(
-    solid: Polyhedron, pose: Array, edges: tuple[ExpectedEdges, ExpectedEdges], eyes: StereoImages
+    solid: Polyhedron,
+    pose: Array,
+    edges: tuple[ExpectedEdges, ExpectedEdges],
+    eyes: StereoImages,
+    covered: Sequence[Sequence[PlanarShape]] = ((), ()),
 ) -> float | None:
     """Of the length of all segments where a part at cyclopean_from_part (4, 4) would be, the share of those that lie on
-    the edges it should show; None where there are none."""
+    the edges it should show; None where there are none. covered: what something nearer covers in either image, whose
+    segments say nothing."""
     own = every = 0.0
     corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
-    for view, expected, corners in zip(eyes.views, edges, corners_px, strict=True):
+    for view, expected, corners, nearer in zip(eyes.views, edges, corners_px, covered, strict=True):
         middle = (view.segments.start + view.segments.end) / 2
         there = hull(corners).depth(middle) > -ASIDE_PX
+        for shape in nearer:
+            there &= shape.depth(middle) < -ASIDE_PX
         segments = view.segments.chosen(there)
         lengths = segments.lengths_px
         every += float(lengths.sum())

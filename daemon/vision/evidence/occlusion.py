@@ -5,12 +5,17 @@ before a part crosses its edges with edges of its own, which both cameras see be
 taken for, its edges end at others of the same depth, or at none.
 """
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron
-from daemon.vision.image import StereoImages
+from daemon.vision.evidence.edge_places import EdgePlaces
+from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.vision.hypotheses import hull
+from daemon.vision.image import LEAST_SIGMAS, CameraImage, Segments, StereoImages, levels_across, peaks, slopes_across
 
 SHORT_PX, NEAR_PX = 4.0, 6.0
 """How far before an edge a segment may end that crosses it; and how far from there, and a place, it may end to show."""
@@ -21,6 +26,42 @@ BEYOND = 0.4
 NEARER_PX, NEAREST_PX = 2.0, 60.0
 """How much farther apart than an edge both cameras have what lies before it."""
 
+MOSTLY = 0.8
+"""Of places on either hand of an edge, those at which an edge that runs on across it shows."""
+OWN_PX = 3.0
+"""Within which of an edge's line both ends of a segment lie that may be that edge, drawn on."""
+_ALONG_PX = np.concatenate([np.arange(-18.0, -3.0, 1.5), np.arange(4.5, 19.0, 1.5)])
+_ACROSS_PX = np.arange(-3.0, 3.5)
+
+
+class Hidden(NamedTuple):
+    """What something nearer hides of a part: places (L, S) on its edges, as EdgePlaces has them, and what it covers
+    about the corners of which it hides the edges; for the left and the right camera."""
+
+    places: tuple[Flags, Flags]
+    covers: tuple[Sequence[PlanarShape], Sequence[PlanarShape]]
+
+
+def hidden_of(solid: Polyhedron, pose: Array, eyes: StereoImages, both: Sequence[EdgePlaces]) -> Hidden:
+    """What hides a part at cyclopean_from_part (4, 4); both: what both images show along its edges."""
+    left, right = (hidden_places(solid, pose, eyes, k, one.visible, one.there) for k, one in enumerate(both))
+    return Hidden((left, right), (_covers(solid, pose, eyes, 0, left), _covers(solid, pose, eyes, 1, right)))
+
+
+def _covers(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, hidden: Flags) -> list[PlanarShape]:
+    """About each corner, what lies between the hidden ends of its edges."""
+    ends, count = solid.lines[0], hidden.shape[1]
+    px = eyes.views[one].eye.camera.project(frames.apply(pose, solid.corners_mm))
+    found = list[PlanarShape]()
+    for corner in np.unique(ends[hidden[:, [0, -1]]]).tolist():
+        edge, end = np.nonzero((ends == corner) & hidden[:, [0, -1]])
+        from_corner = np.where(end[:, None], hidden[edge, ::-1], hidden[edge])
+        share = np.where(from_corner.all(1), count, (~from_corner).argmax(1))[:, None] / count
+        far = px[corner] + share * (px[ends[edge, 1 - end]] - px[corner])
+        if len(far) > 1:
+            found.append(hull(np.vstack([px[corner], far])))
+    return found
+
 
 def hidden_places(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, visible: Flags, there: Flags) -> Flags:
     """(E, S) which places of its edges, of those that are visible if nothing is before the part at cyclopean_from_part
@@ -30,25 +71,40 @@ def hidden_places(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, 
         return hidden
     ends, count = solid.lines[0], visible.shape[1]
     edges, shares, lengths_px = _crossings(solid, pose, eyes, one)
-    covered, whole = np.zeros(len(solid.corners_mm), bool), list[tuple[int, slice]]()
+    covered, whole, open_at_one = np.zeros(len(solid.corners_mm), bool), list[int](), list[tuple[int, slice, Index]]()
     for edge in np.flatnonzero(missing.any(1)).tolist():
         near = NEAR_PX / max(lengths_px[edge], 1e-9) + 1 / count
-        crossed = shares[edges == edge]
-        seen = np.flatnonzero(visible[edge])
-        changes = np.flatnonzero(np.diff(np.concatenate([[False], missing[edge], [False]]))).tolist()
-        for first, last in zip(changes[::2], changes[1::2], strict=True):
-            open_ = first == seen[0], last == seen[-1] + 1
-            if all(open_):
-                whole.append((edge, slice(first, last)))
+        crossed, seen = shares[edges == edge], np.flatnonzero(visible[edge])
+        runs = _bridged(
+            np.diff(np.concatenate([[False], missing[edge], [False]])).nonzero()[0], crossed * count, near * count
+        )
+        for first, last in zip(runs[::2], runs[1::2], strict=True):
+            free, corners = (first == seen[0], last == seen[-1] + 1), ends[edge][np.array([first == 0, last == count])]
+            if all(free):
+                whole.append(edge)
             elif all(
-                free or (np.abs(crossed - place / count) < near).any()
-                for free, place in zip(open_, (first, last), strict=True)
+                open_ or (np.abs(crossed - place / count) < near).any()
+                for open_, place in zip(free, (first, last), strict=True)
             ):
-                hidden[edge, first:last] = True
-                covered[ends[edge][np.array([first == 0, last == count])]] = True
-    for edge, places in whole:
-        hidden[edge, places] = covered[ends[edge]].all()
+                hidden[edge, first:last] = missing[edge, first:last]
+                covered[corners] = True
+            else:
+                open_at_one.append((edge, slice(first, last), corners))
+    for edge, places, corners in open_at_one:
+        hidden[edge, places] = missing[edge, places] & covered[corners].any()
+    for edge in whole:
+        hidden[edge] = missing[edge] & covered[ends[edge]].all()
     return hidden
+
+
+def _bridged(changes: Index, crossed: Array, near: float) -> list[int]:
+    """Where runs of places begin and end, in turn, but for those on both sides of what crosses there: what crosses an
+    edge that is not there looks like a little of it."""
+    ends: list[int] = changes.tolist()
+    for place in range(len(ends) - 3, 0, -2):
+        if (np.abs(crossed[:, None] - ends[place : place + 2]) < near).all(1).any():
+            del ends[place : place + 2]
+    return ends
 
 
 def _crossings(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int) -> tuple[Index, Array, Array]:
@@ -82,7 +138,31 @@ def _crossings(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int) -> 
     nearer = alike & (on > 0) & (on < 1) & (farther > NEARER_PX) & (farther < NEAREST_PX)
     level = alike & (on > -BEYOND) & (on < 1 + BEYOND) & (np.abs(farther) <= NEARER_PX)
     kept = nearer.any(1) & ~level.any(1)  # what may be as far away is the part's own
+    way_px = view.segments.end[segment] - view.segments.start[segment]
+    own = _on_lines(view.segments, start[lengths_px > 0], way[lengths_px > 0])  # that of a longer part runs on as well
+    asked = ~kept & ~own[segment]
+    kept[asked] = _runs_on(view, (start[edge] + where * way[edge])[asked], way_px[asked])
     return edge[kept], share[edge, segment][kept], lengths_px
+
+
+def _on_lines(segments: Segments, start: Array, way: Array) -> Flags:
+    """(N,) which segments lie along any of the lines from start (E, 2) along way (E, 2)."""
+    unit = way / np.linalg.norm(way, axis=1, keepdims=True)
+    off = [
+        np.abs((end[:, None, 0] - start[:, 0]) * unit[:, 1] - (end[:, None, 1] - start[:, 1]) * unit[:, 0])
+        for end in (segments.start, segments.end)
+    ]
+    return np.asarray((np.maximum(*off) < OWN_PX).any(1))
+
+
+def _runs_on(view: CameraImage, at: Array, way: Array) -> Flags:
+    """(N,) whether an image shows an edge through places (N, 2) px, straight on to either hand along ways (N, 2)."""
+    unit = way / np.linalg.norm(way, axis=1, keepdims=True)
+    places = at[:, None] + _ALONG_PX[:, None] * unit[:, None]
+    normal = np.stack([-unit[:, 1], unit[:, 0]], 1)[:, None].repeat(len(_ALONG_PX), 1)
+    levels = levels_across(view.smooth, places.reshape(-1, 2), normal.reshape(-1, 2), _ACROSS_PX)
+    found = peaks(np.abs(slopes_across(levels)), LEAST_SIGMAS).any(1).reshape(len(at), 2, len(_ALONG_PX) // 2)
+    return np.asarray((found.mean(2) >= MOSTLY).all(1))
 
 
 def _met(start: Array, way: Array, others: Array, ways: Array) -> tuple[Array, Array, Array]:

@@ -4,6 +4,8 @@ A guess that has the edges by chance lays its faces through thin air, and what s
 eye. Faces without print say nothing. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +27,26 @@ LEAST_PRINT = 25.0
 """Mean square of what is left of a face's grey levels without its shading, in sigmas of the noise: less is no print."""
 
 
-def face_consistency(solid: Polyhedron, pose: Array, eyes: StereoImages, apart_px: float = 0.0) -> float | None:
+def face_consistency(
+    solid: Polyhedron,
+    pose: Array,
+    eyes: StereoImages,
+    apart_px: float = 0.0,
+    covered: Sequence[Sequence[PlanarShape]] = ((), ()),
+) -> float | None:
     """How alike the print is that both eyes show on the faces of a part at cyclopean_from_part (4, 4): 1 the same, 0
     nothing in common; None where there is no print to speak of. apart_px: by how much farther apart than there, along
-    epipolar lines, the eyes have it."""
+    epipolar lines, the eyes have it. covered: what something nearer covers, in the left and in the right image."""
     total = apart = count = 0.0
     most = np.array(eyes.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
         ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], _on_face(solid, index)))
         borders, seen = (_seen(points, eyes, apart_px) for points in (ring, places))
         inside = [
-            (PlanarShape.of(own).depth(px) > MARGIN_PX) & ((px > 0) & (px < most)).all(1)
-            for px, own in zip(seen, borders, strict=True)
+            (PlanarShape.of(own).depth(px) > MARGIN_PX)
+            & ((px > 0) & (px < most)).all(1)
+            & ~np.any([np.zeros(len(px), bool), *(shape.depth(px) > -MARGIN_PX for shape in nearer)], axis=0)
+            for px, own, nearer in zip(seen, borders, covered, strict=True)
         ]
         keep = np.all(inside, axis=0)
         if keep.sum() < FEWEST:

@@ -7,11 +7,13 @@ there is by_edges.py's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
+from daemon.vision.evidence.edge_places import edge_places
+from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.facets import triangulate
 from daemon.vision.geometry import PlanarShape, Polyhedron, SolidBatch
 from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
@@ -52,6 +54,7 @@ class RegisteredPart:
     covers: PlanarShape
     tries: float = 1.0
     rests: bool | None = None
+    covered: tuple[Sequence[PlanarShape], Sequence[PlanarShape]] = ((), ())
 
     @property
     def odds(self) -> float:
@@ -59,9 +62,25 @@ class RegisteredPart:
         by_edges = BY_NATS * self.borne.nats + BY_WHOLE * max(self.borne.share, 0.0) ** 3 + ELSE
         return by_edges - float(np.log(self.tries)) + ON_TABLE[self.rests]
 
+    def without_hidden(self, eyes: StereoImages) -> RegisteredPart:
+        """The same without the stretches of its edges that something nearer hides."""
+        hidden = hidden_of(self.solid, self.pose, eyes, edge_places(self.solid, self.pose, eyes))
+        if not any(one.any() for one in hidden.places):
+            return self
+        left, right = (_but_for(seen, self.solid, one) for seen, one in zip(self.seen, hidden.places, strict=True))
+        return replace(self, seen=(left, right), borne=EdgeEvidence.of((left, right)), covered=hidden.covers)
+
     def overlaps(self, other: RegisteredPart) -> bool:
         """Whether both cannot be there."""
         return self.covers.covers(other.covers) > COVERED
+
+
+def _but_for(seen: EdgeSamples, solid: Polyhedron, hidden: Flags) -> EdgeSamples:
+    """What edges show without what is hidden (L, S) along those of a solid, as EdgePlaces has them."""
+    at = {frozenset(ends): k for k, ends in enumerate(solid.lines[0].tolist())}
+    which = [at[frozenset(ends)] for ends in seen.edges.ends.tolist()]
+    own = hidden[which].reshape(len(which), seen.visible.shape[1], -1).mean(2) > 0.5
+    return replace(seen, visible=seen.visible & ~own)
 
 
 def registered_near(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[RegisteredPart]:

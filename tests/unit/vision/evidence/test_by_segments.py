@@ -206,7 +206,7 @@ def test_a_part_laid_anew_pays_for_every_pose_it_is_tried_at() -> None:
 def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
     weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
-    monkeypatch.setattr(by_edges, "face_consistency", lambda *_: 0.2)
+    monkeypatch.setattr(by_edges, "face_consistency", lambda *_, **__: 0.2)
     assert confidence(weak) < LEAST_CONFIDENCE - 0.2
 
 

@@ -16,6 +16,7 @@ from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.recognition.group_recognition import Recognised, recognise_group
 from daemon.vision.values import Facet, FacetView, Group, Rejected
+from tests.fakes.painted import paint_pair
 from tests.fakes.printed import print_pair, straight_rig
 from tests.fakes.solids import CUBE, measured, pose, seen_facets, view_of
 
@@ -111,3 +112,12 @@ def test_nothing_more_leaves_what_was_found() -> None:
     known, left = without_overlaps([aside], view(aside.group), [], model(), eyes())
     assert known == (aside,)
     assert left.groups == (aside.group,)
+
+
+def test_strong_edges_beside_the_named_parts_are_not_accounted_for() -> None:
+    """Parts that touch may close no outline in either picture; their edges show nevertheless."""
+    cube, beside = one(face(0), face(1)), frames.rigid(np.eye(3), ASIDE_MM) @ WHERE
+    assert cube.named
+    for bodies, accounted in (([(CUBE, WHERE)], True), ([(CUBE, WHERE), (CUBE, beside)], False)):
+        seen = open_stereo(*paint_pair(bodies, np.random.default_rng(2), straight_rig()), straight_rig())
+        assert all_accounted_for([cube], view(cube.group), model(), seen) is accounted
