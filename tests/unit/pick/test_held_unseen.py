@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.arm.belief import BeliefSource, VoidingEvent
+from daemon.arm.belief import BeliefSource, HeldPart, VoidingEvent
 from daemon.arm.body import carried_part
 from daemon.arm.operators import RefusedError
+from daemon.events.pick_order import PickOrder
 from daemon.pick.cycle import PickCycle
 from tests.fakes.fake_cell import TruthRecogniser, World, cycle_of, one_part, shape_of
 
@@ -197,3 +198,29 @@ def test_a_gripper_that_facetd_opened_and_nothing_happened_to_is_not_opened_agai
     sent = len(world.wire)
     assert asyncio.run(cycle.pick()).outcome == "picked"
     assert [closed for name, closed in world.wire[sent:] if name == "hand"] == [True, False]
+
+
+@pytest.mark.parametrize("closed", [False, None, True])
+def test_after_a_crash_a_gripper_that_was_not_open_may_hold_anything_and_nothing_moves_until_resume(
+    closed: bool | None,
+):
+    world = one_part()
+    cycle = cycle_of(world)
+    order = PickOrder(3)
+    cycle.recover("retreat", closed, order)
+    assert (cycle.state, cycle.supervisor.fault, cycle.pick_order) == (
+        "fault", "restarted: the daemon ended in retreat", order
+    )  # fmt: skip
+    assert cycle.belief.holds_part is (False if closed is False else None)
+    assert cycle.belief.empty_unproven is (closed is False)
+
+
+def test_only_both_cameras_on_the_gripper_see_how_it_holds_a_part():
+    world = one_part()
+    cycle = cycle_of(world)
+    held = HeldPart(LARGE, np.eye(4), np.eye(6))
+    cycle.beliefs.learn(BeliefSource.COMMANDED, holding=True, held=held)
+    object.__setattr__(cycle.cell, "alone", "left")
+    with pytest.raises(RefusedError, match="only both cameras on the gripper see how it holds a part: lay it where"):
+        asyncio.run(cycle.held_here())
+    assert moves(world) == 0

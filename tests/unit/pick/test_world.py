@@ -5,16 +5,24 @@ from __future__ import annotations
 import asyncio
 import re
 import threading
+from collections import Counter
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daemon.arm import FixtureBox
+from daemon.events.codes import CauseCode
+from daemon.events.outcomes import Outcome
 from daemon.pick import world as world_room
+from daemon.pick.outcome import PickResult, Skipped
+from daemon.pick.seen import SAME_PLACE_MM
 from daemon.pick.settings import Settings
-from daemon.pick.world import MOST_S, WorldModel
+from daemon.pick.world import MOST_LOOKS, MOST_S, Gained, WorldModel, skip
 from daemon.vision.values import Recognition
 from tests.fakes.fake_cell import World, cycle_of, one_part
 
@@ -127,3 +135,92 @@ def test_the_loop_goes_on_while_a_pick_reckons(state: str, monkeypatch: pytest.M
     asyncio.run(cycle_of(world).pick())
     assert threads
     assert not any(threads)
+
+
+def clocked(now_s: float) -> Any:
+    return SimpleNamespace(cell=SimpleNamespace(clock=lambda: now_s))
+
+
+@pytest.mark.parametrize(
+    ("taken", "now_s", "over"),
+    [
+        (MOST_LOOKS - 1, 100.0 + MOST_S + 7.0 - 0.1, False),
+        (MOST_LOOKS, 108.0, True),
+        (0, 100.0 + MOST_S + 7.0, True),
+    ],
+)
+def test_a_pick_is_too_long_by_its_looks_or_by_its_time_beside_motion(taken: int, now_s: float, over: bool) -> None:
+    world = WorldModel([], began_s=100.0, moved_s=7.0, taken=taken)
+    told = world.too_long(clocked(now_s))
+    assert (told is not None) == over
+    if told is not None:
+        beside_s = now_s - 107.0
+        assert told == (
+            f"given up after {taken} looks and {beside_s:.0f} s beside motion: "
+            "no two looks disagreed, and what lies there was not settled"
+        )
+
+
+def test_what_disagreed_most_often_is_told_first_and_cameras_are_named_where_parts_did_not_show_again() -> None:
+    odd = Counter({"rarely": 1, "often": 5, "twice": 2})
+    world = WorldModel([], taken=MOST_LOOKS, again=(4, 3), odd=odd)
+    told = world.too_long(clocked(0.0))
+    assert told is not None
+    assert told.partition(": ")[2] == (
+        "3 of 7 parts did not show again where the look before had them; often (5 times); twice (2 times); "
+        "does a camera repeat itself, was one knocked? `doctor`, `calibrate verify`"
+    )
+    told = WorldModel([], taken=MOST_LOOKS, again=(4, 0), odd=odd).too_long(clocked(0.0))
+    assert told is not None
+    assert told.endswith(": often (5 times); twice (2 times)")
+
+
+def at(x_mm: float, label: str = "cube", **more: Any) -> Any:
+    centre = np.array([x_mm, 0.0, -280.0])
+    return SimpleNamespace(label=label, named=label != "unknown", centre=centre, **more)
+
+
+def test_what_is_left_is_wanted_not_skipped_and_at_no_place_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(world_room, "ordered", lambda found, order: sorted(found, key=lambda p: p.centre[0]))
+    cube, other, nameless, gone, placed = at(500.0), at(400.0, "pyramid"), at(300.0, "unknown"), at(600.0), at(700.0)
+    skipped = [Skipped("cube", gone.centre + 3.0, Outcome.LOST, "why")]
+    taken = SimpleNamespace(taken=lambda: [SimpleNamespace(centre=placed.centre + 5.0)])
+    context: Any = SimpleNamespace(
+        settings=SimpleNamespace(order="nearest"),
+        order=SimpleNamespace(wants=lambda label: label == "cube"),
+        placing=taken,
+    )
+    world = WorldModel(skipped, found=[cube, other, nameless, gone, placed])
+    assert world.left(context) == [nameless, cube]
+
+
+def test_a_part_that_is_left_alone_is_remembered_where_it_was_seen_and_told_with_the_reason() -> None:
+    decided: list[tuple[Any, ...]] = []
+    context: Any = SimpleNamespace(decide=lambda *words, **fields: decided.append((*words, fields)))
+    world, part = WorldModel([]), at(500.0)
+    skip(context, world, Outcome.UNSURE, part, "1.5 mm predicted", CauseCode.UNCERTAIN)
+    (one,) = world.skipped
+    assert (one.label, one.outcome, one.why) == ("cube", Outcome.UNSURE, "1.5 mm predicted")
+    np.testing.assert_array_equal(one.centre, part.centre)
+    assert world.result == PickResult(Outcome.UNSURE, "cube: 1.5 mm predicted", CauseCode.UNCERTAIN)
+    assert decided == [("skip cube", "unsure: 1.5 mm predicted", CauseCode.UNCERTAIN, {"label": "cube"})]
+
+
+def test_what_a_look_brought_is_kept_and_logged_with_the_number_of_the_look() -> None:
+    logged: list[tuple[str, dict[str, Any]]] = []
+    log = SimpleNamespace(record=lambda kind, **fields: logged.append((kind, fields)))
+    context: Any = SimpleNamespace(cell=SimpleNamespace(log=log), cycle=7)
+    gained = Gained("it", "one thing", "another", 1.5, 0.5, 1.2, 3.0)
+    world = WorldModel([], looks=[cast(Any, None)] * 3)
+    world.tell(context, gained)
+    assert world.gained == [gained]
+    assert logged == [("gained", {"cycle": 7, "look": 3, **vars(gained)})]
+
+
+@given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-1.0, 1.0)), max_size=6), st.floats(-100.0, 100.0))
+def test_the_sides_a_part_was_not_seen_from_are_those_of_looks_at_its_place(
+    unseen: list[tuple[float, float]], here_mm: float
+) -> None:
+    world = WorldModel([], unseen_from=[(np.array([x, 0.0, 0.0]), np.array([0.0, away, 1.0])) for x, away in unseen])
+    found = world.sides_unseen(np.array([here_mm, 0.0, 0.0]))
+    assert [side[1] for side in found] == [away for x, away in unseen if abs(x - here_mm) < SAME_PLACE_MM]
