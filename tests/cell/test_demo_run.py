@@ -24,6 +24,7 @@ AT_MOST_S = 300.0
 """How long the demo takes on a slow and busy computer."""
 SEED = 106
 """Any will do; this one is known to pick every part."""
+MOST_BYTES_A_PICK = 4_000_000
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(AT_MOST_S)]
 
 
@@ -53,6 +54,8 @@ def test_it_picks_every_part_and_says_how_sure_it_was_and_how_far_off(demo: tupl
     truths = [r for r in records if r["kind"] == "truth" and r["held"]]
     assert len(truths) == 8, "four to the bin, four to their nests"
     assert all(r["error_mm"] < 3.0 for r in truths)
+    written = sum(file.stat().st_size for file in run.rglob("*") if file.is_file())
+    assert written < 8 * MOST_BYTES_A_PICK, "an SD card is worn by it"
 
 
 @pytest.mark.long
