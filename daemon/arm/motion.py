@@ -18,9 +18,9 @@ from daemon.arm.body import CarriedCapsule
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
-from daemon.arm.sweep import place_clear, way_clear
+from daemon.arm.sweep import places_clear, way_clear
 from daemon.arm.workcell import HeldBackError, Kinematics, Workcell
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.errors import FacetdError
 from daemon.events.codes import BY_RULE, CauseCode
 from daemon.quantities import Length, Seconds, Turn
@@ -116,11 +116,20 @@ class Reach:
 
     def allows(self, world_from_tool: Array) -> bool:
         """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
-        joints = self.kinematics.reachable(world_from_tool, self.here.joints_rad)
-        if joints is None:
-            return False
-        command = MoveCommand(world_from_tool, straight=True, speed_pct=self.bounds.max_speed_pct, purpose="plan")
-        return place_clear(command, Reading(world_from_tool, joints), self.kinematics, self.bounds) is None
+        return bool(self.allows_each(world_from_tool[None])[0])
+
+    def allows_each(self, world_from_tool: Array) -> Flags:
+        """(N,) the same of each of (N, 4, 4): for plans, which ask for thousands."""
+        near = np.tile(self.here.joints_rad, (len(world_from_tool), 1))
+        joints = self.kinematics.along(world_from_tool, near)
+        lost = ~np.isfinite(joints).all(axis=1)
+        if lost.any():  # perhaps by a turn of the wrist that is nearest, and past its limit
+            near[:, [3, 5]] = 0.0
+            joints[lost] = self.kinematics.along(world_from_tool[lost], near[lost])
+        allowed = np.isfinite(joints).all(axis=1)
+        if allowed.any():
+            allowed[allowed] = places_clear(joints[allowed], self.kinematics, self.bounds)
+        return allowed
 
     def takes_s(self, world_from_tool: Array, speed_pct: float) -> float:
         """About how long it takes to go there from here."""

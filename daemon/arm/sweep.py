@@ -24,7 +24,7 @@ from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
 from daemon.arm.workcell import Kinematics
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 
 SLACK_MM = 0.5
 """How far between places a gap may be below its limit; half the clearance where that is less."""
@@ -416,13 +416,10 @@ def _told(gaps: Gaps, lacking: Array, ends: Array, where: Sequence[str], slack: 
     return tuple(found)
 
 
-def place_clear(command: MoveCommand, there: Reading, robot: Kinematics, limits: Limits) -> Refusal | None:
-    """The first rule of place that the command's target would break with all of the arm; there: the arm at it."""
+def places_clear(joints_rad: Array, robot: Kinematics, limits: Limits) -> Flags:
+    """(N,) whether no rule of place is broken with all of the arm at (N, 6) joints, and none is let off."""
     body = body_of(limits.capsules, limits.body_mm)
-    links = robot.frames(there.joints_rad[None])
-    gaps = gaps_of(links, body, limits)
-    met = _told(gaps, -gaps.values_mm, body.placed(links), ["there"], 0.0)
-    return refuse(command, ArmState(True, None, there.world_from_tool, 0.0, met), limits)
+    return np.asarray((gaps_of(robot.frames(joints_rad), body, limits).values_mm >= 0.0).all(axis=1))
 
 
 def way_clear(

@@ -10,7 +10,6 @@ import numpy as np
 from daemon import frames
 from daemon.arm import CameraMounting, RefusedError
 from daemon.arrays import Array
-from daemon.pick import viewpoints
 from daemon.pick.looks import Look
 from daemon.pick.settings import SurveyView
 from daemon.pick.world import MOVE_ERRORS, PickContext, raise_if_closed
@@ -66,7 +65,9 @@ def thing_in(look: Look) -> CircledPart:
     return CircledPart(middle, float(np.linalg.norm(corners - middle, axis=1).max()))
 
 
-def tour_round(thing: CircledPart, count: int, mounting: CameraMounting, allowed: viewpoints.Reachable) -> list[Array]:
+def tour_round(
+    thing: CircledPart, count: int, mounting: CameraMounting, allowed: Callable[[Array], bool]
+) -> list[Array]:
     """At most `count` poses world_from_tool (4, 4) from which the thing is looked at, evenly round it, by turns low and
     higher up, as near to that as the arm comes; in the order of their headings."""
     distance_mm = max(NEAREST_MM, thing.radius_mm / FILLED)

@@ -253,7 +253,7 @@ def _side_view(
     view: Array = part.look.reading.world_from_tool[:3, :3]
     distances = (*settings.stops.stand_offs_mm, settings.verify_mm)
     poses = [mounting.look_pose(view, part.centre, d) for d in distances]
-    return view if all(reach.allows(pose) for pose in poses) else None
+    return view if reach.allows_each(np.stack(poses)).all() else None
 
 
 def _planned(
@@ -275,7 +275,7 @@ def _planned(
         [other.corners for other in neighbours if not is_own(other, part)],
         settings,
         mounting,
-        reach.allows,
+        reach.allows_each,
         facings(part),
         unseen if side_view is None else (),
         destination,

@@ -9,6 +9,7 @@ Source: expected entropy after an observation (Lindley 1956); of views, Denzler 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -277,7 +278,7 @@ def places_round(
 
 def allowed(poses: Sequence[Array], reach: Reach) -> list[Array]:
     """Those of the poses, world_from_tool (4, 4), that the arm can have."""
-    return [pose for pose in poses if reach.allows(pose)]
+    return list(compress(poses, reach.allows_each(np.reshape(poses, (-1, 4, 4)))))
 
 
 def next_best(

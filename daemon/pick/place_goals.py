@@ -180,9 +180,14 @@ def ways_to(
         way = set_down_of(goal, pose, tool_from_part, settings, mounting)
         if any(settings.gripper.in_the_way(way.at, each) for each in neighbours):
             continue
-        straight = [p for a, b in pairwise(way.ways[:3]) for p in paths.steps(a, b, PATH_MM, 90.0)[:-1]]
-        if all(allowed(each) for each in (*way.ways, *straight)):
+        if goes_through(way.ways[:3], allowed) and allowed(way.look[None])[0]:
             yield way
+
+
+def goes_through(poses: Sequence[Array], allowed: Reachable) -> bool:
+    """Whether the arm can have each of these poses (4, 4), and those straight between one and the next."""
+    between = [pose for a, b in pairwise(poses) for pose in paths.steps(a, b, PATH_MM, 90.0)[:-1]]
+    return bool(allowed(np.stack([*poses, *between])).all())
 
 
 def too_tight(goals: Mapping[str, Goal]) -> dict[str, str]:

@@ -5,16 +5,15 @@ Pure: what is seen and what the arm can reach in, plans out. Doing them is appro
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 from daemon import frames
-from daemon.arm import PATH_MM, CameraMounting, Reach, paths
+from daemon.arm import CameraMounting, Reach, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
 from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.place_goals import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, ways_to
+from daemon.pick.place_goals import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, goes_through, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import centre_of_mass, felt
@@ -125,9 +124,7 @@ def plan_part(
     for plan in plans:
         if not plan.grasp.blocked:
             poses = approach_poses(plan.grasp, centre, settings, mounting)
-            if all(allowed(pose) for pose in poses) and all(
-                allowed(pose) for a, b in pairwise(poses) for pose in paths.steps(a, b, PATH_MM, 90.0)[:-1]
-            ):
+            if goes_through(poses, allowed):
                 approached += 1
                 if destination is None:
                     return plan
@@ -174,7 +171,7 @@ def plan_from_side(
     grasps, whys = list[str](), list[str]()
     for heading_deg in HEADINGS_DEG:
         pose = frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, lying_at) @ goal.shape.laid_flat[side]
-        plan = plan_part(goal.shape, pose, (), settings, mounting, reach.allows, destination=Destination([goal]))
+        plan = plan_part(goal.shape, pose, (), settings, mounting, reach.allows_each, destination=Destination([goal]))
         if isinstance(plan, NoPlan):
             whys.append(plan.why)
         else:

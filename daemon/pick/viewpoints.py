@@ -4,10 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from daemon.arrays import Array
+from daemon.arrays import Array, Flags
 from daemon.vision.geometry import FACING, Polyhedron
 
-Reachable = Callable[[Array], bool]
+Reachable = Callable[[Array], Flags]
+"""Which of (N, 4, 4) world_from_tool the arm can have (daemon/arm/motion.py: Reach.allows_each)."""
 
 
 def view_worth(shape: Polyhedron, world_from_part: Array, eye: Array) -> float:

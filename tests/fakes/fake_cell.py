@@ -224,7 +224,12 @@ class FakeRobot:
         return puma560.link_frames(joints_rad, ARM)
 
     def along(self, world_from_tool, joints_rad):
-        return puma560.inverse_along(world_from_tool, joints_rad, ARM)
+        joints = puma560.inverse_along(world_from_tool, joints_rad, ARM)
+        points, forbidden = world_from_tool[:, :3, 3], self.world.unreached
+        if forbidden is not None:
+            joints[np.linalg.norm(points - forbidden, axis=1) < 40.0] = np.nan
+        joints[np.linalg.norm(points, axis=1) > self.world.reach_mm] = np.nan
+        return joints
 
 
 class FakeEyes:

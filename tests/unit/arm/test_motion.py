@@ -15,12 +15,21 @@ from daemon import frames
 from daemon.arm.belief import BeliefSource, VoidingEvent
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import Limits, MoveCommand, hand_above_mm
-from daemon.arm.motion import Arrival, MovedByOthersError, Mover, MoveRefusedError, NotAtTargetError, OutOfReachError
+from daemon.arm.motion import (
+    Arrival,
+    MovedByOthersError,
+    Mover,
+    MoveRefusedError,
+    NotAtTargetError,
+    OutOfReachError,
+    Reach,
+)
 from daemon.arm.route import OUT_MM
+from daemon.arm.sweep import places_clear
 from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
-from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, permitted
+from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, joints, permitted
 
 START = np.radians([10.0, -120.0, 30.0, 5.0, 60.0, 20.0])
 
@@ -548,6 +557,20 @@ def test_how_long_a_way_takes_from_here_is_told_at_no_more_than_the_greatest_spe
     joints = mover.cell.robot.kinematics.reachable(NEAR, mover.here.joints_rad)
     for asked_pct, pct in ((20.0, 20.0), (90.0, 40.0)):
         assert mover.reach.takes_s(NEAR, asked_pct) == mover.arrival.usual_s(mover.here, NEAR, joints, pct) > 0.0
+
+
+@pytest.mark.parametrize("wrist_deg", [0.0, 200.0, -250.0])
+def test_where_the_arm_can_be_is_judged_for_many_poses_as_for_each_alone(wrist_deg):
+    rng, robot = np.random.default_rng(5), build(World(np.random.default_rng(0))).robot.kinematics
+    here = Reading(HEAD_DOWN, joints(HEAD_DOWN) + np.radians([0.0, 0.0, 0.0, wrist_deg, 0.0, -wrist_deg]))
+    reach = Reach(robot, here, Limits(), Arrival())
+    turns = [frames.rotation_from_vector(rng.normal(0.0, 1.2, 3)) @ HEAD_DOWN[:3, :3] for _ in range(400)]
+    places = rng.uniform([150.0, -500.0, -320.0], [900.0, 500.0, 300.0], (400, 3))
+    poses = frames.rigid(np.array(turns), places)
+    there = [robot.reachable(pose, here.joints_rad) for pose in poses]
+    alone = [each is not None and bool(places_clear(each[None], robot, Limits())[0]) for each in there]
+    assert reach.allows_each(poses).tolist() == alone
+    assert 20 < sum(alone) < sum(each is not None for each in there) < 400
 
 
 def test_from_an_unknown_place_no_way_is_planned_and_nothing_sent():

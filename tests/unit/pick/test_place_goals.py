@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.arrays import Array, Flags
 from daemon.pick.place_goals import (
     PartPlaceError,
     PlaceTable,
@@ -27,6 +28,11 @@ from daemon.store.place_file import CellPlaces, Fixture, FixtureEntry, Manner, P
 from daemon.store.place_status import PlaceState, PlaceStatus, PlaceStatuses
 from drivers.simcell import parts
 from tests.fakes.fake_cell import ON_HAND, shape_of
+
+
+def everywhere(poses: Array) -> Flags:
+    return np.ones(len(poses), bool)
+
 
 ANGLES = st.floats(-180.0, 180.0)
 
@@ -104,12 +110,12 @@ def test_no_way_leads_where_the_open_fingers_would_be_in_a_part_that_lies_beside
     shape, settings = shape_of("cube"), Settings()
     goal = goal_of(place(equivalents=False), shape)
     held = frames.inverse(frames.rigid(np.diag([1.0, -1.0, -1.0]), goal.centre)) @ goal.poses[0]
-    free = [*ways_to(goal, held, settings, ON_HAND, lambda _: True, [])]
+    free = [*ways_to(goal, held, settings, ON_HAND, everywhere, [])]
     assert len(free) == 1
     tool_y = free[0].at[:3, 1]
     beside = goal.corners + 70.0 * tool_y
-    assert not [*ways_to(goal, held, settings, ON_HAND, lambda _: True, [beside])]
-    assert not [*ways_to(goal, held, settings, ON_HAND, lambda pose: pose[2, 3] > -250.0, [])]
+    assert not [*ways_to(goal, held, settings, ON_HAND, everywhere, [beside])]
+    assert not [*ways_to(goal, held, settings, ON_HAND, lambda poses: poses[:, 2, 3] > -250.0, [])]
 
 
 def test_a_taught_pose_is_flat_and_on_the_table_where_it_nearly_is_and_as_seen_elsewhere() -> None:

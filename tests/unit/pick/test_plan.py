@@ -23,6 +23,10 @@ from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
 
 
+def everywhere(poses):
+    return np.ones(len(poses), bool)
+
+
 def lying(label, rest, turn=0.3, x=520.0, y=0.0):
     spin = frames.rotation_from_vector(np.array([0.0, 0.0, turn]))
     return frames.rigid(spin, np.array([x, y, -300.0])) @ part_shape(label).rests[rest]
@@ -30,9 +34,9 @@ def lying(label, rest, turn=0.3, x=520.0, y=0.0):
 
 def test_a_plan_is_reachable_all_the_way_or_says_why_not():
     shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True)
+    plan = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere)
     assert not isinstance(plan, NoPlan)
-    none = plan_part(shape, pose, [], Settings(), ON_HAND, lambda p: bool(p[2, 3] < -200))
+    none = plan_part(shape, pose, [], Settings(), ON_HAND, lambda p: p[:, 2, 3] < -200)
     assert isinstance(none, NoPlan)
     assert none.code == "out_of_reach"
     assert "reached" in none.why
@@ -40,7 +44,7 @@ def test_a_plan_is_reachable_all_the_way_or_says_why_not():
 
 def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_pose():
     shape, pose = shape_of("cube"), lying("cube", 0)
-    plan = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True)
+    plan = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere)
     assert not isinstance(plan, NoPlan)
     nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
     again = regrasp(shape, nearby, plan, Settings())
@@ -57,7 +61,7 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
     for _ in range(60):
         away = frames.rotation_from_vector(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))[:, 0]
         beside = frames.apply(lying("pyramid", 0, rng.uniform(0.0, 1.5)), corners) + away * rng.uniform(60.0, 85.0)
-        plan = plan_part(shape, pose, [beside], settings, ON_HAND, lambda _: True)
+        plan = plan_part(shape, pose, [beside], settings, ON_HAND, everywhere)
         if isinstance(plan, NoPlan):
             continue
         nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
@@ -72,7 +76,7 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
 def test_what_is_gone_through_without_a_look_is_what_was_checked():
     shape, pose, settings = shape_of("cube"), lying("cube", 0), Settings()
     asked = []
-    plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: asked.append(p) or True)
+    plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: asked.extend(p) or everywhere(p))
     centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
     stretch = last_stretch(plan.grasp, centre, settings, ON_HAND)
     for driven in stretch:
@@ -89,7 +93,7 @@ def test_what_is_gone_through_without_a_look_is_what_was_checked():
 def test_of_the_free_places_the_first_three_are_tried_in_their_order(monkeypatch, reached, found):
     monkeypatch.setattr(planning, "ways_to", lambda goal, *_: iter([f"to {goal}"] if goal >= reached else []))
     destination = planning.Destination(goals=range(5))
-    way = planning._way_to(destination, np.eye(4), Settings(), ON_HAND, lambda _: True)
+    way = planning._way_to(destination, np.eye(4), Settings(), ON_HAND, everywhere)
     assert way == (f"to {reached}" if found else None)
 
 
@@ -108,14 +112,14 @@ def test_a_part_does_not_lie_on_the_inside_of_a_corner():
 
 
 def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():
-    shape, anywhere = shape_of("pyramid"), SimpleNamespace(allows=lambda _: True)
+    shape, anywhere = shape_of("pyramid"), SimpleNamespace(allows_each=everywhere)
     base = next(k for k, ring in enumerate(shape.rings) if len(ring) == 4)
     place = Place("nest", Manner(part="pyramid"), np.eye(4), None, base + 1, (430.0, -220.0, -300.0), 20.0)
     at = np.array([520.0, 0.0, -300.0])
     plan = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, anywhere)
     assert (plan.side, plan.found, plan.tried, plan.why) == (base + 1, len(HEADINGS_DEG), len(HEADINGS_DEG), "")
     assert "mm wide" in plan.grasp
-    nowhere = SimpleNamespace(allows=lambda pose: bool(pose[1, 3] > -150.0))
+    nowhere = SimpleNamespace(allows_each=lambda poses: poses[:, 1, 3] > -150.0)
     none = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, nowhere)
     assert (none.found, none.grasp) == (0, "")
     assert "can set it down at nest" in none.why
@@ -123,7 +127,7 @@ def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_a
 
 def test_a_part_whose_corners_span_no_volume_has_no_grasp():
     flat = shape_of("cube").corners_mm * [1.0, 1.0, 0.0]
-    none = plan_part(exact(flat, []), lying("cube", 0), [], Settings(), ON_HAND, lambda _: True)
+    none = plan_part(exact(flat, []), lying("cube", 0), [], Settings(), ON_HAND, everywhere)
     assert isinstance(none, NoPlan)
     assert (none.code, none.why.partition(":")[0]) == ("no_grasp", "taught corners give no solid to grasp")
 
@@ -131,7 +135,7 @@ def test_a_part_whose_corners_span_no_volume_has_no_grasp():
 def test_a_part_wider_than_the_gripper_opens_has_no_grasp_and_the_gripper_says_why():
     narrow = msgspec.structs.replace(Settings().gripper, opening_mm=20.0)
     settings = replace(Settings(), gripper=narrow)
-    none = plan_part(shape_of("cube"), lying("cube", 0), [], settings, ON_HAND, lambda _: True)
+    none = plan_part(shape_of("cube"), lying("cube", 0), [], settings, ON_HAND, everywhere)
     assert none == NoPlan(CauseCode.NO_GRASP, "no grasp holds it as it lies")
 
 
@@ -143,7 +147,7 @@ def test_a_part_that_was_looked_for_from_every_side_is_looked_for_no_more():
         for up in np.radians([15.0, 30.0, 45.0, 60.0, 75.0, 90.0])
     ]
     shape, pose = shape_of("cube"), lying("cube", 0)
-    none = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True, unseen_from=away)
+    none = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere, unseen_from=away)
     assert none == NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
-    one = plan_part(shape, pose, [], Settings(), ON_HAND, lambda _: True, unseen_from=away[:1])
+    one = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere, unseen_from=away[:1])
     assert not isinstance(one, NoPlan)
