@@ -14,6 +14,7 @@ from daemon.arm.body import (
     carried_part,
     held_anyhow,
     lie_at_boxes,
+    upright_bounds,
 )
 from daemon.arm.collision_shapes import (
     ARM,
@@ -132,4 +133,5 @@ __all__ = [
     "speed_pct",
     "suction_cup",
     "two_fingers",
+    "upright_bounds",
 ]

@@ -126,7 +126,7 @@ class Reach:
         if lost.any():  # perhaps by a turn of the wrist that is nearest, and past its limit
             near[:, [3, 5]] = 0.0
             joints[lost] = self.kinematics.along(world_from_tool[lost], near[lost])
-        allowed = np.isfinite(joints).all(axis=1)
+        allowed: Flags = np.asarray(np.isfinite(joints).all(axis=1))
         if allowed.any():
             allowed[allowed] = places_clear(joints[allowed], self.kinematics, self.bounds)
         return allowed

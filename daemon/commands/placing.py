@@ -1,11 +1,11 @@
 """Commands for where parts belong: show, check, teach, clear and drop places. Where the arm goes is positions.py's."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 
 import numpy as np
 
 from daemon import frames
+from daemon.commands.plan_picture import plan_picture
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
@@ -13,8 +13,10 @@ from daemon.console.phrases import at_mm, at_utc, millimetres, plural
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.place_goals import flattened, spot_of
-from daemon.pick.plan import SidePlan, stable_sides
+from daemon.pick.place_plan import SidePlan
+from daemon.pick.plan import stable_sides
 from daemon.pick.set_down import HeldHere
+from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
 from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus, PlaceStatusError
@@ -28,6 +30,8 @@ HERE = "here"
 """Instead of a part: the one in the gripper, where the arm is."""
 MOST_PLANNED = 3
 """For so many places is planned at once; of a pattern for its first."""
+PICTURE = "place-plan.svg"
+"""The last plan, drawn, in the state folder."""
 MOST_TOLD = 3
 """So many places are named in a line about what has moved."""
 
@@ -60,7 +64,8 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
     place show          every place: its part, what is known of it, where it is. Of a part: its sides by number
     place check         look at every place that is not free (of a NAME: at that one) and keep what the looks show
     place check tray    the same for every place of a pattern that is not free; show and clear take its name as well
-    place plan cube     by each side that the cube can lie on: whether one grasp can bring it to its places, and by what
+    place plan cube     by each side that the cube can lie on: by which grasps it is brought to its places, and why by
+                        none; at most three, the part laid on the table in between. Draws it, too
     place teach nest cube   the cube lies where it belongs: look at it from up to three sides and keep its pose
     place teach nest here   facetd grasped the part, and holds it where it belongs: jog, or guide the arm there, first
     place clear nest    you have emptied it: parts are brought there again (all: every place)
@@ -167,29 +172,42 @@ async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -
     names = [name for name in _named(context, words[1:]) if name in own][:1] if words[1:] else firsts[:MOST_PLANNED]
     if not names:
         raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_TOLD])}")
-    data: dict[str, list[dict[str, object]]] = {}
+    plans: dict[str, list[SidePlan]] = {}
     for name in names:
         if name in placing.unusable:
             raise CommandError(f"place {name}: {placing.unusable[name]}")
-        goal, data[name] = placing.goals[name], []
+        goal, plans[name] = placing.goals[name], []
         try:
             for side in stable_sides(goal.shape):
                 plan = await context.cycle.plan_from_side(goal, side)
                 await frontend.say(f"{name}, from side {plan.side} down: {_planned(plan)}")
-                data[name].append(asdict(plan))
+                plans[name].append(plan)
         except ValueError as error:
             raise CommandError(f"{label}: its taught corners give no solid to grasp: {error}") from None
-    ways = [sum(bool(plan["found"]) for plan in plans) for plans in data.values()]
-    told = [f"{name} from {n} of {plural(len(data[name]), 'side')}" for name, n in zip(data, ways, strict=True)]
-    text = f"The {label} can be brought to {'; '.join(told)} that it can lie on."
-    return CommandResult(text, {"plans": data}, 0 if any(ways) else NOT_DONE)
+    ways = {name: sum(bool(plan.found) for plan in each) for name, each in plans.items()}
+    told = [f"{name} from {n} of {plural(len(plans[name]), 'side')}" for name, n in ways.items()]
+    path = context.config.places_file.with_name(PICTURE)
+    with failing_as(CommandError, f"{path}: the picture was not written"):
+        write_atomically(path, plan_picture(_shape(context, label), plans, context.cycle.settings.gripper.body))
+    text = f"The {label} can be brought to {'; '.join(told)} that it can lie on. Picture: {path}"
+    data = {
+        name: [
+            {"side": p.side, "found": p.found, "tried": p.tried, "grasps": [m.grasp for m in p.motions], "why": p.why}
+            for p in each
+        ]
+        for name, each in plans.items()
+    }
+    return CommandResult(text, {"plans": data, "picture": str(path)}, 0 if any(ways.values()) else NOT_DONE)
 
 
 def _planned(plan: SidePlan) -> str:
+    how = ", laid down, then ".join(motion.grasp for motion in plan.motions)
+    if len(plan.motions) > 1:
+        how = f"{len(plan.motions)} grasps: {how}"
     if plan.found == plan.tried:
-        return f"yes, {plan.grasp}"
+        return f"yes, {how}"
     if plan.found:
-        return f"turned in {plan.found} of {plan.tried} ways, {plan.grasp}; else {plan.why}"
+        return f"turned in {plan.found} of {plan.tried} ways, {how}; else {plan.why}"
     return f"no: {plan.why}"
 
 

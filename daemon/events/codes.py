@@ -69,6 +69,8 @@ class CauseCode(StrEnum):
         "put the part right, then `place check`; where it repeats, teach the place again: `place teach`")
     NOT_AT_PLACE = ("not_at_place", "not seen at its place", "table",
         "find the part; then `place check`, or `place clear` where nothing lies there")
+    NOT_WHERE_LAID = ("not_where_laid", "not seen where it was laid down", "table",
+        "find the part, lay it on the table alone; it slid or toppled as it was let go: see the pictures of its page")
     CAMERA_LOST = ("camera_lost", "camera cable", "camera",
         "plug it in at both ends and fasten it; `facetctl cameras` lists the cameras present; then `resume`")
     LENS_COVERED = "lens_covered", "lens covered", "camera", "take off what covers the lens; then `resume`"
@@ -205,6 +207,7 @@ class DecisionCode(StrEnum):
     IN_GRIPPER = "in_gripper"
     PICKED = "picked"
     NOT_MEASURED = "not_measured"
+    LAID_DOWN = "laid_down"
     MISSED = "missed"
     STILL_THERE = "still_there"
     KNOCKED_AWAY = "knocked_away"

@@ -273,6 +273,7 @@ class DecisionMade(CycleRecord, kw_only=True):
     text: Annotated[Text, meaning("in words")] = None
     why: Annotated[Text, meaning("in words")] = None
     label: Annotated[Text, meaning("the part it is about")] = None
+    grasps: Annotated[Count, meaning("how many grasps bring the part to where it goes, by the plan")] = None
     slip_deg: Annotated[Number, meaning("of the chosen grasp: how far off square its contacts are", "degrees")] = None
     facet: Annotated[Count, meaning("of the chosen grasp by suction: the part's facet, from 1")] = None
     room_mm: Annotated[Number, meaning("from the cup's axis to the nearest edge or hole of that facet", "mm")] = None
@@ -441,6 +442,19 @@ class PlaceChanged(CycleRecord, kw_only=True):
     outline: Annotated[Points, meaning("the part's corners at the place from above, anticlockwise, world", "mm")] = None
 
 
+class PartLaidDown(CycleRecord, kw_only=True):
+    """The part is laid on the table between two grasps: the gripper opens, and then what the look showed."""
+
+    label: Annotated[Text, meaning("the part")] = None
+    status: Annotated[Text, meaning("set: the gripper opens; seen right, off or missing: as at a place")] = None
+    times: Annotated[Count, meaning("how often it was laid down in this pick, this time counted")] = None
+    off_mm: Annotated[Number, meaning("how far off it was seen, along the table", "mm")] = None
+    off_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
+    why: Annotated[Text, meaning("in words")] = None
+    world_from_part: Annotated[Pose, meaning("how it is to lie, or was seen to", "mm")] = None
+    outline: Annotated[Points, meaning("its corners there from above, anticlockwise, world", "mm")] = None
+
+
 class SignalChanged(EventRecord, kw_only=True):
     """A signal of the line changed, as it was read or set."""
 
@@ -479,6 +493,7 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
     "release": PartReleased,
     "in_gripper": PartMeasured,
     "place": PlaceChanged,
+    "laid_down": PartLaidDown,
     "signal": SignalChanged,
     "gap": RecordsLost,
     "clock": ClockSet,

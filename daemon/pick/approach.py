@@ -8,7 +8,7 @@ from daemon.events.outcomes import Outcome
 from daemon.pick import pose_fusion
 from daemon.pick.following import NEAR_MM, Target, beside, expecting, fitted, others, sighted
 from daemon.pick.looks import whole_look
-from daemon.pick.plan import regrasp
+from daemon.pick.plan import same_grasp
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.seen import SAME_PLACE_MM, same_place, seen_parts
 from daemon.pick.stand_offs import enough, next_stand_off
@@ -88,7 +88,7 @@ async def estimating(
         return PickEvent.DOUBT
     estimate = pose_fusion.fuse(target.sightings, settings.doubt)
     target.estimate, target.world_from_part = estimate, estimate.world_from_part
-    plan = await context.cell.compute(regrasp, target.shape, target.world_from_part, target.plan, settings)
+    plan = await context.cell.compute(same_grasp, target.shape, target.world_from_part, target.plan, settings)
     if plan is None:
         why = "the grasp that was planned does not hold it as it lies"
         return await _elsewhere(context, world, why, DecisionCode.PLANNED_AGAIN)

@@ -42,7 +42,7 @@ from daemon.pick.around import CircledPart, Told, walk_round
 from daemon.pick.looks import Look
 from daemon.pick.outcome import CycleEnd, Observer, PickResult, Skipped, tell
 from daemon.pick.place_goals import Goal, PlaceTable
-from daemon.pick.plan import SidePlan, plan_from_side
+from daemon.pick.place_plan import SidePlan, plan_from_side
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.settings import Settings
 from daemon.pick.transitions import PickEvent, PickState, follows
@@ -64,6 +64,7 @@ HANDLERS: dict[PickState, Handler] = {
     PickState.BIN: take.over_bin,
     PickState.SET_DOWN: set_down.set_down,
     PickState.LOOK_AT_PLACE: set_down.look_at_place,
+    PickState.LOOK_AT_LAID: set_down.look_at_laid,
     PickState.HOME: take.home,
 }
 PERMITS: dict[PickState, str] = {
@@ -79,6 +80,7 @@ PERMITS: dict[PickState, str] = {
             PickState.CLOSING,
             PickState.RETREAT,
             PickState.VERIFY,
+            PickState.LOOK_AT_LAID,
         ),
         "permit_pick",
     ),
@@ -429,7 +431,8 @@ class PickCycle:
         await self.supervisor.mover.rest()
         settings, reach = self.settings, self.supervisor.mover.reach
         lying_at = np.array([*settings.surveys[0].centre_mm[:2], settings.limits.table_z_mm])
-        return await self.cell.compute(plan_from_side, goal, side, lying_at, settings, self.cell.mounting, reach)
+        arm = settings, self.cell.mounting, reach, self.cell.rig
+        return await self.cell.compute(plan_from_side, goal, side, lying_at, *arm)
 
     async def _look_at_places(self, goals: Sequence[Goal]) -> None:
         assert self.recogniser is not None

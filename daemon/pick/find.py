@@ -29,9 +29,11 @@ from daemon.pick.next_view import (
 )
 from daemon.pick.outcome import PickResult
 from daemon.pick.place_goals import deviation
-from daemon.pick.plan import Destination, NoPlan, Plan, plan_part
+from daemon.pick.place_plan import plan_to_place, then_in_words
+from daemon.pick.plan import Destination, NoPlan, Plan
 from daemon.pick.pose_fusion import CHI_SQUARE_6
 from daemon.pick.recogniser import PartRecogniser
+from daemon.pick.regrasp import MOST_GRASPS
 from daemon.pick.seen import NEIGHBOUR_MM, ObservedPart, apart_mm, facings, is_own, same_place, unconfirmed
 from daemon.pick.set_down import look_at_unseen
 from daemon.pick.settings import Settings
@@ -178,7 +180,10 @@ async def choose(
         neighbours = [other for other in world.found if other is not part]
         ways = context.settings, context.cell.mounting, context.mover.reach
         unseen = world.sides_unseen(part.centre)
-        side_view, plan = await context.cell.compute(_planned, part, shape, neighbours, unseen, *ways, destination)
+        looks, most = [*world.looks], max(1, MOST_GRASPS - world.laid)
+        side_view, plan = await context.cell.compute(
+            _planned, part, shape, neighbours, unseen, *ways, context.cell.rig, destination, looks, most
+        )
         if isinstance(plan, NoPlan):
             barred = any(p.lone and same_place(p.centre, part.centre, NEIGHBOUR_MM) for p in world.found)
             if barred and _may_look_again(context, world, part):
@@ -199,9 +204,10 @@ async def choose(
         )
         context.decide(
             f"pick {part.label}",
-            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.told}",
+            f"{context.settings.order}: confidence {sure:.2f}; grasp {plan.grasp.told}{then_in_words(plan)}",
             DecisionCode.CHOSEN,
             label=part.label,
+            grasps=plan.grasps,
             **plan.grasp.figures,
         )
         return PickEvent.CHOSEN
@@ -226,7 +232,7 @@ def _destination(context: PickContext, world: WorldModel, part: ObservedPart) ->
     if not free:
         unusable = [table.unusable[p.name] for p in table.places.of(part.label) if p.name in table.unusable]
         return "; ".join(["none of its places is free", *unusable[:1]])
-    return Destination(free, [goal.corners for goal in table.taken()])
+    return Destination(free, [goal.corners for goal in table.taken()], [goal.corners for goal in table.goals.values()])
 
 
 def _is_old(context: PickContext, look: Look) -> bool:
@@ -264,22 +270,20 @@ def _planned(
     settings: Settings,
     mounting: CameraMounting,
     reach: Reach,
+    rig: StereoRig,
     destination: Destination | None = None,
+    looks: Sequence[Look] = (),
+    most: int = 1,
 ) -> tuple[Array | None, Plan | NoPlan]:
     """How a part is looked at where not along the approach, and the best grasp that can be reached past its neighbours,
-    or why there is none. unseen: see WorldModel.sides_unseen."""
+    or why there is none. unseen: see WorldModel.sides_unseen. Where no one grasp brings it to its place, the first of
+    at most so many; looks: at the table that it is laid down on in between."""
     side_view = _side_view(part, unseen, settings, mounting, reach)
-    return side_view, plan_part(
-        shape,
-        part.world_from_part,
-        [other.corners for other in neighbours if not is_own(other, part)],
-        settings,
-        mounting,
-        reach.allows_each,
-        facings(part),
-        unseen if side_view is None else (),
-        destination,
-    )
+    beside = [other.corners for other in neighbours if not is_own(other, part)]
+    arm, away = (settings, mounting, reach.allows_each, rig), unseen if side_view is None else ()
+    pose = part.world_from_part
+    plan, _ = plan_to_place(shape, pose, beside, *arm, destination, facings(part), away, looks, most)
+    return side_view, plan
 
 
 def least_known(context: PickContext, world: WorldModel) -> ObservedPart | None:

@@ -82,6 +82,11 @@ class Gripper(Protocol):
     def empty(self) -> Polyhedron | None:
         """How it shows, tool frame, once it was closed on nothing; None: no look can tell."""
 
+    @property
+    def turning(self) -> "Gripper | None":
+        """The same gripper with every lean at which it may take a part that is to lie on another side than before;
+        None: it turns no part over."""
+
     def works_s(self, closed: bool) -> float:
         """How long it needs to take hold or to let go, by its own settings."""
 

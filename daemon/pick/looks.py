@@ -123,6 +123,14 @@ class Look(ByReference):
         """(4, 4) mm, of this pair."""
         return self.taken.world_from_cyclopean
 
+    @property
+    def eyes(self) -> tuple[Array, Array]:
+        """(3,) world mm: where the left and the right camera looked from."""
+        left, right = (
+            self.world_from_cyclopean @ e.cyclopean_from_camera for e in (self.taken.rig.left, self.taken.rig.right)
+        )
+        return left[:3, 3], right[:3, 3]
+
 
 def epipolar_px(scene: Scene) -> float:
     """Median distance of the matched corners from their epipolar lines; nan where nothing was matched."""

@@ -5,9 +5,9 @@ set_down.py's.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm import PATH_MM, CameraMounting, FixtureBox, SupportContact, paths
 from daemon.arrays import Array
-from daemon.pick.settings import Settings
+from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.viewpoints import Reachable
 from daemon.store.place_file import CellPlaces, Fixture, Manner, Place, about_vertical, pattern_of
 from daemon.store.place_status import FILLABLE, UNSEEN, PlaceSpot, PlaceStatus, PlaceStatuses
@@ -32,8 +32,14 @@ NEARLY_FLAT_RAD = 0.06
 """A side that leans by less lies flat: looks err by less."""
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
 """A half turn about x: what Polyhedron.laid_flat lays face up comes to lie on that face."""
+LOOK_TILTS_DEG = 30.0, 10.0, 50.0
+"""How far looks at a place lean where the arm cannot look at it as it has set the part down."""
 TOUCH_MM = 0.1
 """Parts of a pattern that touch one another by no more than rounding do not overlap."""
+
+
+TABLE = "the table"
+"""Where a part is laid down between two grasps, as the name of a goal: no place of a cell is called so."""
 
 
 class PartPlaceError(ValueError):
@@ -49,6 +55,16 @@ class Goal:
     shape: Polyhedron
     poses: tuple[Array, ...]
     level_mm: float
+
+    @property
+    def between(self) -> bool:
+        """Whether the part is laid down here between two grasps only."""
+        return self.place.name == TABLE
+
+    @property
+    def told(self) -> str:
+        """In words: place nest."""
+        return TABLE if self.between else f"place {self.place.name}"
 
     @property
     def centre(self) -> Array:
@@ -180,8 +196,17 @@ def ways_to(
         way = set_down_of(goal, pose, tool_from_part, settings, mounting)
         if any(settings.gripper.in_the_way(way.at, each) for each in neighbours):
             continue
-        if goes_through(way.ways[:3], allowed) and allowed(way.look[None])[0]:
-            yield way
+        if goes_through(way.ways[:3], allowed):
+            looks = np.stack([way.look, *_looks_round(goal.centre, settings, mounting)])
+            if (seen_from := np.flatnonzero(allowed(looks))).size:
+                yield replace(way, look=looks[seen_from[0]])
+
+
+def _looks_round(centre: Array, settings: Settings, mounting: CameraMounting) -> Iterator[Array]:
+    """world_from_tool (4, 4) from where what lies at a centre (3,) may be looked at."""
+    x, y, z = (float(each) for each in centre)
+    for tilt_deg, heading_deg in product(LOOK_TILTS_DEG, range(-180, 180, 45)):
+        yield SurveyView((x, y, z), settings.verify_mm, float(heading_deg), tilt_deg).pose(mounting)
 
 
 def goes_through(poses: Sequence[Array], allowed: Reachable) -> bool:

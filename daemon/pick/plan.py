@@ -8,25 +8,22 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from daemon import frames
-from daemon.arm import CameraMounting, Reach, paths
+from daemon.arm import CameraMounting, paths
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode
 from daemon.pick import viewpoints
 from daemon.pick.gripper import PlannedGrasp
-from daemon.pick.place_goals import FLAT_MM, UPSIDE_DOWN, Goal, SetDown, goes_through, ways_to
+from daemon.pick.place_goals import FLAT_MM, Goal, SetDown, goes_through, ways_to
 from daemon.pick.seen import Facing, apart_mm, seen_again
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import centre_of_mass, felt
 from daemon.pick.viewpoints import Reachable
-from daemon.store.place_file import about_vertical
 from daemon.vision.geometry import Polyhedron, inside
 
 MOST_CHANGE_MM = 25.0
 """How far a grasp may change from look to look (a radian of turn counts as 50 mm)."""
 MOST_GOALS = 3
 """So many free places of a part are tried, in the order in which they are filled."""
-HEADINGS_DEG = (10.0, 100.0, 190.0, 280.0)
-"""How a part is turned for which it is planned beforehand: along no axis of the arm's."""
 SAME_SIDE_RAD = 0.5
 """A look from within this angle of one that did not find the part would not find it either."""
 
@@ -34,20 +31,25 @@ SAME_SIDE_RAD = 0.5
 @dataclass(frozen=True, eq=False)
 class Plan:
     """How one part will be taken: the grasp; how well looks along its approach show the part (0 to 2); neighbours:
-    (M, 3) world corners of the parts that leave it room; way: how it is set down at its place, None: over the bin."""
+    (M, 3) world corners of the parts that leave it room; way: how it is set down, at its place, or on the table to be
+    taken anew, None: over the bin; grasps: how many bring it to its place, this one counted; destination: that."""
 
     grasp: PlannedGrasp
     worth: float
     neighbours: Sequence[Array] = ()
     way: SetDown | None = None
+    grasps: int = 1
+    destination: "Destination | None" = None
 
 
 @dataclass(frozen=True, eq=False)
 class Destination:
-    """Where a part belongs: the goals that are free, in order; taken: (M, 3) world corners of the parts at others."""
+    """Where a part belongs: the goals that are free, in order; taken: (M, 3) world corners of the parts at others;
+    reserved: the same of all places, where nothing is laid down in between."""
 
     goals: Sequence[Goal]
     taken: Sequence[Array] = ()
+    reserved: Sequence[Array] = ()
 
 
 class LastStretch(NamedTuple):
@@ -131,7 +133,7 @@ def plan_part(
                 held = frames.inverse(plan.grasp.world_from_tool) @ world_from_part
                 way = _way_to(destination, held, settings, mounting, allowed)
                 if way is not None:
-                    return replace(plan, way=way)
+                    return replace(plan, way=way, destination=destination)
     if approached and destination is not None:
         goals = ", ".join(goal.place.name for goal in destination.goals[:MOST_GOALS])
         why = f"none of its {approached} grasps in reach can set it down at {goals} as it is to lie there"
@@ -151,34 +153,6 @@ def _way_to(
     return None
 
 
-@dataclass(frozen=True)
-class SidePlan:
-    """How a part that lies on one side, from 1, can be brought to a place. found: at how many of so many headings
-    (tried); grasp: one of these in words; why: what keeps it from there at one of the others."""
-
-    side: int
-    found: int
-    tried: int
-    grasp: str
-    why: str
-
-
-def plan_from_side(
-    goal: Goal, side: int, lying_at: Array, settings: Settings, mounting: CameraMounting, reach: Reach
-) -> SidePlan:
-    """Whether one grasp can pick a part that lies on a side, from 0, and set it down at a place. lying_at: (3,) world
-    mm, on the table. Raises ValueError where the taught corners span no solid."""
-    grasps, whys = list[str](), list[str]()
-    for heading_deg in HEADINGS_DEG:
-        pose = frames.rigid(about_vertical(heading_deg) @ UPSIDE_DOWN, lying_at) @ goal.shape.laid_flat[side]
-        plan = plan_part(goal.shape, pose, (), settings, mounting, reach.allows_each, destination=Destination([goal]))
-        if isinstance(plan, NoPlan):
-            whys.append(plan.why)
-        else:
-            grasps.append(plan.grasp.told)
-    return SidePlan(side + 1, len(grasps), len(HEADINGS_DEG), next(iter(grasps), ""), next(iter(whys), ""))
-
-
 def stable_sides(shape: Polyhedron) -> list[int]:
     """The sides, from 0, that a part of one material can lie on: nothing of it is beyond them, and the mass centre is
     above them. Raises ValueError where the corners span no volume."""
@@ -191,14 +165,13 @@ def stable_sides(shape: Polyhedron) -> list[int]:
     return found
 
 
-def regrasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
+def same_grasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:
     """The same grasp on the part where it is now known to be: the nearest of today's grasps by turn and place that its
     neighbours leave room. None where none is near (the part lies otherwise than was thought: plan again)."""
     old = before.grasp.world_from_tool
     table_z_mm, error_mm = settings.limits.table_z_mm, settings.stops.enough_mm
-    found, _ = settings.gripper.grasps(
-        shape, world_from_part, table_z_mm, error_mm, before.neighbours, near=old[:3, :3]
-    )
+    gripper = settings.gripper.turning or settings.gripper
+    found, _ = gripper.grasps(shape, world_from_part, table_z_mm, error_mm, before.neighbours, near=old[:3, :3])
 
     def away(grasp: PlannedGrasp) -> float:
         gap_mm = apart_mm(grasp.world_from_tool[:3, 3], old[:3, 3])

@@ -38,10 +38,13 @@ from daemon.pick.looks import Expected, Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
 from daemon.pick.outcome import PickResult
 from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
+from daemon.pick.place_plan import plan_anew, then_in_words
+from daemon.pick.plan import NoPlan
 from daemon.pick.pose_fusion import CHI_SQUARE_6, Estimate, Sighting, fuse
+from daemon.pick.regrasp import MOST_GRASPS
 from daemon.pick.seen import same_place, seen_parts
 from daemon.pick.transitions import PickEvent
-from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, travel
+from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, raise_if_closed, skip, travel
 from daemon.store.place_status import AT_PLACE_MM, PlaceStatus
 from daemon.vision.refine import Fit
 
@@ -85,44 +88,48 @@ async def measure(context: PickContext, target: Target, taken: Taken) -> Array |
 
 async def set_down(
     context: PickContext, world: WorldModel
-) -> Literal[PickEvent.SET_DOWN, PickEvent.UNREACHABLE, PickEvent.LOST, PickEvent.DRY]:
-    """Over the place, straight and slowly down to its support, let go, straight back. Where the guard refuses the way,
-    the part goes to the bin, and the place is free again; so it is where the part was lost on the way."""
+) -> Literal[PickEvent.SET_DOWN, PickEvent.LAID_DOWN, PickEvent.UNREACHABLE, PickEvent.LOST, PickEvent.DRY]:
+    """Over the place, or where it is laid on the table to be taken anew; straight and slowly down to its support, let
+    go, straight back. Where the guard refuses the way, the part goes to the bin, and the place is free again; so it is
+    where the part was lost on the way."""
     target, mover = world.the_target(), context.mover
     assert target.way is not None
     assert target.held is not None
     goal, held = target.way.goal, target.held
-    way = set_down_of(goal, target.way.pose, held, context.settings, context.cell.mounting)
-    name = goal.place.name
+    way = replace(
+        set_down_of(goal, target.way.pose, held, context.settings, context.cell.mounting), look=target.way.look
+    )
+    where = goal.told
     if not mover.dry:
-        _note(context, goal, PlaceStatus.CLAIMED)
+        _note(context, world, goal, PlaceStatus.CLAIMED)
     try:
-        await travel(context, world, way.over, f"over place {name}")
+        await travel(context, world, way.over, f"over {where}")
         if await _lost(context, target):
-            _note(context, goal, PlaceStatus.FREE, why="the part was lost on the way")
+            _note(context, world, goal, PlaceStatus.FREE, why="the part was lost on the way")
             why = "the gripper's sensor says that it holds nothing, and the part does not show in it"
             context.decide(f"{target.label} was lost on the way", why, CauseCode.PART_SLIPPED, label=target.label)
             return PickEvent.LOST
         mover.check_through([way.at, way.clear], way.contact)
-        await mover.travel(way.at, f"down to place {name}", _slowly, straight=True, contact=way.contact)
+        await mover.travel(way.at, f"down to {where}", _slowly, straight=True, contact=way.contact)
     except MOVE_ERRORS as error:
         raise_if_closed(error)
         if not mover.dry:
-            _note(context, goal, PlaceStatus.FREE, why=f"no way there: {error}")
+            _note(context, world, goal, PlaceStatus.FREE, why=f"no way there: {error}")
         context.decide("bring it to the bin", str(error), CauseCode.NO_WAY_TO_PLACE, label=target.label)
         return PickEvent.UNREACHABLE
     if mover.dry:
-        world.result = PickResult(Outcome.DRY, f"{target.label} would be set down at place {name} now", None)
+        world.result = PickResult(Outcome.DRY, f"{target.label} would be set down at {where} now", None)
         return PickEvent.DRY
-    await mover.still_there(f"the gripper is to open at place {name}")
-    _note(context, goal, PlaceStatus.SET)
-    world.set_down_at = name
+    await mover.still_there(f"the gripper is to open at {where}")
+    world.laid += goal.between
+    _note(context, world, goal, PlaceStatus.SET)
+    world.set_down_at = None if goal.between else goal.place.name
     await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
     sensor = await sensed(context, "let go")
-    ask_where_they_differ(context, contradiction(target.label, sensor, f"was let go at place {name}", False))
+    ask_where_they_differ(context, contradiction(target.label, sensor, f"was let go at {where}", False))
     target.plan = replace(target.plan, way=way)
-    await mover.travel(way.clear, f"back from place {name}", _slowly, straight=True)
-    return PickEvent.SET_DOWN
+    await mover.travel(way.clear, f"back from {where}", _slowly, straight=True)
+    return PickEvent.LAID_DOWN if goal.between else PickEvent.SET_DOWN
 
 
 async def _lost(context: PickContext, target: Target) -> bool:
@@ -147,11 +154,46 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
     assert target.way is not None
     goal = target.way.goal
     await travel(context, world, target.way.look, f"look at place {goal.place.name}")
-    seen = await _judge(context, world, goal, PlaceStatus.MISSING)
+    seen = (await _judge(context, world, goal, PlaceStatus.MISSING)).status
     outcome, code = BY_LOOK.get(seen, (Outcome.RELEASED, CauseCode.NOT_AT_PLACE))
     why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
     world.result = PickResult(outcome, why, code)
     context.decide(outcome, why, code or DecisionCode.PICKED, label=target.label)
+    return PickEvent.SEEN
+
+
+async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickEvent.SEEN, PickEvent.LOST]:
+    """Look at the part as it was laid down, and plan how it is taken from there. One that is not seen, or that no grasp
+    brings on, is left where it is, and told."""
+    target = world.the_target()
+    assert target.way is not None
+    goal, settings, mounting = target.way.goal, context.settings, context.cell.mounting
+    await travel(context, world, target.way.look, f"look at it on {goal.told}")
+    found = await _judge(context, world, goal, PlaceStatus.MISSING)
+    target.seen_at, target.world_from_part = goal.centre, target.way.pose
+    if found.pose is None or found.look is None:
+        why = f"not seen where it was laid down on {goal.told}: {found.why}"
+        skip(context, world, Outcome.LOST, target, why, CauseCode.NOT_WHERE_LAID)
+        return PickEvent.LOST
+    most, looks = max(1, MOST_GRASPS - world.laid), [*world.looks]
+    arm = settings, mounting, context.mover.reach, context.cell.rig
+    plan = await context.cell.compute(plan_anew, target.shape, found.pose, most, target.plan, looks, *arm)
+    if isinstance(plan, NoPlan):
+        skip(context, world, Outcome.UNREACHABLE, target, f"laid down on {goal.told}, {plan.why}", plan.code)
+        return PickEvent.LOST
+    side_view = mounting.out_of_view[:3, :3] if isinstance(mounting, InWorld) else None
+    world.target = world.last_target = Target(
+        target.label,
+        target.shape,
+        found.pose,
+        plan,
+        found.look,
+        side_view=side_view,
+        confidence=target.confidence,
+        seen_at=frames.apply(found.pose, target.shape.corners_mm).mean(axis=0),
+    )
+    why = f"{found.why}; grasp {plan.grasp.told}{then_in_words(plan)}"
+    context.decide(f"take {target.label} anew", why, DecisionCode.LAID_DOWN, label=target.label, grasps=plan.grasps)
     return PickEvent.SEEN
 
 
@@ -173,7 +215,7 @@ async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceS
     if context.mover.dry:
         return context.placing.status(goal.place.name)
     await _go_round(context, world, goal.centre, f"place {goal.place.name}", [])
-    return await _judge(context, world, goal, PlaceStatus.FREE)
+    return (await _judge(context, world, goal, PlaceStatus.FREE)).status
 
 
 async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
@@ -264,7 +306,7 @@ async def _go_round(
     raise refused
 
 
-async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus) -> PlaceStatus:
+async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus) -> "PlaceFinding":
     """Look at a place from where the arm is at rest, and again from another side as long as what the looks say together
     is nearer to the tolerance than it may err, or a look does not show the part. empty: what a place is that shows
     nothing."""
@@ -278,6 +320,7 @@ async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: Pla
         if fit is not None:
             sightings.append(sighted(seen, fit, rig, doubt))
         found = _lies(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
+        found = replace(found, look=seen)
         if found.sure or len(eyes) == MOST_LOOKS:
             break
         try:
@@ -285,8 +328,8 @@ async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: Pla
         except MOVE_ERRORS as error:
             raise_if_closed(error)
             break
-    _note(context, goal, found.status, found.off, found.why)
-    return found.status
+    _note(context, world, goal, found.status, found.off, found.why, found.pose)
+    return found
 
 
 def _expecting(goal: Goal) -> Expected:
@@ -295,12 +338,15 @@ def _expecting(goal: Goal) -> Expected:
 
 @dataclass(frozen=True)
 class PlaceFinding:
-    """What looks say of a place. sure: whether one more would not change it."""
+    """What looks say of a place. sure: whether one more would not change it; pose: world_from_part (4, 4) mm of the
+    part that belongs there, None: it was not seen; look: the last one."""
 
     status: PlaceStatus
     off: PlaceDeviation | None
     why: str
     sure: bool = False
+    pose: Array | None = None
+    look: Look | None = None
 
 
 def named_at(goal: Goal, seen: Look) -> Fit | None:
@@ -335,20 +381,43 @@ def _lies(goal: Goal, estimate: Estimate) -> PlaceFinding:
     if abs(off.height_mm) > most_height_mm:
         higher = "higher" if off.height_mm > 0 else "lower"
         why = f"{off}, {abs(off.height_mm):.1f} mm {higher} than it would rest"
-        return PlaceFinding(PlaceStatus.OFF, off, why, abs(off.height_mm) > 2 * most_height_mm)
+        sure = abs(off.height_mm) > 2 * most_height_mm
+        return PlaceFinding(PlaceStatus.OFF, off, why, sure, estimate.world_from_part)
     spare_mm, spare_deg = manner.tolerance_mm - off.off_mm, manner.tolerance_deg - off.off_deg
     right = min(spare_mm, spare_deg) >= 0.0
     sure = min(spare_mm - errs_mm, spare_deg - errs_deg) > 0.0 or min(spare_mm + errs_mm, spare_deg + errs_deg) < 0.0
     why = f"{off}, {'within' if right else 'more than'} {most}"
-    return PlaceFinding(PlaceStatus.RIGHT if right else PlaceStatus.OFF, off, why, sure)
+    return PlaceFinding(PlaceStatus.RIGHT if right else PlaceStatus.OFF, off, why, sure, estimate.world_from_part)
 
 
 def _note(
-    context: PickContext, goal: Goal, status: PlaceStatus, off: PlaceDeviation | None = None, why: str = ""
+    context: PickContext,
+    world: WorldModel,
+    goal: Goal,
+    status: PlaceStatus,
+    off: PlaceDeviation | None = None,
+    why: str = "",
+    pose: Array | None = None,
 ) -> None:
-    """The disk first, then the log."""
+    """The disk first, then the log. What is laid on the table in between has no status on the disk: until it is let go
+    the record of the gripper says where it is, and after that it is a part on the table. pose: as it was seen."""
     place = goal.place
     off_mm, off_deg, height_mm = (None, None, None) if off is None else off
+    if goal.between:
+        if status not in (PlaceStatus.CLAIMED, PlaceStatus.FREE):
+            context.cell.log.record(
+                "laid_down",
+                cycle=context.cycle,
+                label=place.part,
+                status=str(status),
+                times=world.laid,
+                off_mm=off_mm,
+                off_deg=off_deg,
+                why=why,
+                world_from_part=goal.poses[0] if pose is None else pose,
+                outline=goal.outline,
+            )
+        return
     context.placing.statuses.put(place.name, status, off_mm, off_deg, why)
     context.cell.log.record(
         "place",

@@ -101,6 +101,11 @@ class SuctionCup(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
         """See Gripper. A cup looks the same with a part as without."""
         return None
 
+    @property
+    def turning(self) -> None:
+        """See Gripper. A cup holds a part near to level only (carried_deg)."""
+        return None
+
     def works_s(self, closed: bool) -> float:
         return self.dwell_s if closed else self.blow_off_s
 

@@ -4,9 +4,11 @@ handler is."""
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
+
 from daemon import frames
 from daemon.arm import BeliefSource, carried_part
-from daemon.events.codes import DecisionCode
+from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import BROUGHT, Outcome
 from daemon.pick.following import (
     CameraMount,
@@ -21,10 +23,12 @@ from daemon.pick.following import (
 from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
 from daemon.pick.looks import Look, Taken
 from daemon.pick.outcome import InGripper, PickResult, released
+from daemon.pick.place_goals import Goal
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
 from daemon.pick.set_down import measure
 from daemon.pick.settings import Settings
+from daemon.pick.table_room import beside_of
 from daemon.pick.transitions import PickEvent
 from daemon.pick.world import MOVE_ERRORS, PickContext, WorldModel, look, skip, travel, unreachable
 
@@ -99,10 +103,15 @@ async def verify(
         world.result = PickResult(Outcome.RELEASED, why, None)
         if target.way is not None:
             target.held = await measure(context, target, seen.taken)
-            if target.held is not None:
-                text = f"bring it to place {target.way.goal.place.name}"
+            barred = target.way.goal.between and _barred(target.way.goal, seen)
+            if target.held is not None and not barred:
+                text = f"bring it to {target.way.goal.told}"
                 context.decide(text, why, DecisionCode.IN_GRIPPER, label=target.label)
                 return PickEvent.MEASURED
+            if barred:
+                why = f"{why}; something shows where it was to be laid down"
+                context.decide("bring it to the bin", why, CauseCode.NO_WAY_TO_PLACE, label=target.label)
+                return PickEvent.GONE
             why = f"{why}; its edges there do not say how it is held"
             context.decide("bring it to the bin, not to its place", why, DecisionCode.NOT_MEASURED, label=target.label)
             return PickEvent.GONE
@@ -136,6 +145,15 @@ def _judged(
     if came_back_empty(seen.taken, mount, settings.gripper):
         return False, ("is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY)
     return False, None
+
+
+def _barred(goal: Goal, seen: Look) -> bool:
+    """Whether a look shows something on the table where a part is to be laid down."""
+    hand, corners = seen.reading.world_from_tool[:3, 3], goal.corners[:, :2]
+    middle = corners.mean(axis=0)
+    reach_mm = float(np.linalg.norm(corners - middle, axis=1).max())
+    others = [p.corners for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
+    return not beside_of(others).free(middle, reach_mm)
 
 
 def _knocked_away(found: Sequence[ObservedPart], target: Target, on_table: list[ObservedPart]) -> bool:

@@ -27,6 +27,7 @@ class PickState(StrEnum):
     BIN = "bin"
     SET_DOWN = "set_down"
     LOOK_AT_PLACE = "look_at_place"
+    LOOK_AT_LAID = "look_at_laid"
     HOME = "home"
     PAUSED = "paused"
     FAULT = "fault"
@@ -73,6 +74,7 @@ class PickEvent(StrEnum):
     GONE = "gone"
     MEASURED = "measured"
     SET_DOWN = "set_down"
+    LAID_DOWN = "laid_down"
     MISSED = "missed"
     BINNED = "binned"
     DROPPED = "dropped"
@@ -152,6 +154,12 @@ TABLE: tuple[Row, ...] = (
         "the part has a place, and its edges show how it is held",
     ),
     Row(PickState.SET_DOWN, PickEvent.SET_DOWN, PickState.LOOK_AT_PLACE, "lowered to its support, let go, backed off"),
+    Row(
+        PickState.SET_DOWN,
+        PickEvent.LAID_DOWN,
+        PickState.LOOK_AT_LAID,
+        "laid on the table on another side, to be taken by another grasp; let go, backed off",
+    ),
     Row(PickState.SET_DOWN, PickEvent.UNREACHABLE, PickState.BIN, "the guard refused the way to its place"),
     Row(
         PickState.SET_DOWN,
@@ -161,6 +169,13 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(PickState.SET_DOWN, PickEvent.DRY, PickState.HOME, "nothing was sent: the hand holds what it held"),
     Row(PickState.LOOK_AT_PLACE, PickEvent.SEEN, PickState.HOME, "right, off by so much, or not there"),
+    Row(PickState.LOOK_AT_LAID, PickEvent.SEEN, PickState.STOP_N, "it lies there: the next grasp is planned"),
+    Row(
+        PickState.LOOK_AT_LAID,
+        PickEvent.LOST,
+        PickState.SURVEY,
+        "not seen where it was laid down, or no grasp brings it on as it lies: skip",
+    ),
     Row(
         PickState.VERIFY,
         PickEvent.MISSED,

@@ -67,6 +67,8 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     """Least height of the finger tips over the table, mm."""
     tilts_deg: tuple[Lean, ...] = (10.0, 20.0, 30.0, 40.0)
     """Angles from straight down at which the approach may lean, degrees."""
+    turn_tilts_deg: tuple[Lean, ...] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, -10.0, -20.0, -30.0, -40.0, -50.0)
+    """The same for a part that is to lie on another side than before; below 0 the cameras are on the lower side."""
 
     @property
     def by_vacuum(self) -> bool:
@@ -91,6 +93,10 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
     @property
     def empty(self) -> Polyhedron:
         return closed_fingers(self)
+
+    @property
+    def turning(self) -> TwoFingers:
+        return msgspec.structs.replace(self, tilts_deg=self.turn_tilts_deg)
 
     def works_s(self, closed: bool) -> float:
         """See Gripper. That of fingers is pick.hand_s."""
@@ -283,9 +289,12 @@ def _base(gripper: TwoFingers) -> Array:
 
 def _lines(sides: _Sides, gripper: TwoFingers) -> _FingerLines:
     """sides: in the tool frame."""
-    base = _base(gripper)
-    met = inside(base, sides.outlines[..., [0, 2]])
+    base, across = _base(gripper), sides.outlines[..., [0, 2]]
     normals = sides.normals
+    over = (across.max(axis=1) > base.min(axis=0)) & (across.min(axis=1) < base.max(axis=0))
+    met = np.zeros((len(across), len(base)), bool)
+    near = over.all(axis=1) & (np.abs(normals[:, 1]) > LEAST_SLOPE)  # most of a round part's are not
+    met[near] = inside(base, across[near])
     offsets = np.einsum("fi,fi->f", sides.outlines[:, 0], normals)
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (offsets[:, None] - normals[:, [0, 2]] @ base.T) / normals[:, 1:2]
@@ -387,7 +396,7 @@ def grasps(
                 if grasp is not None:
                     blocked = any(in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
                     found.append(replace(grasp, blocked=blocked))
-    return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), g.tilt_deg))
+    return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
 
 
 def _legs(solid: Polyhedron, along: Array, gripper: TwoFingers) -> list[Array]:

@@ -186,6 +186,7 @@ class WorldModel:
     doubts: how often they did and the whole table had to be looked at; began_s: on the cell's clock; moved_s: what of
     the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
     next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often;
+    laid: how often a part was laid down to be taken anew;
     set_down_at: the place at which the gripper was to open; result: what the pick has come to so far; brought: whether
     the part was let go over the bin or at its place.
     All in world, mm.
@@ -211,6 +212,7 @@ class WorldModel:
     taken: int = 0
     again: tuple[int, int] = (0, 0)
     odd: Counter[str] = field(default_factory=Counter)
+    laid: int = 0
     set_down_at: str | None = None
     result: PickResult = NOTHING_THERE
     brought: bool = False

@@ -22,7 +22,7 @@ from daemon.console.notices import Notices
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles
 from daemon.pick.place_goals import PlaceTable
-from daemon.pick.plan import SidePlan
+from daemon.pick.place_plan import SidePlan
 from daemon.pick.set_down import HeldHere
 from daemon.pick.settings import Settings as PickSettings
 from daemon.signals.line import LineSignals, no_line

@@ -15,7 +15,8 @@ from daemon import frames
 from daemon.commands import every_command, placing
 from daemon.console.interpreter import CommandResult, Interpreter
 from daemon.pick.place_goals import PlaceTable
-from daemon.pick.plan import SidePlan
+from daemon.pick.place_plan import PlannedMotion, SidePlan
+from daemon.pick.settings import Settings
 from daemon.store.place_file import FILE, PatternEntry, PlaceEntry, load_places, with_place, write_places
 from daemon.store.place_status import PlaceStatus, PlaceStatuses
 from tests.fakes.fake_cell import shape_of
@@ -232,17 +233,27 @@ def test_parts_say_where_they_go_and_status_counts_places(context: Any) -> None:
 
 def test_from_which_sides_a_part_can_be_brought_to_its_places_is_told_side_by_side(context: Any) -> None:
     context.parts = ("cube", "pyramid")
-    yes, some = SidePlan(1, 4, 4, "50 mm wide", ""), SidePlan(2, 3, 4, "49 mm wide", "out of reach")
-    no = SidePlan(3, 0, 4, "", "none of its 12 grasps in reach can set it down at nest")
+    context.cycle.settings = Settings()
+    first, second = (PlannedMotion(told, *[np.eye(4)] * 4) for told in ("50 mm wide", "49 mm wide"))
+    yes, some = SidePlan(1, 4, 4, (first,), ""), SidePlan(2, 3, 4, (first, second), "out of reach")
+    no = SidePlan(3, 0, 4, (), "none of its 12 grasps in reach can set it down at nest")
     context.cycle.plans, frontend = (yes, some, no), FakeFrontend()
     answer = say(context, "place plan cube nest", frontend)
     assert frontend.said[:3] == [
         "nest, from side 1 down: yes, 50 mm wide",
-        "nest, from side 2 down: turned in 3 of 4 ways, 49 mm wide; else out of reach",
+        "nest, from side 2 down: turned in 3 of 4 ways, 2 grasps: 50 mm wide, laid down, then 49 mm wide; "
+        "else out of reach",
         "nest, from side 3 down: no: none of its 12 grasps in reach can set it down at nest",
     ]
-    assert answer.text == "The cube can be brought to nest from 4 of 6 sides that it can lie on."
-    assert [plan["found"] for plan in answer.data["plans"]["nest"]][:3] == [4, 3, 0]
+    picture = context.config.places_file.with_name("place-plan.svg")
+    told = "The cube can be brought to nest from 4 of 6 sides that it can lie on."
+    assert answer.text == f"{told} Picture: {picture}"
+    assert [(plan["found"], len(plan["grasps"])) for plan in answer.data["plans"]["nest"]][:3] == [
+        (4, 1),
+        (3, 2),
+        (0, 0),
+    ]
+    assert picture.read_text().count("<polygon") >= 3 * (2 + 4)
     assert "nest from 4 of 6 sides; other from 4 of 6 sides" in say(context, "place plan cube").text
     context.cycle.plans = (no,)
     assert say(context, "place plan cube nest").status == 1

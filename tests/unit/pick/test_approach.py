@@ -103,7 +103,7 @@ def test_a_part_not_seen_from_one_side_is_approached_from_another_and_lost_after
 def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(monkeypatch):
     context, world = begun(one_part())
     brought_to(PickState.ESTIMATING, context, world)
-    monkeypatch.setattr(approach, "regrasp", lambda *_: None)
+    monkeypatch.setattr(approach, "same_grasp", lambda *_: None)
     assert step(context, world, PickState.ESTIMATING) is PickEvent.ELSEWHERE
     assert world.replans == 1
 

@@ -1,7 +1,6 @@
 """Plans: reached all the way or told why not; the same grasp found again on a better estimate."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -10,13 +9,11 @@ import pytest
 from daemon import frames
 from daemon.events.codes import CauseCode
 from daemon.pick import plan as planning
-from daemon.pick.place_goals import goal_of
-from daemon.pick.plan import HEADINGS_DEG, NoPlan, last_stretch, plan_from_side, plan_part, regrasp, stable_sides
+from daemon.pick.plan import NoPlan, last_stretch, plan_part, same_grasp, stable_sides
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import in_the_way
 from daemon.store import folders
 from daemon.store.library import load_facets
-from daemon.store.place_file import Manner, Place
 from daemon.teaching.solid_from_mesh import read_drawing
 from daemon.vision.geometry import exact
 from drivers.simcell.parts import part_shape
@@ -47,11 +44,11 @@ def test_the_same_grasp_is_found_again_on_a_better_estimate_and_not_on_another_p
     plan = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere)
     assert not isinstance(plan, NoPlan)
     nearby = frames.perturb(pose, np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.03]))
-    again = regrasp(shape, nearby, plan, Settings())
+    again = same_grasp(shape, nearby, plan, Settings())
     assert again is not None
     gap = again.grasp.world_from_tool[:3, 3] - plan.grasp.world_from_tool[:3, 3]
     assert np.allclose(gap[:2], [2.0, -1.0], atol=0.5)
-    assert regrasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
+    assert same_grasp(shape, lying("cube", 0, 0.3, 560.0), plan, Settings()) is None
 
 
 def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
@@ -65,8 +62,8 @@ def test_a_grasp_moved_by_a_better_estimate_keeps_clear_of_what_lies_beside():
         if isinstance(plan, NoPlan):
             continue
         nearer = frames.perturb(pose, np.array([*rng.uniform(-4.0, 4.0, 2), 0.0, 0.0, 0.0, rng.normal(0.0, 0.04)]))
-        alone = regrasp(shape, nearer, replace(plan, neighbours=()), settings)
-        again = regrasp(shape, nearer, plan, settings)
+        alone = same_grasp(shape, nearer, replace(plan, neighbours=()), settings)
+        again = same_grasp(shape, nearer, plan, settings)
         if alone is not None and in_the_way(alone.grasp.world_from_tool, beside, settings.gripper):
             would_strike += 1
         assert again is None or not in_the_way(again.grasp.world_from_tool, beside, settings.gripper)
@@ -109,20 +106,6 @@ def test_a_part_does_not_lie_on_the_inside_of_a_corner():
     assert len(inner) == 2
     assert sides
     assert not set(sides) & set(inner)
-
-
-def test_a_side_from_which_no_grasp_leads_to_the_place_is_told_with_the_reason_and_one_that_does_with_its_grasp():
-    shape, anywhere = shape_of("pyramid"), SimpleNamespace(allows_each=everywhere)
-    base = next(k for k, ring in enumerate(shape.rings) if len(ring) == 4)
-    place = Place("nest", Manner(part="pyramid"), np.eye(4), None, base + 1, (430.0, -220.0, -300.0), 20.0)
-    at = np.array([520.0, 0.0, -300.0])
-    plan = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, anywhere)
-    assert (plan.side, plan.found, plan.tried, plan.why) == (base + 1, len(HEADINGS_DEG), len(HEADINGS_DEG), "")
-    assert "mm wide" in plan.grasp
-    nowhere = SimpleNamespace(allows_each=lambda poses: poses[:, 1, 3] > -150.0)
-    none = plan_from_side(goal_of(place, shape), base, at, Settings(), ON_HAND, nowhere)
-    assert (none.found, none.grasp) == (0, "")
-    assert "can set it down at nest" in none.why
 
 
 def test_a_part_whose_corners_span_no_volume_has_no_grasp():

@@ -116,9 +116,9 @@ def test_the_loop_goes_on_while_looks_are_fused(monkeypatch: pytest.MonkeyPatch)
 def test_the_loop_goes_on_while_a_pick_reckons(state: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Grasps, ways and hypotheses are reckoned beside the loop as well."""
     where, name = {
-        "choose": ("find", "plan_part"),
+        "choose": ("find", "plan_to_place"),
         "second_view": ("find", "next_best"),
-        "estimating": ("approach", "regrasp"),
+        "estimating": ("approach", "same_grasp"),
         "verify": ("take", "in_hand"),
     }[state]
     room = __import__(f"daemon.pick.{where}", fromlist=[name])

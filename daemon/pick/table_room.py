@@ -1,0 +1,89 @@
+"""What lies on the table beside a part, and where on it another may be laid down. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daemon.arm import Limits, body_of, upright_bounds
+from daemon.arrays import Array, Flags
+from daemon.pick.settings import Settings
+
+SPOT_MM, SPOTS_OUT_MM = 40.0, 160.0
+"""Spots on the table: how far apart, and how far from where it is surveyed."""
+BESIDE_MM = 15.0
+"""How far the hand and the part laid down keep from what lies beside: looks at it err, and show only some of it."""
+BIN_MM = 150.0
+"""How far from the bin nothing is laid down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What lies on the table beside, as upright cylinders: middles (M, 2), radii and tops (M,), world mm."""
+
+    middles: Array
+    radii: Array
+    tops: Array
+
+    def free(self, spot: Array, radius_mm: float) -> bool:
+        """Whether a part that reaches so far from a spot (2,) lies on none of it."""
+        away = np.linalg.norm(self.middles - spot, axis=1)
+        return bool((away > self.radii + radius_mm + BESIDE_MM).all())
+
+    def hides(self, points: Array, eye: Array) -> bool:
+        """Whether any of it may be before one of (N, 3) points, seen from an eye (3,)."""
+        rays = eye - points
+        share = np.clip((self.tops - points[:, 2:]) / np.maximum(rays[:, 2:], 1e-9), 0.0, 1.0)
+        ends = points[:, None, :2] + share[..., None] * rays[:, None, :2]
+        return bool((_from_line(self.middles, points[:, None, :2], ends) < self.radii).any())
+
+    def clear(self, tools: Array, limits: Limits) -> Flags:
+        """(N,) whether the hand at (N, 4, 4) keeps off all of it: fingers, palm and cameras, not the arm behind."""
+        hand = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+        ends = np.einsum("nij,ckj->ncki", tools[:, :3, :3], hand.ends_mm) + tools[:, None, None, :3, 3]
+        away = _from_line(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
+        low = ends[..., 2].min(axis=2) - hand.radius_mm
+        near = away < self.radii + hand.radius_mm[:, None] + BESIDE_MM
+        return np.asarray(~(near & (low[..., None] < self.tops + BESIDE_MM)).any(axis=(1, 2)))
+
+
+def _from_line(points: Array, start: Array, end: Array) -> Array:
+    """(...,) how far (..., 2) points are from the lines between two others."""
+    way, there = end - start, points - start
+    share = np.clip((there * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-9), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(there - share[..., None] * way, axis=-1))
+
+
+def beside_of(corners: Sequence[Array]) -> Beside:
+    """What things take up some of whose corners are known, (M, 3) each, world mm."""
+    spans = [(each.min(axis=0), each.max(axis=0)) for each in corners]
+    middles = np.array([(low[:2] + high[:2]) / 2 for low, high in spans]).reshape(-1, 2)
+    radii = [np.linalg.norm(c[:, :2] - m, axis=1).max() for c, m in zip(corners, middles, strict=True)]
+    return Beside(middles, np.array(radii, float), np.array([high[2] for _, high in spans], float))
+
+
+def free_spots(beside: Beside, radius_mm: float, settings: Settings) -> list[Array]:
+    """(2,) each: where on the table a part that reaches so far may be laid down, the middle of what is surveyed first.
+    Free of what lies beside and of keep-outs, and not at the bin."""
+    middle = np.array(settings.surveys[0].centre_mm[:2])
+    steps = np.arange(-SPOTS_OUT_MM, SPOTS_OUT_MM + 1.0, SPOT_MM)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    away = np.linalg.norm(grid, axis=1)
+    spots = middle + grid[np.argsort(away, kind="stable")][: int((away <= SPOTS_OUT_MM).sum())]
+    bin_at = np.array(settings.bin.point_mm[:2])
+    bounds = upright_bounds(settings.limits.keep_out)[..., :2]
+    low, high = np.array(settings.limits.box_low_mm[:2]), np.array(settings.limits.box_high_mm[:2])
+    return [
+        spot
+        for spot in spots
+        if beside.free(spot, radius_mm)
+        and np.linalg.norm(spot - bin_at) > BIN_MM + radius_mm
+        and (spot > low + radius_mm).all()
+        and (spot < high - radius_mm).all()
+        and not any(_near(spot, box) < radius_mm + BESIDE_MM for box in bounds)
+    ]
+
+
+def _near(spot: Array, box: Array) -> float:
+    """How far a point (2,) is from a rectangle, its corners (2, 2)."""
+    return float(np.linalg.norm(np.maximum(np.maximum(box[0] - spot, spot - box[1]), 0.0)))
