@@ -120,6 +120,8 @@ class Reach:
 
     def allows_each(self, world_from_tool: Array) -> Flags:
         """(N,) the same of each of (N, 4, 4): for plans, which ask for thousands."""
+        if not len(world_from_tool):
+            return np.zeros(0, bool)
         near = np.tile(self.here.joints_rad, (len(world_from_tool), 1))
         joints = self.kinematics.along(world_from_tool, near)
         lost = ~np.isfinite(joints).all(axis=1)

@@ -88,8 +88,9 @@ def start_on(shape: Polyhedron, side: int, heading_deg: float = 10.0) -> Array:
 
 
 def goal_on(label: str, shape: Polyhedron, side: int) -> Goal:
-    """A place at which that side, from 0, is down."""
-    return goal_of(Place("nest", Manner(part=label), np.eye(4), None, side + 1, AT, 20.0), shape)
+    """A place at which that side, from 0, is down, and no other that looks the same."""
+    manner = Manner(part=label, equivalents=False)
+    return goal_of(Place("nest", manner, np.eye(4), None, side + 1, AT, 20.0), shape)
 
 
 def pairs_by_brute_force(

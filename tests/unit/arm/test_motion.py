@@ -570,6 +570,7 @@ def test_where_the_arm_can_be_is_judged_for_many_poses_as_for_each_alone(wrist_d
     there = [robot.reachable(pose, here.joints_rad) for pose in poses]
     alone = [each is not None and bool(places_clear(each[None], robot, Limits())[0]) for each in there]
     assert reach.allows_each(poses).tolist() == alone
+    assert reach.allows_each(poses[:0]).tolist() == []
     assert 20 < sum(alone) < sum(each is not None for each in there) < 400
 
 

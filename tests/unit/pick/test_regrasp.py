@@ -1,0 +1,172 @@
+"""The search for grasps that bring a part onto another side: shortest, held against brute force, and cached."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arm import Reach
+from daemon.pick import regrasp
+from daemon.pick.place_goals import TABLE, goes_through
+from daemon.pick.plan import Destination, NoPlan, approach_poses, stable_sides
+from daemon.pick.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
+from daemon.pick.settings import Settings
+from daemon.pick.suction import SuctionCup
+from tests.fakes.fake_cell import HEAD_DOWN, ON_HAND, World, build, joints, rig, shape_of
+from tests.fakes.regrasps import START, goal_on, pairs_by_brute_force, start_on
+from tests.unit.pick.test_plan import everywhere
+
+SETTINGS = Settings()
+
+
+@pytest.fixture(scope="module")
+def reach():
+    from daemon.arm.belief import Reading
+
+    robot = build(World(np.random.default_rng(0))).robot.kinematics
+    return Reach(robot, Reading(HEAD_DOWN, joints(HEAD_DOWN)), SETTINGS.limits, SETTINGS.arrival)
+
+
+def regrasping(label, side, allowed, **more):
+    shape = shape_of(label)
+    goal = goal_on(label, shape, side)
+    return Regrasping(shape, Destination([goal]), SETTINGS, ON_HAND, allowed, rig(), **more)
+
+
+def over_plan(reach, **more):
+    """A pair of sides of the pentagonal prism that takes two grasps, and its plan."""
+    shape = shape_of("pentagonal_prism")
+    for a in stable_sides(shape):
+        for b in stable_sides(shape):
+            asked = regrasping("pentagonal_prism", b, reach.allows_each, **more)
+            steps = asked.plan(start_on(shape, a))
+            if not isinstance(steps, NoPlan) and len(steps) > 1:
+                return a, b, asked, steps
+    raise AssertionError("no pair takes two grasps")
+
+
+@pytest.mark.parametrize("label", ["cube", "pyramid", "pentagonal_prism"])
+def test_a_part_rests_level_on_each_face_below_its_mass(label):
+    shape = shape_of(label)
+    lying = resting(shape)
+    assert len(lying) == len(stable_sides(shape))
+    for pose in lying:
+        heights = frames.apply(pose, shape.corners_mm)[:, 2]
+        assert heights.min() == pytest.approx(0.0, abs=0.01)
+        assert (heights < 0.1).sum() >= 3
+
+
+@pytest.mark.parametrize("label", ["cube", "triangular_prism", "pentagonal_prism"])
+def test_every_pair_of_sides_that_brute_force_finds_a_way_between_is_planned(label, reach):
+    shape = shape_of(label)
+    brute = pairs_by_brute_force(label, shape, SETTINGS, ON_HAND, reach, 1, 5)
+    assert len(brute) > len(stable_sides(shape)) - 1
+    for a, b in brute:
+        steps = regrasping(label, b, reach.allows_each).plan(start_on(shape, a))
+        assert not isinstance(steps, NoPlan), (a, b)
+        assert 1 <= len(steps) <= MOST_GRASPS
+
+
+def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the_one_before_laid_it(reach):
+    a, b, asked, steps = over_plan(reach)
+    shape, pose = asked.shape, start_on(asked.shape, a)
+    for number, step in enumerate(steps, start=1):
+        centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
+        assert goes_through(approach_poses(step.grasp, centre, SETTINGS, ON_HAND), reach.allows_each)
+        assert goes_through(step.way.ways[:3], reach.allows_each)
+        held = frames.inverse(step.grasp.world_from_tool) @ pose
+        laid = step.way.at @ held
+        assert laid[:3, 3] - step.way.pose[:3, 3] == pytest.approx([0.0, 0.0, 0.5], abs=1e-6)
+        assert laid[:3, :3] == pytest.approx(step.way.pose[:3, :3], abs=1e-9)
+        heights = frames.apply(step.way.pose, shape.corners_mm)[:, 2]
+        assert heights.min() == pytest.approx(SETTINGS.limits.table_z_mm, abs=0.01)
+        assert (step.way.goal.place.name == TABLE) == (number < len(steps)) == step.way.goal.between
+        pose = step.way.pose
+    assert any(np.allclose(pose, each) for each in goal_on("pentagonal_prism", shape, b).poses)
+
+
+def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(reach):
+    a, _, asked, steps = over_plan(reach)
+    fewer = asked.plan(start_on(asked.shape, a), len(steps) - 1)
+    assert isinstance(fewer, NoPlan)
+    assert fewer.code == "no_way_to_place"
+    assert "can set it down at nest as it is to lie there" in fewer.why
+
+
+def test_nothing_is_laid_where_no_look_has_shown_the_table(reach, monkeypatch):
+    a, _, asked, steps = over_plan(reach)
+    laid = steps[0].way.goal.centre[:2]
+    eyes = (np.array([300.0, -30.0, 200.0]), np.array([300.0, 30.0, 200.0]))
+    shown = {"none": lambda point: False, "the other half": lambda point: point[1] > laid[1] + 40.0}
+    for name, in_view in shown.items():
+        monkeypatch.setattr(regrasp, "in_both_images", lambda look, point, view=in_view: view(point))
+        look = SimpleNamespace(eyes=eyes)
+        other = Regrasping(asked.shape, asked.destination, SETTINGS, ON_HAND, reach.allows_each, rig(), (), (look,))
+        found = other.plan(start_on(asked.shape, a))
+        if name == "none":
+            assert isinstance(found, NoPlan)
+        else:
+            corners = found[0].way.goal.corners
+            assert corners[:, 1].min() > laid[1] + 40.0
+
+
+def test_what_lies_on_the_table_is_laid_on_by_no_part_and_struck_by_no_hand(reach):
+    a, _, asked, steps = over_plan(reach)
+    there = steps[0].way.goal.corners
+    again = Regrasping(asked.shape, asked.destination, SETTINGS, ON_HAND, reach.allows_each, rig(), (there,))
+    found = again.plan(start_on(asked.shape, a))
+    if not isinstance(found, NoPlan):
+        middle, radius = there.mean(axis=0)[:2], np.linalg.norm(there - there.mean(axis=0), axis=1).max()
+        for step in found[:-1]:
+            gap = np.linalg.norm(step.way.goal.corners[:, :2] - middle, axis=1).min()
+            assert gap > radius
+        assert again.beside.clear(np.stack([step.way.at for step in found]), SETTINGS.limits).all()
+
+
+def test_no_place_of_the_cell_is_laid_on(reach):
+    a, _, asked, steps = over_plan(reach)
+    reserved = Destination(asked.destination.goals, (), [steps[0].way.goal.corners])
+    again = Regrasping(asked.shape, reserved, SETTINGS, ON_HAND, reach.allows_each, rig())
+    found = again.plan(start_on(asked.shape, a))
+    assert isinstance(found, NoPlan) or not np.allclose(found[0].way.goal.centre[:2], steps[0].way.goal.centre[:2])
+
+
+def test_a_part_that_no_grasp_reaches_is_said_to_be_out_of_reach():
+    nowhere = regrasping("cube", 0, lambda poses: np.zeros(len(poses), bool)).plan(start_on(shape_of("cube"), 1))
+    assert isinstance(nowhere, NoPlan)
+    assert nowhere.code == "out_of_reach"
+
+
+def test_a_suction_cup_turns_nothing_over():
+    shape = shape_of("cube")
+    cup = Settings(gripper=SuctionCup())
+    asked = Regrasping(shape, Destination([goal_on("cube", shape, 0)]), cup, ON_HAND, everywhere, rig())
+    assert asked.plan(start_on(shape, 1)) == NoPlan("no_way_to_place", "this gripper turns no part over")
+
+
+def test_what_hangs_on_part_and_gripper_alone_is_worked_out_once(monkeypatch):
+    made, work = [], regrasp._grasp_table
+    monkeypatch.setattr(regrasp, "_grasp_table", lambda *given: made.append(given) or work(*given))
+    regrasp._TABLES.clear()
+    gripper = SETTINGS.gripper.turning
+    first = grasp_table(shape_of("cube"), gripper, 1.0)
+    assert grasp_table(shape_of("cube"), gripper, 1.0) is first
+    assert len(made) == 1
+    grasp_table(shape_of("pyramid"), gripper, 1.0)
+    assert grasp_table(shape_of("cube"), SETTINGS.gripper, 1.0) is not first
+    assert len(made) == 3
+    for number in range(regrasp.MOST_TABLES + 3):
+        monkeypatch.setattr(regrasp, "_grasp_table", lambda *_: first)
+        grasp_table(shape_of("cube"), gripper, 2.0 + number)
+    assert len(regrasp._TABLES) == regrasp.MOST_TABLES
+    regrasp._TABLES.clear()
+
+
+def test_a_part_that_leans_against_something_is_grasped_as_it_lies(reach):
+    shape = shape_of("cube")
+    tip = frames.rotation_from_vector(np.array([0.3, 0.0, 0.0]))
+    leaning = frames.rigid(tip, START - tip @ START + [0.0, 0.0, 12.0]) @ start_on(shape, 0)
+    asked = regrasping("cube", 0, reach.allows_each)
+    own = SETTINGS.gripper.turning.grasps(shape, leaning, SETTINGS.limits.table_z_mm, 1.0).found
+    assert [g.tilt_deg for g in asked._grasps_of(leaning)] == [g.tilt_deg for g in own]
