@@ -117,7 +117,7 @@ class RegraspStep:
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
+class _PartHeld:
     """A part in the gripper: tool_from_part (4, 4), the grasp that took it, and the steps before."""
 
     tool_from_part: Array
@@ -181,13 +181,13 @@ class Regrasping:
     def _goals(self) -> Sequence[Goal]:
         return self.destination.goals[:MOST_GOALS]
 
-    def _first(self, world_from_part: Array) -> Iterator[_Held]:
+    def _first(self, world_from_part: Array) -> Iterator[_PartHeld]:
         """By which grasps the part can be picked where it lies, the surest first."""
         found = [grasp for grasp in self._grasps_of(world_from_part) if not grasp.blocked]
         tools = np.reshape([grasp.world_from_tool for grasp in found], (-1, 4, 4))
         for number in self._surest(found, tools, world_from_part):
             if self._can_take(tools[number], world_from_part):
-                yield _Held(frames.inverse(tools[number]) @ world_from_part, found[number])
+                yield _PartHeld(frames.inverse(tools[number]) @ world_from_part, found[number])
 
     def _grasps_of(self, pose: Array) -> Sequence[PlannedGrasp]:
         """Those of the part as it lies: of the table where it lies on one of its sides."""
@@ -250,7 +250,7 @@ class Regrasping:
         near = np.stack([way.at, way.clear])
         return bool(self.beside.clear(near, self.settings.limits).all()) and goes_through(way.ways[:3], self.allowed)
 
-    def _brought(self, held: Iterable[_Held]) -> tuple[RegraspStep, ...] | None:
+    def _brought(self, held: Iterable[_PartHeld]) -> tuple[RegraspStep, ...] | None:
         """The plan of the first of these that can set the part down at a goal."""
         for each in held:
             for goal in self._goals:
@@ -293,7 +293,7 @@ class Regrasping:
         takes = np.array([(ends & (self.table.side == side)).any() for side in range(len(self.table.lying))])
         return np.asarray((self._off_the_table(self.table.part_from_tool) & takes).any(axis=1) & ~ends)
 
-    def _relays(self, held: Sequence[_Held], wanted: Flags) -> Iterator[_Held]:
+    def _relays(self, held: Sequence[_PartHeld], wanted: Flags) -> Iterator[_PartHeld]:
         """The part laid down by one of these and taken by a grasp that is wanted, each of those once: where on the
         table, and how turned, is looked for."""
         if not held or not wanted.any():
@@ -311,7 +311,7 @@ class Regrasping:
                         )
                         left[taker] = False
                         tool_from_part = frames.inverse(self.table.part_from_tool[taker])
-                        yield _Held(tool_from_part, grasp, (*held[giver].before, laid))
+                        yield _PartHeld(tool_from_part, grasp, (*held[giver].before, laid))
 
     @cached_property
     def _spots(self) -> list[list[Array]]:
@@ -375,7 +375,7 @@ class Regrasping:
             Goal(place, self.shape, (pose,), table_z_mm), pose, tool_from_part, self.settings, self.mounting
         )
 
-    def _laid(self, held: _Held, pose: Array, part_from_tool: Array) -> RegraspStep:
+    def _laid(self, held: _PartHeld, pose: Array, part_from_tool: Array) -> RegraspStep:
         """The part laid down; looked at from where the next grasp is approached."""
         look = self.mounting.approach_pose(pose @ part_from_tool, self._centre(pose), self.settings.verify_mm)
         way = replace(self._way(pose, held.tool_from_part), look=look)
