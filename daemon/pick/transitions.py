@@ -44,8 +44,8 @@ SHOWN: Mapping[str, str] = {
     PickState.CLOSING: "close the gripper", PickState.RETREAT: "lift", PickState.VERIFY: "verify the grasp",
     PickState.BIN: "bring it to the bin", PickState.SET_DOWN: "set it down",
     PickState.LOOK_AT_PLACE: "look at its place",
-    PickState.LOOK_AT_LAID: "look at it on the table, to take it anew", PickState.HOME: "move home", PickState.PAUSED: "paused",
-    PickState.FAULT: "fault",
+    PickState.LOOK_AT_LAID: "look at it on the table, to take it anew",
+    PickState.HOME: "move home", PickState.PAUSED: "paused", PickState.FAULT: "fault",
 }  # fmt: skip
 """Names of the states for people, in `status` and on pages."""
 
