@@ -16,8 +16,9 @@ READ_S = 1.0
 """Nobody has read what is asked and said yes to it sooner than this after it came up, whether by `confirm` or as the
 answer to a question (frontends/command_queue.py)."""
 POLL_S = 0.05
-REMIND_S = 20.0
+REMIND_S = 60.0
 """How long a move waits for a yes before it is told once more, where nobody is asked."""
+STILL = "Still waits: `confirm` or `refuse`."
 UNASKED_S = 0.5
 """How often it is looked whether one waits so."""
 
@@ -52,13 +53,14 @@ class PendingMoveReminder:
         self._told: tuple[Waiting | None, float] = None, 0.0
 
     def due(self, waiting: Waiting | None) -> str | None:
-        """The line to tell, once as it begins to wait and again every REMIND_S; None where there is none."""
+        """The line to tell, once as it begins to wait, and a short one every REMIND_S: a narrow screen has few lines.
+        None where there is none."""
         now_s, (told, told_s) = time.monotonic(), self._told
         if waiting is told and (waiting is None or now_s < told_s + REMIND_S):
             return None
         self._told = waiting, now_s
-        if waiting is None:
-            return None
+        if waiting is None or waiting is told:
+            return None if waiting is None else STILL
         return f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
 
 

@@ -90,6 +90,17 @@ class DaemonLink:
     def close(self) -> None:
         self.socket.close()
 
+    def doing_beside(self) -> str | None:
+        """What the daemon is doing, asked on a connection of its own; None: nothing, or no answer within 1 s."""
+        with contextlib.suppress(DaemonUnreachableError, OSError, ValueError), _connect(self._paths) as line:
+            line.settimeout(1.0)
+            line.sendall(b'{"do": "status", "frontend": "console"}\n')
+            with line.makefile("rb") as file:
+                for message in map(json.loads, file):
+                    if "done" in message:
+                        return (message["done"].get("data") or {}).get("doing")
+        return None
+
     def stop_beside(self, text: str, frontend: str, say: Callable[[str], None]) -> dict[str, Any]:
         """Say a stop on a connection of its own, whatever is waited for on this one; gives what `do` does."""
         try:

@@ -19,7 +19,10 @@ def converse(link: DaemonLink) -> int:
 
         from daemon.frontends.console_prompt import ConsolePrompt
 
-        return asyncio.run(ConsolePrompt(link).run())
+        status = asyncio.run(ConsolePrompt(link).run())
+        if (doing := link.doing_beside()) is not None:
+            _say(f"{doing} goes on without this console. `facetctl stop` stops the arm, `facetctl status` shows it.")
+        return status
     return _piped(link)
 
 

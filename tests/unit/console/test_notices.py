@@ -280,7 +280,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
         confirmed = asyncio.Event()
         watching = asyncio.create_task(tell_what_waits(context))
         moving_on = asyncio.create_task(with_questions(context, confirmed.wait(), script))  # type: ignore[arg-type]
-        await until_so(lambda: script.said[:2] == console.heard[:2] == [line, line])
+        await until_so(lambda: script.said[:3] == console.heard[:3] == [line, step_mode.STILL, step_mode.STILL])
         asked = asyncio.create_task(with_questions(context, confirmed.wait(), console))  # type: ignore[arg-type]
         await until_so(lambda: bool(console.asked))
         heard, said = len(console.heard), len(script.said)

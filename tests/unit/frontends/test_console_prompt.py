@@ -159,8 +159,10 @@ def test_lines_from_a_pipe_are_said_one_by_one_without_the_prompt(daemon: Runnin
 class Played:
     """A daemon that says what a test lets it say, and keeps what it hears."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, doing: str | None = None) -> None:
+        """doing: what a `status` on a second connection is answered with; None: there is none."""
         self.heard: list[dict[str, Any]] = []
+        self._doing = doing
         self._listening = socket.socket(socket.AF_UNIX)
         self._listening.bind(str(folder / "facetd.sock"))
         self._listening.listen(1)
@@ -169,11 +171,17 @@ class Played:
         threading.Thread(target=self._serve, daemon=True).start()
 
     def _serve(self) -> None:
-        with self._listening, self._listening.accept()[0] as self._line, self._line.makefile("rb") as file:
-            for line in file:
-                with self._came:
-                    self.heard.append(json.loads(line))
-                    self._came.notify_all()
+        with self._listening:
+            with self._listening.accept()[0] as self._line, self._line.makefile("rb") as file:
+                for line in file:
+                    with self._came:
+                        self.heard.append(json.loads(line))
+                        self._came.notify_all()
+            if self._doing is not None:
+                with self._listening.accept()[0] as beside, beside.makefile("rb") as file:
+                    assert json.loads(file.readline())["do"] == "status"
+                    done = {"text": "", "status": 0, "data": {"doing": self._doing}}
+                    beside.sendall(json.dumps({"done": done}).encode() + b"\n")
 
     def says(self, **message: Any) -> None:
         assert self._line is not None
@@ -222,3 +230,12 @@ def test_notices_come_while_a_question_is_put_and_what_was_typed_for_something_e
     assert [message for message in daemon.heard if "answer" in message] == [{"answer": "y", "id": 7}]
     person.types("\x04")
     assert person.leaves() == 0
+
+
+def test_who_leaves_while_a_pick_goes_on_is_told_so(folder: Path) -> None:
+    """A console was closed, and the arm went on without a word."""
+    Played(folder, doing="auto")
+    person = Person(folder, "console")
+    person.sees("facetd>")
+    person.types("quit\r")
+    person.sees("auto goes on without this console. `facetctl stop` stops the arm")
