@@ -604,7 +604,7 @@ class PickCycle:
             by_error = supervisor.fault is not None and supervisor.ended_by is Interruption.ERROR
             outcome = Outcome.FAULT if by_error else Outcome.ABORTED
             code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
-            world.result = PickResult(outcome, supervisor.fault or "aborted", code)
+            world.result = PickResult(outcome, supervisor.fault or "a person gave `abort`", code)
         except OperatorRefusedError as error:
             world.result = PickResult(Outcome.ABORTED, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(Interruption.ABORT, str(error), None)

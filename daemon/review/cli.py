@@ -137,7 +137,7 @@ def _words(record: Record) -> str | None:
             return f"{record.get('label')} to {mm:.2f} mm {deg:.2f} degrees"
         case "move":
             sent = "" if record.get("sent") else ", not sent"
-            return f"{record.get('purpose')}: {record.get('how')}{_place(record.get('target'))}{sent}"
+            return f"{record.get('purpose')}: {record.get('how')} move{_place(record.get('target'))}{sent}"
         case "held_back":
             return f"{record.get('what')}: withdrawn before it was sent"
         case "decision" | "cycle_end":
