@@ -197,13 +197,13 @@ class Supervisor:
                 "the arm is enabled for `robot` only: calibrate hand-eye first (calibration.yaml has no hand_eye)"
             )
         if not self.enabled:
-            raise RefusedError("the arm is not enabled: enable it first, `enable`")
+            raise RefusedError("the arm is not enabled: `enable` first")
 
     def may_move_by_hand(self) -> None:
         """Raise RefusedError, with what to do, where what an operator tells the controller himself may not move."""
         self._nothing_hinders()
         if not (self.enabled or self.by_hand_only):
-            raise RefusedError("the arm is not enabled: enable it first, `enable`")
+            raise RefusedError("the arm is not enabled: `enable` first")
         if self.mover.dry:
             raise RefusedError("nothing moves while `dry` is on: say `dry off` first")
 

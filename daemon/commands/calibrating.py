@@ -20,6 +20,7 @@ from daemon.calibration.session import (
     CalibrationSession,
     FurtherView,
     SessionError,
+    Verified,
     best_further_view,
     board_in_world,
     show_by_hand,
@@ -308,10 +309,14 @@ def _moved(before: Calibration, after: Calibration) -> str:
 
 
 def _verified(views: list[BoardView], board: Board, calibration: Calibration) -> CommandResult:
-    found = verify(views, board, calibration)
+    return told_verified(verify(views, board, calibration))
+
+
+def told_verified(found: Verified) -> CommandResult:
+    """The errors of a verification in words. The first view, from where the arm stood, is one of its poses."""
     lines = [
-        f"From {found.poses} new poses: lengths {found.length_mm:.2f} mm off (scale {100 * found.scale_error:+.2f} %), "
-        f"{found.epipolar_px:.2f} px to the epipolar line, "
+        f"From {found.poses - 1} new poses and the first one: lengths {found.length_mm:.2f} mm off "
+        f"(scale {100 * found.scale_error:+.2f} %), {found.epipolar_px:.2f} px to the epipolar line, "
         f"the same corner comes out {found.spread_mm:.2f} mm apart in the world (hand-eye and arm together).",
         *(f"FAILED {failure}" for failure in found.failures),
     ]

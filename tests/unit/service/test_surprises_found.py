@@ -588,7 +588,7 @@ def test_an_arm_whose_controller_was_switched_off_as_it_stood_there_is_not_enabl
     if story.sockets[0].question is not None:
         story.sockets[0].answer("y")
     story.wait(3.0)
-    assert "the arm is not enabled: enable it first, `enable`" in story.texts
+    assert "the arm is not enabled: `enable` first" in story.texts
     assert not story.cell.controller.machine.calibrated
     assert story.violations() == ()
 
