@@ -10,7 +10,7 @@ import inspect
 import shlex
 import traceback
 from collections.abc import Awaitable, Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 from daemon.arm import said
@@ -356,7 +356,8 @@ class Interpreter:
         if not words:
             return CommandResult(first_screen(self.commands.values()), {"commands": every})
         if words[0] != "all":
-            return _described(self._find(words[0]), frontend)
+            answer = _described(self._find(words[0]), frontend)
+            return replace(answer, text=await by_pages(answer.text, frontend))
         every_line = table([(c.usage, c.summary) for c in self.commands.values()], frontend.columns)
         return CommandResult(await by_pages(every_line, frontend), {"commands": every})
 

@@ -156,6 +156,15 @@ def test_the_first_screen_of_help_is_ten_lines_on_any_terminal(context: object) 
     assert say(context, "?").text == say(context, "h").text == say(context, "help").text
 
 
+def test_a_long_help_of_one_command_is_shown_page_by_page(context: object) -> None:
+    """On a serial terminal of 24 lines the usage of `calibrate` had scrolled away."""
+    frontend = FakeFrontend(answers=[" "] * 5, columns=40, rows=24)
+    answer = say(context, "help calibrate", frontend)
+    assert frontend.said[0].startswith("calibrate stereo|")
+    assert all(len(page.splitlines()) <= 22 for page in frontend.said)
+    assert "9x6" in answer.text
+
+
 @pytest.mark.parametrize(("columns", "rows"), [(80, 24), (40, 24), (79, 10)])
 def test_help_all_is_shown_page_by_page_and_no_page_is_higher_than_the_terminal(
     context: object, columns: int, rows: int
