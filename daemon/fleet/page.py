@@ -21,7 +21,7 @@ from daemon.fleet.store import Store, StoreError
 from daemon.fleet.views import opened
 from daemon.review.measures import AXES, NEAR
 from daemon.review.page import render
-from daemon.review.production import shares_apart
+from daemon.review.production import NONE_CHOSEN, shares_apart
 from daemon.store.files import write_atomically
 from daemon.store.place_status import PlaceStatus
 from daemon.vision.health import MEASURES
@@ -129,8 +129,8 @@ def _cells(
         )
     )
     parts = _nested(
-        of(f"""SELECT cell, label, [{picked}, count(*)] FROM cycles
-        WHERE tried AND label IS NOT NULL AND {between} GROUP BY cell, label ORDER BY label""")
+        of(f"""SELECT cell, coalesce(label, '{NONE_CHOSEN}') AS part, [{picked}, count(*)] FROM cycles
+        WHERE tried AND {between} GROUP BY cell, part ORDER BY part""")
     )
     placed = _by(
         of(f"""SELECT cell, {", ".join(f"count(*) FILTER (place_status = '{each}')" for each in LOOKED_AT)} FROM cycles

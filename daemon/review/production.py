@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from daemon.events.codes import BY_SUMMARY
-from daemon.events.outcomes import UNFINISHED, is_success, tally
+from daemon.events.outcomes import UNFINISHED, Outcome, is_success, tally
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.downtime import use_of_time
 from daemon.review.not_counted import picks_not_counted
@@ -19,6 +19,8 @@ from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""
+ENDING = frozenset({"stop", "abort", "disable", "refuse", "n", "no"})
+"""Commands that end a pick."""
 NAMELESS = ("unknown", "ambiguous")
 NONE_CHOSEN = "no part chosen"
 """The row of picks that chose none: rows of parts add up to the total."""
@@ -101,28 +103,35 @@ def _nameless(cycle: Cycle) -> int:
 
 
 def interventions(run: Digest) -> int:
-    """Number of times a person had to act: commands during a pick or an auto, and faults until `resume`. A person's own
-    stop and the `resume` after it are one intervention."""
-    count, picking, auto, fault = 0, False, False, False
+    """Number of times a person had to act: commands during a pick or an auto, picks that a person ended, and faults
+    until `resume`. A person's own stop and the `resume` after it are one intervention, in whatever order the end of the
+    pick, the fault and the command were written."""
+    count, picking, auto, fault, ended = 0, False, False, False, False
     for record in run.records:
         match record["kind"]:
-            case "cycle_start" | "cycle_end":
-                picking = record["kind"] == "cycle_start"
+            case "cycle_start":
+                picking, ended = True, False
+            case "cycle_end":
+                picking = False
+                if record.get("outcome") == Outcome.ABORTED and not (fault or ended):
+                    ended = True
+                    count += 1
             case "auto":
                 auto = bool(record.get("on"))
-            case "command" if (picking or auto) and not fault:
+            case "command" if (picking or auto) and not (fault or ended):
                 words = str(record.get("text")).split()
                 count += bool(words) and words[0] not in ROUTINE
-            case "fault" if (picking or auto) and not fault:
+                ended = bool(words) and words[0] in ENDING
+            case "fault" if (picking or auto or ended) and not fault:
                 fault = True
-                count += 1
+                count += not ended
             case "left" if record.get("cycle") is not None or record.get("auto"):
                 fault = True
                 count += 1
             case "state" if record.get("from") == "fault" and record.get("to") != "fault":
-                fault = auto = False
+                fault = auto = ended = False
             case "run_start" if not record.get("reloaded"):
-                picking = fault = False
+                picking = fault = ended = False
     return count
 
 

@@ -59,10 +59,10 @@ def test_a_yes_to_a_move_that_somebody_else_has_sent_is_none_to_one_of_the_same_
         while hold.waiting in (None, first):
             await asyncio.sleep(0)
         frontend.questions[0].set_result("y")
-        await asyncio.sleep(0.05)
+        while len(frontend.questions) < 2:
+            await asyncio.sleep(0.001)
         assert hold.waiting is not None, "nobody was asked about it"
-        assert len(frontend.questions) == 2
         frontend.questions[1].set_result("y")
         await asyncio.wait_for(motion, 5)
 
-    asyncio.run(play())
+    asyncio.run(asyncio.wait_for(play(), 30))

@@ -33,6 +33,33 @@ def test_picked_of_tried_stops_by_cause_and_interventions(made: MadeRun) -> None
     assert found["median_s"] == pytest.approx(found["p95_s"])
 
 
+@pytest.mark.parametrize("auto", [False, True])
+@pytest.mark.parametrize("how", ["stop", "abort", "refuse", "a no at the question"])
+def test_a_person_who_ends_a_pick_is_one_intervention_as_the_daemon_writes_it(
+    made: MadeRun, how: str, auto: bool
+) -> None:
+    """Of a single pick none was counted: its end is written before the fault and the command of a stop."""
+    if auto:
+        made.write("auto", on=True, count=3, every_s=None)
+    made.pick()
+    if how == "refuse":
+        made.cycle += 1
+        made.write("cycle_start", cycle=made.cycle, target=None)
+        made.write("command", who="ann", door="console", text="refuse")
+        made.write("cycle_end", cycle=made.cycle, outcome="aborted", label="cube", stops=1, why="no", predicted=None)
+    else:
+        made.pick("aborted", why="stopped by ann")
+    if how == "stop":
+        made.write("fault", cycle=made.cycle, code="operator_stop", text="stopped by ann", **{"while": "pick"})
+    if how in ("stop", "abort"):
+        made.write("command", who="ann", door="console", text=how)
+    if how == "stop":
+        made.write("state", cycle=made.cycle, event="resume", to="idle", **{"from": "fault"})
+        made.write("command", who="ann", door="console", text="resume")
+    made.pick()
+    assert production([read_digest(made.close())])["interventions"] == 1
+
+
 def test_a_part_that_a_look_denied_and_that_went_to_the_bin_is_told_though_the_pick_went_on_to_another(
     made: MadeRun,
 ) -> None:
