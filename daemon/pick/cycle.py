@@ -116,7 +116,8 @@ class PickCycle:
         self.state = self._held = PickState.IDLE
         self.ends: deque[CycleEnd] = deque(maxlen=KEPT_ENDS)
         self.tally: Counter[Outcome] = Counter()
-        self.skipped: list[Skipped] = []
+        self._left_alone: tuple[Skipped, ...] = ()
+        """Parts that earlier picks skipped, and that the next one does not try again."""
         self.pick_order: PickOrder | None = None
         self.placing = PlaceTable()
         """Where parts belong; without places they go to the bin."""
@@ -171,6 +172,11 @@ class PickCycle:
         }
 
     @property
+    def skipped(self) -> Sequence[Skipped]:
+        """Parts left alone, those of the pick under way as well."""
+        return self._left_alone if self._world is None else self._world.skipped
+
+    @property
     def packml(self) -> PackMLState:
         at_work = self.supervisor.busy and self.supervisor.job_moves and not self.line.waits_to_begin
         return packml_state(self.supervisor.status(), at_work, self.line.done)
@@ -214,7 +220,7 @@ class PickCycle:
             )
         task = self.supervisor.begin("auto", self._many())
         task.add_done_callback(self._auto_over)
-        self._auto, self.skipped = True, []
+        self._auto, self._left_alone = True, ()
         self._told_off.clear()
         self._order(pick_order)
         return self.supervisor.end_of("auto", task)
@@ -550,7 +556,7 @@ class PickCycle:
                 if ends[-1].outcome is Outcome.DRY:
                     break
                 if ends[-1].outcome in (*BROUGHT, Outcome.EMPTIED):
-                    self.skipped = [s for s in self.skipped if s.outcome is Outcome.MISSED]
+                    self._left_alone = tuple(s for s in self._left_alone if s.outcome is Outcome.MISSED)
                 elif self._auto and self.pick_order.skip:
                     self._order(self.pick_order.without_wanted())
                 elif self._auto and every_s is None and self.pick_order.job is not None:
@@ -562,7 +568,7 @@ class PickCycle:
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(every_s):
                             await self._told_off.wait()
-                    self.skipped = []
+                    self._left_alone = ()
             self._order(None)
         except asyncio.CancelledError:
             pass  # stopped while it waited for parts: the arm stands, and what was picked is told
@@ -585,7 +591,7 @@ class PickCycle:
             return False
 
     async def _only(self, label: str | None) -> CycleEnd:
-        self.skipped = []
+        self._left_alone = ()
         return await self._one(PickOrder(1, steps=() if label is None else (OrderStep(label),)))
 
     async def _one(self, order: PickOrder) -> CycleEnd:
@@ -594,10 +600,10 @@ class PickCycle:
         supervisor, mover = self.supervisor, self.supervisor.mover
         self._cycles += 1
         mover.cycle = self._cycles
-        before, started_s = len(self.skipped), self.cell.clock()
+        started_s = self.cell.clock()
         self.cell.log.record("cycle_start", cycle=self._cycles, target=order.only)
         context = replace(self._context(self.recogniser), cycle=self._cycles, order=order)
-        world = self._world = WorldModel(self.skipped, began_s=started_s)
+        world = self._world = WorldModel(list(self._left_alone), began_s=started_s)
         try:
             await self._through(context, world)
         except asyncio.CancelledError:
@@ -612,8 +618,8 @@ class PickCycle:
             why, cause = f"{type(error).__name__}: {error}", cause_of(error)
             world.result = PickResult(Outcome.FAULT, why, cause.code)
             await self._stop_arm(Interruption.ERROR, why, why, cause)
-        end = self._ended(world, before, started_s)
-        self._world = None
+        end = self._ended(world, started_s)
+        self._left_alone, self._world = tuple(world.skipped), None
         tell(self.observer, end)
         return end
 
@@ -646,7 +652,7 @@ class PickCycle:
         if self.pick_order is not None:
             self.pick_order = self.pick_order.brought(label)
 
-    def _ended(self, world: WorldModel, before: int, started_s: float) -> CycleEnd:
+    def _ended(self, world: WorldModel, started_s: float) -> CycleEnd:
         target = world.target or world.last_target
         estimate = None if target is None else target.estimate
         end = CycleEnd(
@@ -659,7 +665,7 @@ class PickCycle:
             predicted_mm=None if estimate is None else estimate.predicted_mm,
             predicted_deg=None if estimate is None else estimate.predicted_deg,
             grasp=None if target is None else target.plan.grasp.world_from_tool,
-            skipped=tuple(self.skipped[before:]),
+            skipped=tuple(world.skipped[len(self._left_alone) :]),
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
             brought=world.brought and world.result.outcome in BROUGHT,
             place=world.set_down_at,
