@@ -46,7 +46,7 @@ $(VENV)/.runtime: pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
-	@$(BIN)/pip install -q -e '.[dev,metrics,dashboard,drawings,export,fleet,plots]'
+	@$(BIN)/pip install -q -e '.[dev,metrics,modbus,dashboard,drawings,export,fleet,plots]'
 	@tests/browser.sh
 	@touch $@
 

@@ -15,7 +15,7 @@ from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
 from daemon.quantities import Coordinate, Name
-from daemon.signals.settings import VALVES, SignalSettings, check_signals
+from daemon.signals.settings import VALVES, ModbusSettings, SignalSettings, check_signals
 from daemon.store import folders
 from daemon.store.calibrations import Calibrations, CalibrationsError
 from daemon.store.job_file import FOLDER as JOBS
@@ -214,6 +214,7 @@ class ConfigFile:
     health: HealthSettings = field(default_factory=HealthSettings)
     metrics: MetricsSettings = field(default_factory=MetricsSettings)
     signals: dict[str, SignalSettings] = field(default_factory=dict)
+    modbus: ModbusSettings | None = None
     grippers: dict[GripperName, KnownGripper] = field(default_factory=dict)
 
 
@@ -304,7 +305,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     values = document.convert(ConfigFile)
     for check in (_check_limits, _check_stops, _check_depth, _check_files):
         check(document, values)
-    check_signals(document, values.signals)
+    check_signals(document, values.signals, values.modbus)
     config = Config(values, document, "simulated" if simulated else values.cell)
     if values.grippers:
         config = with_mounted(config, load_mounted(config.state))

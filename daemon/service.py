@@ -24,7 +24,7 @@ from daemon.cell.pick_cell import pick_cell, place_table
 from daemon.commands import every_command
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.placing import report_moved
-from daemon.commands.signals import serve_the_line
+from daemon.commands.signals import plc_readings, serve_the_line
 from daemon.commands.simulated_parts import know_drawings
 from daemon.commands.step_mode import tell_what_waits
 from daemon.compute.worker import Worker
@@ -45,7 +45,9 @@ from daemon.maintenance.watchdog import Watchdog
 from daemon.pick.cycle import PickCycle
 from daemon.signals.input_form import load_form
 from daemon.signals.line import LineSignals
+from daemon.signals.modbus import ModbusError, ModbusServer, PLCInputs, handed_in
 from daemon.signals.packml import PackMLState
+from daemon.signals.settings import ModbusSettings
 from daemon.store.files import InUseError, hold, plain
 from daemon.store.library import load_facets, load_parts
 from daemon.store.model import load as load_model
@@ -60,7 +62,7 @@ from daemon.teaching.trainer import Trainer
 STOPPED, NO_DEVICE, BAD_CONFIGURATION = 0, 2, 78
 AT_START = (
     *("cell", "backend", "cameras", "arm", "folders", "console", "files", "simulated", "recorded", "metrics"),
-    "signals",
+    *("signals", "modbus"),
 )
 """Sections of the configuration that take effect only at a start."""
 GUARDING = ("limits", "gripper")
@@ -118,7 +120,7 @@ class Service:
                 await self._ending.wait()
         except FileError as error:
             status, self._why = BAD_CONFIGURATION, str(error)
-        except (CellError, FrontendError, InUseError, OSError) as error:
+        except (CellError, FrontendError, InUseError, ModbusError, OSError) as error:
             status, self._why = NO_DEVICE, plain(error)
         if status != STOPPED:
             journal.write("trouble", self._why, journal.ERROR)
@@ -268,7 +270,8 @@ class Service:
         cycle.use_places(place_table(config))
         signals, robot = config.values.signals, self._hardware.robot
         form = load_form(config.state) if signals else None
-        cycle.line = LineSignals(signals, robot, form, self._hardware.clock, log.record)
+        plc = PLCInputs(() if config.values.modbus is None else config.values.modbus.roles)
+        cycle.line = LineSignals(signals, robot, form, self._hardware.clock, log.record, plc)
         self.context = CommandContext(
             config, calibration, self._hardware, cycle, trainer, run_log, log, troubles, self.reload, worker, study
         )
@@ -291,6 +294,19 @@ class Service:
         if values.metrics.port is not None:
             self._metrics = MetricsServer(context, values.metrics.port)
             self._metrics.open()
+        if values.modbus is not None:
+            self._serve_modbus(context, values.modbus)
+
+    def _serve_modbus(self, context: CommandContext, settings: ModbusSettings) -> None:
+        """Serve a PLC on the socket that systemd handed in; without one no PLC permits anything. Raises ModbusError
+        without the extra."""
+        listener = handed_in()
+        if listener is None:
+            text = "no socket was handed in: `systemctl enable --now facetd-modbus.socket`, then restart facetd"
+            context.troubles.report("modbus", f"modbus: {text}")
+            return
+        server = ModbusServer(listener, settings, context.cycle.line.plc, lambda: plc_readings(context))
+        self.in_background(self._guarded(server.serve()), "modbus")
 
     # While it runs
 
@@ -386,7 +402,7 @@ class Service:
         elif self._opening is not None and not self._opening.done():
             await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
-        if self._started and self.context is not None and self.context.cycle.line.signals:
+        if self._started and self.context is not None and self.context.cycle.line.there:
             await _within(0.5, self.context.cycle.line.set_outputs(PackMLState.ABORTED))
         for task in self._tasks:
             task.cancel()

@@ -11,8 +11,10 @@ from daemon.console.notices import NoticeLevel
 from daemon.console.text_layout import table
 from daemon.errors import NOT_DONE
 from daemon.events.codes import BY_OPERATOR
+from daemon.events.outcomes import tally
 from daemon.signals.input_form import FORMS, form_found, keep_form
 from daemon.signals.line import keep_watch
+from daemon.signals.modbus import COILS, PLCReadings, readings
 from daemon.signals.settings import VALVES
 
 USAGE = "signal show | read | find INPUT | test OUTPUT"
@@ -34,7 +36,7 @@ async def signal(context: CommandContext, words: list[str], frontend: Frontend) 
     signal find permit   find how inputs are read on this controller: you switch the input permit off, on, and off
     signal test busy     switch the output busy to its other state for 2 seconds
     """
-    if not context.cycle.line.signals:
+    if not context.cycle.line.there:
         raise CommandError("this cell has no signals: write them into the section `signals` of facetd.yaml")
     act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
     return await HANDLERS[act](context, words[1:], frontend)
@@ -48,10 +50,22 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
         level = line.levels.get(name)
         known = "not known" if level is None else "on" if level.on else "off"
         rows.append((name, f"{kind} {each.number}, {each.role}: {known}"))
+    for role in line.plc.roles:
+        on = line.plc.on(role)
+        known = "no PLC is heard" if on is None else "on" if on else "off"
+        rows.append((role, f"coil {COILS.index(role)} of the PLC: {known}"))
     lines = [table(rows, frontend.columns), f"PackML state {context.cycle.packml}"]
     lines += [f"waits for {line.waits_for}"] if line.waits_for else []
     lines += [line.unreadable] if line.unreadable else []
     return CommandResult("\n".join(lines), {"signals": signal_levels(context), "packml": context.cycle.packml})
+
+
+def plc_readings(context: CommandContext) -> PLCReadings:
+    """What a PLC may read now."""
+    cycle = context.cycle
+    counted, enabled = tally(cycle.tally), cycle.supervisor.permit.granted
+    now_s = context.hardware.clock()
+    return readings(cycle.packml, cycle.line.done, enabled, now_s, counted.picked, counted.failed)
 
 
 def signal_levels(context: CommandContext) -> dict[str, Any]:

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from daemon.signals.input_form import InputForm, SignalError
+from daemon.signals.modbus import PLCInputs
 from daemon.signals.packml import PackMLState
 from daemon.signals.settings import ON_STOP, VALVES, SignalSettings
 
+NO_PLC = PLCInputs()
 POLL_S = 0.2
 """How often inputs are read that somebody waits for."""
 FAILED_S = 2.0
@@ -57,20 +59,28 @@ class LineSignals:
         form: InputForm | None,
         clock: Callable[[], float],
         record: Callable[..., None],
+        plc: PLCInputs = NO_PLC,
     ) -> None:
-        self.signals, self.form = dict(signals), form
+        """plc: gives its roles in place of inputs of the controller."""
+        self.signals, self.form, self.plc = dict(signals), form, plc
         self.levels: dict[str, SignalLevel] = {}
         self.waits_for: str | None = None
         self.waits_to_begin = False
         self.done = False
         self._io, self._clock, self._record = io, clock, record
-        self._by_role = {signal.role: name for name, signal in signals.items()}
+        self._by_role: dict[str, str] = {signal.role: name for name, signal in signals.items()}
+        self._by_role |= {role: f"PLC's {role}" for role in plc.roles}
         self._start_armed = self._reset_armed = False
         """Whether it was seen off since the last one that counted: one that was on before is none."""
         self._start_at_done = False
         self._blows = False
         self._stop_seen = 0
         self._line = asyncio.Lock()
+
+    @property
+    def there(self) -> bool:
+        """Whether the cell has a line."""
+        return bool(self.signals or self.plc.roles)
 
     @property
     def unreadable(self) -> str | None:
@@ -89,14 +99,31 @@ class LineSignals:
         return role in self._by_role
 
     async def read(self, name: str) -> bool:
-        """Read an input now. Raises SignalError, and what the line raises."""
+        """Read an input now. Raises SignalError, and what the line raises. Of a PLC that is not heard it is off, and no
+        change that counts as the line's."""
+        if name not in self.signals:
+            return self._read_plc(name)
         signal = self.signals[name]
         if self.form is None:
             raise SignalError(f"{name}: {self.unreadable}")
         high = self.form.high(signal.number, await self._io.ask_input(self.form.line(signal.number)))
         on = high == (signal.level == "high")
-        self._take(name, on)
+        self._take(name, signal.role, on)
         return on
+
+    def _read_plc(self, name: str) -> bool:
+        role = next(role for role in self.plc.roles if self._by_role[role] == name)
+        on = self.plc.on(role)
+        if on is not None:
+            self._take(name, role, on)
+        elif role == "cycle_start":
+            self._start_armed = False
+        elif role == "reset":
+            self._reset_armed = False
+        return bool(on)
+
+    def _readable(self, role: str) -> bool:
+        return role in self._by_role and (self.form is not None or role in self.plc.roles)
 
     async def permit(self, role: str | None) -> bool:
         """Wait for a permit, where the line has one. Gives whether it had to be waited for."""
@@ -159,7 +186,7 @@ class LineSignals:
 
     async def brought(self) -> None:
         """A part was brought: part_done goes on until the line takes note, by a change of its cycle start."""
-        if self.has("part_done"):
+        if self.has("part_done") or "cycle_start" in self.plc.roles:
             self._start_at_done = await self.read(self._by_role["cycle_start"])
             self.done = True
 
@@ -173,12 +200,13 @@ class LineSignals:
             self._stop_seen = stop_seen
             self.forget()
         aborted = state is PackMLState.ABORTED
-        if self.form is not None and self.done and not self.waits_to_begin:
+        if self._readable("cycle_start") and self.done and not self.waits_to_begin:
             await self.read(self._by_role["cycle_start"])
-        if self.form is not None and "reset" in self._by_role:
+        if self._readable("reset"):
             if aborted:
                 on = await self.read(self._by_role["reset"])
-                reset, self._reset_armed = on and self._reset_armed, not on
+                heard = "reset" not in self.plc.roles or self.plc.heard
+                reset, self._reset_armed = on and self._reset_armed, heard and not on
             else:
                 self._reset_armed = False
         await self.set_outputs(state)
@@ -208,7 +236,7 @@ class LineSignals:
         ]
         await send(numbers)
         for name, on in on_by_name.items():
-            self._take(name, on)
+            self._take(name, self.signals[name].role, on)
 
     def forget(self) -> None:
         """Nobody knows any more how the signals are: outputs are set again."""
@@ -226,15 +254,15 @@ class LineSignals:
             return self.levels[name].on if name in self.levels else False
         return self.done if signal.role == "part_done" else state is PackMLState.EXECUTE
 
-    def _take(self, name: str, on: bool) -> None:
+    def _take(self, name: str, role: str, on: bool) -> None:
         before = self.levels.get(name)
         self.levels[name] = SignalLevel(on, self._clock())
-        if self.signals[name].role == "cycle_start":
+        if role == "cycle_start":
             self._start_armed |= not on
             if self.done and on != self._start_at_done:
                 self.done = False
         if before is None or before.on is not on:
-            self._record("signal", name=name, role=self.signals[name].role, on=on)
+            self._record("signal", name=name, role=role, on=on)
 
 
 async def keep_watch(
@@ -250,7 +278,7 @@ async def keep_watch(
     told why the signals cannot be served twice running (a stop cuts one command off), None once they are; failures: of
     the line."""
     failed = False
-    while line.signals:
+    while line.there:
         try:
             if await line.watch(state(), stop_seen()):
                 reset()

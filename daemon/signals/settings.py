@@ -17,6 +17,7 @@ Role = Literal[
 ]  # fmt: skip
 VALVES: tuple[str, ...] = ("vacuum", "blow_off")
 """Outputs that work a suction cup: they are switched with the gripper alone."""
+PLCRole = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "reset"]
 OnStop = Literal["on", "off", "hold"]
 INPUTS: tuple[str, ...] = get_args(Input)
 ON_STOP: Mapping[str, OnStop] = {"busy": "off", "part_done": "hold"}
@@ -47,8 +48,24 @@ class SignalSettings:
         return self.role in INPUTS
 
 
-def check_signals(document: Document, signals: Mapping[str, SignalSettings]) -> None:
+@dataclass(frozen=True, kw_only=True)
+class ModbusSettings:
+    """Modbus TCP for a PLC, on a socket that systemd hands in (facetd-modbus.socket). Needs the extra `modbus`."""
+
+    roles: tuple[PLCRole, ...] = ()
+    """Roles that the PLC gives by coils, in place of inputs of the controller. Without a PLC that asks, each is off."""
+    silence_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
+    """Longest time between two requests of the PLC, s. After that it is lost, and what it gave is off."""
+
+
+def check_signals(
+    document: Document, signals: Mapping[str, SignalSettings], modbus: ModbusSettings | None = None
+) -> None:
     """Raise ConfigError for what cannot be meant."""
+    by_plc = () if modbus is None else modbus.roles
+    for role in by_plc:
+        if by_plc.count(role) > 1 or any(signal.role == role for signal in signals.values()):
+            raise document.error(("modbus", "roles"), f"expected {role} once, here or in the section signals")
     roles, numbers = Counter(s.role for s in signals.values()), Counter(s.number for s in signals.values())
     for name, signal in signals.items():
         if roles[signal.role] > 1:
@@ -68,6 +85,6 @@ def check_signals(document: Document, signals: Mapping[str, SignalSettings]) -> 
         if signal.role == "blow_off" and not roles["vacuum"]:
             problem = "expected an output with the role vacuum beside blow_off: without it OPENI blows the part off"
             raise document.error(("signals", name, "role"), problem)
-        if signal.role == "part_done" and not roles["cycle_start"]:
+        if signal.role == "part_done" and not (roles["cycle_start"] or "cycle_start" in by_plc):
             problem = "expected an input with the role cycle_start beside part_done: it takes note of the part"
             raise document.error(("signals", name, "role"), problem)

@@ -15,13 +15,25 @@ from daemon.frontends.client import DaemonLink
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 SIMULATED = "simulated: {truth: simcell.yaml, time_scale: 20.0, seed: 7}\n"
+HAND_IN = """import os, sys
+os.dup2(int(sys.argv[1]), 3)
+os.environ.update(LISTEN_PID=str(os.getpid()), LISTEN_FDS="1", LISTEN_FDNAMES="modbus")
+os.execv(sys.executable, [sys.executable, *sys.argv[2:]])"""
+"""Replaces itself by facetd, with the socket of that number handed in."""
 
 
 class Daemon:
     """A facetd process in a folder of its own, with somebody listening to its sd_notify."""
 
-    def __init__(self, folder: Path, config: str | None = "", arguments: tuple[str, ...] = ("--sim",)) -> None:
-        """config: the end of facetd.yaml; None: the folder has all files already."""
+    def __init__(
+        self,
+        folder: Path,
+        config: str | None = "",
+        arguments: tuple[str, ...] = ("--sim",),
+        listener: socket.socket | None = None,
+    ) -> None:
+        """config: the end of facetd.yaml; None: the folder has all files already; listener: handed in for Modbus, as
+        systemd does."""
         self.folder = folder
         for name in ("calibration.yaml", "facets.yaml", "parts.yaml", "simcell.yaml"):
             if config is not None and not (folder / name).exists():
@@ -35,9 +47,14 @@ class Daemon:
         self.notes.settimeout(20)
         environment = {**os.environ, "NOTIFY_SOCKET": str(folder / "notify"), "OMP_NUM_THREADS": "1"}
         self.errors = (folder / "stderr").open("w+")
-        command = [sys.executable, "-m", "daemon.main", "--config", str(self.config), *arguments]
+        command = ["-m", "daemon.main", "--config", str(self.config), *arguments]
+        handed: tuple[int, ...] = () if listener is None else (listener.fileno(),)
+        if listener is not None:
+            command = ["-c", HAND_IN, str(listener.fileno()), *command]
         self.began_s = time.monotonic()
-        self.process = subprocess.Popen(command, stderr=self.errors, env=environment)
+        self.process = subprocess.Popen(
+            [sys.executable, *command], stderr=self.errors, env=environment, pass_fds=handed
+        )
 
     def hears(self, text: str) -> str:
         """Wait for a notification that holds text."""

@@ -14,7 +14,7 @@ from daemon.store.folders import HOUSE
 
 DEBIAN = HOUSE / "debian"
 SCRIPTS = ("preinst", "postinst", "prerm", "postrm")
-IN_THE_BASE = {"metrics", "dashboard", "systemd"}
+IN_THE_BASE = {"metrics", "dashboard", "systemd", "modbus"}
 """Extras that the package facetd has; systemd's is Debian's own python3-systemd."""
 ELSEWHERE = {"dev", "live"}
 """For development; another name of the dashboard."""

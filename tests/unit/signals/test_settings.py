@@ -15,10 +15,10 @@ from daemon.store.yamlfile import ConfigError
 START = {"number": 1003, "role": "cycle_start"}
 
 
-def config_with(folder: Path, signals: Any) -> Any:
+def config_with(folder: Path, signals: Any, **sections: Any) -> Any:
     values = yaml.safe_load((HOUSE / "etc" / "facetd.yaml").read_text())
     values["files"] = {name: str(HOUSE / "etc" / file) for name, file in values["files"].items()}
-    values |= {"signals": signals, "folders": {"state": str(folder)}}
+    values |= {"signals": signals, "folders": {"state": str(folder)}, **sections}
     path = folder / "facetd.yaml"
     path.write_text(yaml.safe_dump(values))
     return load_config(path).values.signals
@@ -51,3 +51,15 @@ def test_a_signal_has_a_number_a_role_a_level_and_what_a_stop_makes_of_it(tmp_pa
 def test_what_cannot_be_meant_is_refused_with_line_and_key(tmp_path: Path, signals: Any, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         config_with(tmp_path, signals)
+
+
+def test_a_role_is_the_plc_s_or_an_input_s_and_part_done_may_wait_for_either(tmp_path: Path) -> None:
+    done = {"done": {"number": 2, "role": "part_done"}}
+    assert config_with(tmp_path, done, modbus={"roles": ["cycle_start"]})
+    for signals, roles in (({"a": START}, ["cycle_start"]), ({}, ["reset", "reset"])):
+        with pytest.raises(
+            ConfigError, match=rf"modbus\.roles: expected {roles[0]} once, here or in the section signals"
+        ):
+            config_with(tmp_path, signals, modbus={"roles": roles})
+    with pytest.raises(ConfigError, match=r"modbus\.roles.*part_held"):
+        config_with(tmp_path, {}, modbus={"roles": ["part_held"]})

@@ -1,0 +1,200 @@
+"""Modbus TCP for a PLC, on a socket that systemd hands in: roles of the line as coils, the cell's state to read. Needs
+the extra `modbus`.
+
+pymodbus decodes and encodes; the sockets are asyncio's. One client at a time: a second one is closed. What a client
+gives holds as long as it asks at least every silence_s, and no longer than its connection.
+"""
+
+import asyncio
+import os
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from daemon.errors import FacetdError
+from daemon.signals.packml import PackMLState
+from daemon.signals.settings import ModbusSettings
+from daemon.store.folders import how_to_add
+
+COILS = ("permit_pick", "permit_place", "cycle_start", "part_present", "reset")
+"""Coil 0, 1, ...: what the PLC may give; only the roles of modbus.roles are taken."""
+DISCRETE_INPUTS = ("busy", "part_done", "fault", "enabled")
+"""Discrete input 0, 1, ...: what it reads."""
+STATE_NUMBERS: Mapping[PackMLState, int] = {
+    PackMLState.STOPPED: 2,
+    PackMLState.IDLE: 4,
+    PackMLState.EXECUTE: 6,
+    PackMLState.ABORTED: 9,
+    PackMLState.COMPLETE: 17,
+}
+"""Input register 0: PackML's StateCurrent (ISA-TR88.00.02)."""
+WORD = 1 << 16
+FIRST_FD = 3
+"""The first file descriptor that systemd hands in: sd_listen_fds(3)."""
+NAME = "modbus"
+"""FileDescriptorName of the socket unit."""
+LARGEST_BYTES = 260
+"""Of a Modbus TCP frame."""
+READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS, WRITE_COIL, WRITE_COILS = 1, 2, 4, 5, 15
+TABLES = {READ_COILS: COILS, WRITE_COIL: COILS, WRITE_COILS: COILS, READ_DISCRETE_INPUTS: DISCRETE_INPUTS}
+
+
+class ModbusError(FacetdError):
+    """Modbus cannot be served: why, and what to do."""
+
+
+@dataclass(frozen=True)
+class PLCReadings:
+    """What a PLC reads: by DISCRETE_INPUTS, and the input registers."""
+
+    bits: Mapping[str, bool]
+    registers: Sequence[int]
+
+
+def readings(packml: PackMLState, done: bool, enabled: bool, clock_s: float, picked: int, failed: int) -> PLCReadings:
+    """done: part_done is on; the second register counts seconds, so that a PLC sees facetd live."""
+    bits = {
+        "busy": packml is PackMLState.EXECUTE,
+        "part_done": done,
+        "fault": packml is PackMLState.ABORTED,
+        "enabled": enabled,
+    }
+    return PLCReadings(bits, (STATE_NUMBERS[packml], int(clock_s) % WORD, picked % WORD, failed % WORD))
+
+
+class PLCInputs:
+    """What the PLC gives. heard: whether one is connected and asks often enough."""
+
+    def __init__(self, roles: Sequence[str] = ()) -> None:
+        self.roles = tuple(roles)
+        self.heard = False
+        self._on: set[str] = set()
+
+    def on(self, role: str) -> bool | None:
+        """Whether it is on; None where no PLC is heard, and nobody knows."""
+        return role in self._on if self.heard else None
+
+    def give(self, role: str, on: bool) -> None:
+        (self._on.add if on else self._on.discard)(role)
+
+    def connected(self) -> None:
+        """A client is there: everything is off until it says otherwise."""
+        self.heard = True
+
+    def lost(self) -> None:
+        """It is gone, and its permits with it."""
+        self.heard = False
+        self._on.clear()
+
+
+def handed_in(name: str = NAME, environment: Mapping[str, str] = os.environ) -> socket.socket | None:
+    """The listening socket of that name that systemd handed in, closed to child processes; None: there is none."""
+    if environment.get("LISTEN_PID") != str(os.getpid()):
+        return None
+    names = environment.get("LISTEN_FDNAMES", "").split(":")
+    count = int(environment.get("LISTEN_FDS", "0"))
+    for number, given in enumerate(names[:count], start=FIRST_FD):
+        if given == name:
+            os.set_inheritable(number, False)
+            return socket.socket(fileno=number)
+    return None
+
+
+class ModbusServer:
+    """Serves one PLC. reads: what it may read now."""
+
+    def __init__(
+        self, listener: socket.socket, settings: ModbusSettings, plc: PLCInputs, reads: Callable[[], PLCReadings]
+    ) -> None:
+        """Raises ModbusError without the extra."""
+        try:
+            from pymodbus import framer, pdu
+        except ImportError:
+            raise ModbusError(f"modbus: needs an extra: {how_to_add('modbus')}") from None
+        self._framer: Callable[[], Any] = lambda: framer.FramerSocket(pdu.DecodePDU(True))
+        self._listener, self._silence_s, self._plc, self._reads = listener, settings.silence_s, plc, reads
+        self._listener.setblocking(False)
+
+    async def serve(self) -> None:
+        """Until it is cancelled."""
+        server = await asyncio.start_server(self._client, sock=self._listener)
+        async with server:
+            await server.serve_forever()
+
+    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._plc.heard:
+            writer.close()
+            return
+        self._plc.connected()
+        try:
+            await self._converse(reader, writer)
+        except (TimeoutError, OSError):
+            pass  # silent for too long, or gone: the PLC connects again
+        finally:
+            self._plc.lost()
+            writer.close()
+
+    async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer requests until the client ends, or sends no whole one in time. Raises TimeoutError, OSError."""
+        framer, waiting = self._framer(), b""
+        while True:
+            async with asyncio.timeout(self._silence_s):
+                answer = None
+                while answer is None:
+                    used, answer = await self._answer(framer, waiting)
+                    waiting = waiting[used:]
+                    if answer is None:
+                        more = await reader.read(LARGEST_BYTES)
+                        if not more or len(waiting) > LARGEST_BYTES:
+                            return
+                        waiting += more
+                writer.write(answer)
+                await writer.drain()
+
+    async def _answer(self, framer: Any, waiting: bytes) -> tuple[int, bytes | None]:
+        """How much of what waits was taken, and the answer to the first whole request in it."""
+        from pymodbus.constants import ExcCodes
+        from pymodbus.exceptions import ModbusIOException
+        from pymodbus.pdu import ExceptionResponse
+
+        try:
+            used, request = framer.handleFrame(waiting, 0, 0)
+        except ModbusIOException as error:
+            refused = ExceptionResponse(error.fcode or 0, ExcCodes.ILLEGAL_FUNCTION)
+            refused.transaction_id, refused.dev_id = error.transaction_id, error.dev_id
+            return len(waiting), framer.buildFrame(refused)
+        if request is None:
+            return used, None
+        if request.function_code in (*TABLES, READ_INPUT_REGISTERS):
+            response = await request.datastore_update(self, request.dev_id)
+        else:
+            response = ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
+        response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
+        return used, framer.buildFrame(response)
+
+    # What pymodbus asks of a datastore.
+
+    async def async_getValues(self, _: int, function: int, address: int, count: int = 1) -> Any:  # noqa: N802
+        """Bits or registers from an address on, or the code that refuses them."""
+        from pymodbus.constants import ExcCodes
+
+        reads = self._reads()
+        values: Sequence[bool | int] = reads.registers
+        if function in TABLES:
+            given = {role: bool(self._plc.on(role)) for role in COILS} if TABLES[function] is COILS else reads.bits
+            values = [given[name] for name in TABLES[function]]
+        if address + count > len(values):
+            return ExcCodes.ILLEGAL_ADDRESS
+        return list(values[address : address + count])
+
+    async def async_setValues(self, _: int, __: int, address: int, values: Sequence[bool]) -> Any:  # noqa: N802
+        """Take coils, all or none of them."""
+        from pymodbus.constants import ExcCodes
+
+        names = COILS[address : address + len(values)]
+        if len(names) < len(values) or not set(names) <= set(self._plc.roles):
+            return ExcCodes.ILLEGAL_ADDRESS
+        for role, on in zip(names, values, strict=True):
+            self._plc.give(role, bool(on))
+        return None
