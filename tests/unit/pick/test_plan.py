@@ -9,6 +9,7 @@ import pytest
 from daemon import frames
 from daemon.events.codes import CauseCode
 from daemon.pick import plan as planning
+from daemon.pick import viewpoints
 from daemon.pick.plan import NoPlan, last_stretch, plan_part, same_grasp, stable_sides
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import in_the_way
@@ -134,3 +135,70 @@ def test_a_part_that_was_looked_for_from_every_side_is_looked_for_no_more():
     assert none == NoPlan(CauseCode.MOVE_REFUSED, "it was looked for from every side that a grasp leaves")
     one = plan_part(shape, pose, [], Settings(), ON_HAND, everywhere, unseen_from=away[:1])
     assert not isinstance(one, NoPlan)
+
+
+def test_of_grasps_that_no_neighbour_bars_the_one_seen_best_and_risking_least_is_taken():
+    """Reckoned from all grasps there are: none that is reached all the way is better than the one that is planned."""
+    shape, settings = shape_of("pentagonal_prism"), Settings()
+    for turn in (0.0, 0.4, 1.1):
+        pose = lying("pentagonal_prism", 0, turn)
+        centre = frames.apply(pose, shape.corners_mm).mean(axis=0)
+        plan = plan_part(shape, pose, [], settings, ON_HAND, lambda p: p[:, 1, 3] < 60.0)
+        assert not isinstance(plan, NoPlan)
+        every, _ = settings.gripper.grasps(shape, pose, settings.limits.table_z_mm, settings.stops.enough_mm)
+        figures = []
+        for grasp in every:
+            poses = planning.approach_poses(grasp, centre, settings, ON_HAND)
+            look = ON_HAND.look_pose(grasp.world_from_tool[:3, :3], centre, settings.stops.stand_offs_mm[1])
+            worth = viewpoints.view_worth(shape, pose, ON_HAND.world_from_cyclopean_at(look)[:3, 3])
+            if all(p[1, 3] < 60.0 for p in poses):
+                figures.append(grasp.risk - worth)
+        assert plan.grasp.risk - plan.worth == pytest.approx(min(figures))
+        assert plan.way is None
+
+
+@pytest.mark.parametrize(("beside_y", "code"), [(62.0, CauseCode.OUT_OF_REACH), (None, CauseCode.OUT_OF_REACH)])
+def test_why_there_is_no_plan_counts_the_grasps_and_those_that_a_neighbour_bars(beside_y, code):
+    shape, pose, settings = shape_of("cube"), lying("cube", 0), Settings()
+    beside = [] if beside_y is None else [frames.apply(lying("cube", 0, 0.3, 520.0, beside_y), shape.corners_mm)]
+    every, _ = settings.gripper.grasps(shape, pose, settings.limits.table_z_mm, settings.stops.enough_mm, beside)
+    blocked = sum(grasp.blocked for grasp in every)
+    none = plan_part(shape, pose, beside, settings, ON_HAND, lambda p: ~everywhere(p))
+    expected = CauseCode.BLOCKED if 2 * blocked >= len(every) else code
+    assert none == NoPlan(
+        expected, f"none of its {len(every)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
+    )
+
+
+def test_a_part_amid_neighbours_that_bar_most_of_its_grasps_is_said_to_be_blocked():
+    shape, pose, settings = shape_of("cube"), lying("cube", 0), Settings()
+    ring = [
+        frames.apply(lying("cube", 0, 0.3, 520.0 + 62.0 * np.cos(a + 0.3), 62.0 * np.sin(a + 0.3)), shape.corners_mm)
+        for a in (0.0, np.pi / 2, np.pi, 3 * np.pi / 2)
+    ]
+    none = plan_part(shape, pose, ring, settings, ON_HAND, everywhere)
+    assert isinstance(none, NoPlan)
+    assert none.code is CauseCode.BLOCKED
+
+
+def test_a_grasp_is_found_again_as_near_as_can_be_and_no_farther_off_than_25_mm_with_its_turn():
+    """A radian counts as 50 mm."""
+    shape, pose, settings = shape_of("pyramid"), lying("pyramid", 0), Settings()
+    plan = plan_part(shape, pose, [], settings, ON_HAND, everywhere)
+    old = plan.grasp.world_from_tool
+    for off_mm in (0.0, 8.0, 20.0, 24.0, 30.0):
+        for turn in (0.0, 0.05, 0.2):
+            moved = frames.perturb(pose, np.array([off_mm, 0.0, 0.0, 0.0, 0.0, turn]))
+            every, _ = settings.gripper.grasps(shape, moved, -300.0, settings.stops.enough_mm, near=old[:3, :3])
+            away = [
+                np.linalg.norm(g.world_from_tool[:3, 3] - old[:3, 3])
+                + 50.0 * frames.angle_between(g.world_from_tool, old)
+                for g in every
+            ]
+            again = same_grasp(shape, moved, plan, settings)
+            assert (again is not None) == bool(away and min(away) <= 25.0)
+            if again is not None:
+                found = again.grasp.world_from_tool
+                gap = np.linalg.norm(found[:3, 3] - old[:3, 3]) + 50.0 * frames.angle_between(found, old)
+                assert gap == pytest.approx(min(away))
+                assert again.worth == plan.worth

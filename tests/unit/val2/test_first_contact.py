@@ -102,7 +102,7 @@ class Terminal:
         if said == "CAL" and not self.calibrated:
             self.calibrated = True
             return ""
-        if said.startswith("DO DRIVE "):
+        if said.startswith("DO DRIVE ") and "!" not in said:
             joint, degrees, _ = said.removeprefix("DO DRIVE ").split(",")
             if not self.calibrated:
                 return "*Arm not calibrated*"
@@ -461,3 +461,75 @@ def test_a_prompt_that_comes_late_is_waited_for_twice_as_long(late_s: float) -> 
     found = met(Late(), no_moves)[0].findings
     assert found["prompt_late_s"].value == round(late_s, 2)
     assert found["resync_s"].value == round(max(1.0, 2 * late_s + 0.5), 1)
+
+
+class Drives(Terminal):
+    """One whose joints turn otherwise than they are told to, by what `drive` makes of joint and degrees: an error, or
+    by how many degrees which joint turns."""
+
+    drive: Callable[[int, float], str | tuple[int, float]]
+
+    def carried_out(self, line: str) -> str:
+        """See Terminal."""
+        if not line.startswith("DO DRIVE "):
+            return super().carried_out(line)
+        joint, degrees, _ = line.removeprefix("DO DRIVE ").split(",")
+        turns = type(self).drive(int(joint), float(degrees))
+        if isinstance(turns, str):
+            return turns
+        self.going = turns[0] - 1, turns[1]
+        return ""
+
+
+@pytest.mark.parametrize(
+    ("drive", "told"),
+    [
+        (lambda joint, _: (joint, 0.0), r"joint \d does not turn; is the arm held, or its brake on"),
+        (lambda joint, degrees: (joint, degrees / 2 if joint == 3 else degrees), r"joint 3 was to turn by \+2 degrees"),
+        (lambda joint, degrees: (5 if joint == 4 else joint, degrees), r"joint 4 was to turn by \+2 degrees, and the"),
+        (
+            lambda joint, degrees: "*Joint 4 out of range*" if joint == 4 else (joint, degrees),
+            r"joint 4 cannot be turned: the controller says \*Joint 4 out of range\*. What does it need",
+        ),
+        (lambda *_: "*Illegal command*", r"typed slowly, are answered by \*Illegal command\*: is it another system"),
+    ],
+    ids=["held", "half the way", "another joint", "neither way", "unknown"],
+)  # fmt: skip
+def test_a_joint_that_does_not_turn_as_told_ends_it_with_what_turned(
+    drive: Callable[[int, float], str | tuple[int, float]], told: str
+) -> None:
+    with pytest.raises(UnclearError, match=told):
+        met(type("OtherDrives", (Drives,), {"drive": staticmethod(drive)})(), yes)
+
+
+def test_a_line_that_comes_back_spoilt_three_times_is_never_ended() -> None:
+    class Noisy(Terminal):
+        def hears(self, step: Exchange) -> Heard:
+            """What moves is echoed with a letter too few."""
+            heard = super().hears(step)
+            return Heard(tuple((at_s, said.replace(b"DRIVE", b"DIVE")) for at_s, said in heard.pieces), heard.seconds)
+
+    terminal = Noisy()
+    with pytest.raises(UnclearError, match=r"'DO DRIVE .*' came back as b'DO DIVE .*', three times, and was not ended"):
+        met(terminal, yes)
+    assert terminal.going is None
+    assert not any("DRIVE" in line and "!!" not in line for line in terminal.lines)
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_an_arm_is_calibrated_by_the_word_that_its_controller_wants_and_a_yes_where_it_asks(asks: bool) -> None:
+    class Asking(Terminal):
+        def answers(self, line: str) -> str:
+            """See Terminal."""
+            if asks and line == "CALIBRATE":
+                self.lines.append(line)
+                return f"{self.newline}Are you sure (Y/N)? "
+            return super().answers("CAL" if line == ("Y" if asks else "CALIBRATE") else line)
+
+    terminal = Asking(calibrated=False, abbreviations=False)
+    known, asked, told = met(terminal, yes)
+    assert terminal.calibrated
+    assert [consult.about for consult in asked] == ["move", "calibrate"]
+    assert "May I type CALIBRATE?" in asked[1].text
+    assert "calibrated: CALIBRATE was carried out" in told
+    assert known.moved
