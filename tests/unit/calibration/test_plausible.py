@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from daemon import frames
@@ -102,3 +102,105 @@ def test_what_changed_against_the_file_before_is_told() -> None:
     assert changed(rig(), rig()) == []
     assert "baseline" in changed(rig(90.0), rig())[0]
     assert "images of 1280x960" in changed(replace(rig(), image_size=(1280, 960)), rig())[0]
+
+
+def keys(one: StereoRig) -> list[tuple[str | int, ...]]:
+    return [wrong.keys for wrong in implausible_rig(one)]
+
+
+@pytest.mark.parametrize(
+    ("base_mm", "cause"),
+    [
+        (0.06, "m taken for mm (--unit m), or squares of a board taken for mm (--unit N, where one is N mm)?"),
+        (2.0, "cm taken for mm (--unit cm), or inch taken for mm (--unit inch), or squares of a board taken for mm"),
+        (9.9, "cm taken for mm (--unit cm), or inch taken for mm (--unit inch), or squares"),
+        (501.0, "inch taken for m (--unit inch)?"),
+        (1000.0, "cm taken for m (--unit cm), or inch taken for m (--unit inch)?"),
+        (60_000.0, "mm taken for m (--unit mm)?"),
+        (1e7, "a wrong projection matrix?"),
+    ],
+)
+def test_a_baseline_that_no_gripper_has_names_the_units_that_would_make_it_one(base_mm: float, cause: str) -> None:
+    assert f"a baseline of {base_mm:g} mm: cameras on a gripper are 10 to 500 mm apart; {cause}" in told(rig(base_mm))
+    assert keys(rig(base_mm))[0] == ("right", "cyclopean_from_camera")
+
+
+@pytest.mark.parametrize("base_mm", [10.0 + 1e-9, 500.0 - 1e-9])
+def test_a_baseline_within_its_limits_is_one(base_mm: float) -> None:
+    assert "baseline" not in told(rig(base_mm))
+
+
+@given(cx=st.floats(0.0, 640.0), cy=st.floats(0.0, 480.0))
+def test_a_centre_may_be_off_by_14_percent_of_the_image(cx: float, cy: float) -> None:
+    off = max(abs(cx + 0.5 - 320.0) / 640.0, abs(cy + 0.5 - 240.0) / 480.0)
+    assume(abs(off - 0.14) > 1e-6)
+    one = with_left(matrix=matrix(cx=cx, cy=cy))
+    assert (f"its centre {cx:.0f}, {cy:.0f} is far from the middle of 640x480 px" in told(one)) == (off > 0.14)
+    assert (("left", "camera_matrix") in keys(one)) == (off > 0.14)
+
+
+@given(st.floats(300.0, 1500.0), st.floats(300.0, 1500.0))
+def test_pixels_are_square_within_a_fifth_and_two_cameras_alike_within_its_cube(fx: float, fy: float) -> None:
+    usual_px = float(rig().right.matrix[0, 0])
+    assume(all(abs(np.log(ratio) / np.log(1.2) - edge) > 1e-6 for ratio in (fx / fy,) for edge in (-1, 1)))
+    one = with_left(matrix=matrix(fx=fx, fy=fy))
+    assert ("far from square" in told(one)) == (not 1 / 1.2 < fx / fy < 1.2)
+    alike = 1.2**-3 < fx / usual_px < 1.2**3
+    assert (f"focal lengths of {fx:.0f} and {usual_px:.0f} px: two cameras of a pair are alike" in told(one)) != alike
+
+
+@given(st.floats(-3.0, 3.0))
+def test_a_camera_has_a_skew_of_a_thousandth_at_most(skew: float) -> None:
+    one = with_left(matrix=matrix(skew=skew))
+    fx = float(one.left.matrix[0, 0])
+    assert (f"a skew of {skew:g}: no camera has one" in told(one)) == (abs(skew) > fx / 1000)
+
+
+@given(st.floats(50.0, 10_000.0))
+def test_a_lens_sees_from_6_to_150_degrees(fx: float) -> None:
+    view = 2 * np.degrees(np.arctan(320.0 / fx))
+    assume(min(abs(view - 6.0), abs(view - 150.0)) > 1e-6)
+    one = with_left(matrix=matrix(fx=fx, fy=fx))
+    assert (f"is a field of view of {view:.1f} degrees across 640 px" in told(one)) == (not 6.0 < view < 150.0)
+
+
+@given(st.floats(-8.0, 0.5))
+def test_a_lens_folds_where_its_largest_image_lies_within_the_corners(k1: float) -> None:
+    """r + k1 r**3 is largest at r = 1 / sqrt(-3 k1), where it is two thirds of that."""
+    one = with_left(distortion=np.array([k1, 0.0, 0.0, 0.0, 0.0]))
+    camera = one.left
+    corners = np.array([[x, y] for x in (-0.5, 640.0) for y in (-0.5, 480.0)]) - camera.matrix[:2, 2]
+    farthest = float(np.linalg.norm(corners / [camera.matrix[0, 0], camera.matrix[1, 1]], axis=1).max())
+    largest = np.inf if k1 >= 0.0 else 2.0 / 3.0 / np.sqrt(-3.0 * k1)
+    assume(abs(largest / farthest - 1.0) > 0.02)
+    assert ("the image folds within its corners" in told(one)) == (largest < farthest)
+    assert (("left", "distortion") in keys(one)) == (largest < farthest)
+
+
+@pytest.mark.parametrize(("scale", "noticed"), [(0.96, True), (0.98, False), (1.02, False), (1.04, True)])
+def test_a_baseline_changes_by_three_percent_at_most(scale: float, noticed: bool) -> None:
+    lines = [f"the baseline is {scale:.3g} times what it was: other cameras, or another unit?"] if noticed else []
+    assert changed(rig(60.0 * scale), rig(60.0)) == lines
+
+
+@pytest.mark.parametrize(("scale", "noticed"), [(0.89, True), (0.91, False), (1.09, False), (1.11, True)])
+def test_a_focal_length_changes_by_a_tenth_at_most_as_a_share_of_the_image(scale: float, noticed: bool) -> None:
+    one = with_left(matrix=matrix(fx=float(rig().left.matrix[0, 0]) * scale))
+    lines = [f"the focal length is {scale:.3g} times what it was: other cameras, or another unit?"] if noticed else []
+    assert changed(one, rig()) == lines
+    small = replace(one, image_size=(320, 240), left=replace(one.left, matrix=one.left.matrix / 2))
+    assert changed(small, rig()) == ["images of 320x240 px, 640x480 before", *lines]
+
+
+@given(st.integers(0, 70), st.integers(0, 70))
+def test_a_baseline_may_be_turned_against_rows_and_the_views_apart_by_what_has_a_cosine_of_seven_tenths(
+    about_z_deg: int, about_x_deg: int
+) -> None:
+    one = rig(60.0, 0.0)
+    turns = [frames.rotation_from_vector(np.radians(v)) for v in ([0.0, 0.0, about_z_deg], [about_x_deg, 0.0, 0.0])]
+    turn = frames.rigid(turns[0] @ turns[1], np.zeros(3))
+    right = replace(one.right, cyclopean_from_camera=one.right.cyclopean_from_camera @ turn)
+    said = told(replace(one, right=right))
+    across, apart = np.cos(np.radians([about_z_deg, about_x_deg])) < 0.7
+    assert (f"the baseline is turned by {about_z_deg} degrees against a camera's rows" in said) == across
+    assert (f"the cameras look {about_x_deg} degrees apart" in said) == (apart and not across)
