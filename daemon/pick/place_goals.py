@@ -197,12 +197,12 @@ def ways_to(
         if any(settings.gripper.in_the_way(way.at, each) for each in neighbours):
             continue
         if goes_through(way.ways[:3], allowed):
-            looks = np.stack([way.look, *_looks_round(goal.centre, settings, mounting)])
+            looks = np.stack([way.look, *looks_round(goal.centre, settings, mounting)])
             if (seen_from := np.flatnonzero(allowed(looks))).size:
                 yield replace(way, look=looks[seen_from[0]])
 
 
-def _looks_round(centre: Array, settings: Settings, mounting: CameraMounting) -> Iterator[Array]:
+def looks_round(centre: Array, settings: Settings, mounting: CameraMounting) -> Iterator[Array]:
     """world_from_tool (4, 4) from where what lies at a centre (3,) may be looked at."""
     x, y, z = (float(each) for each in centre)
     for tilt_deg, heading_deg in product(LOOK_TILTS_DEG, range(-180, 180, 45)):

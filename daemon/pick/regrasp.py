@@ -28,6 +28,7 @@ from daemon.pick.place_goals import (
     Goal,
     SetDown,
     goes_through,
+    looks_round,
     set_down_of,
     ways_to,
 )
@@ -376,7 +377,14 @@ class Regrasping:
         )
 
     def _laid(self, held: _PartHeld, pose: Array, part_from_tool: Array) -> RegraspStep:
-        """The part laid down; looked at from where the next grasp is approached."""
-        look = self.mounting.approach_pose(pose @ part_from_tool, self._centre(pose), self.settings.verify_mm)
-        way = replace(self._way(pose, held.tool_from_part), look=look)
-        return RegraspStep(held.grasp, way)
+        """The part laid down, and looked at from where it shows best; where the arm gets to none of these places, from
+        where the next grasp is approached."""
+        centre, way = self._centre(pose), self._way(pose, held.tool_from_part)
+        looks = np.stack([*looks_round(centre, self.settings, self.mounting)])
+        eyes = [self.mounting.world_from_cyclopean_at(look)[:3, 3] for look in looks]
+        worth = np.array([view_worth(self.shape, pose, eye) for eye in eyes])
+        worth[~self.allowed(looks)] = -1.0
+        look = looks[worth.argmax()]
+        if worth.max() < 0.0:
+            look = self.mounting.approach_pose(pose @ part_from_tool, centre, self.settings.verify_mm)
+        return RegraspStep(held.grasp, replace(way, look=look))

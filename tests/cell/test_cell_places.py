@@ -15,6 +15,7 @@ from daemon.pick.place_goals import Goal, goal_of
 from daemon.store.place_file import Manner, Place
 from daemon.store.place_status import PlaceStatus
 from tests.fakes.chosen import few
+from tests.fakes.regrasps import turned_over
 from tests.fakes.set_downs import drawn_model, part_of, places_of, set_down_made, side_down_of, true_error
 from tests.fakes.simulated_cell import Rig, rig
 
@@ -76,6 +77,14 @@ def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path:
     outcomes, statuses, errors = asyncio.run(story())
     assert (outcomes, statuses) == (["picked", "picked"], ["seen right", "seen right"])
     assert max(mm for mm, _ in errors) < 1.0
+
+
+def test_a_part_that_no_one_grasp_brings_to_its_place_is_laid_on_the_table_and_taken_anew() -> None:
+    made = asyncio.run(turned_over("bracket", 0, 0, 2001))
+    assert (made.grasps, made.laid) == (2, 1)
+    assert (made.end.outcome, made.state.status, made.where) == ("picked", PlaceStatus.RIGHT, "table"), made.told
+    assert made.error_mm < 1.0
+    assert made.error_deg < 1.0
 
 
 def test_a_place_is_taught_by_the_part_that_is_held_there(tmp_path: Path) -> None:

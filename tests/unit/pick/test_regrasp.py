@@ -8,11 +8,12 @@ import pytest
 from daemon import frames
 from daemon.arm import Reach
 from daemon.pick import regrasp
-from daemon.pick.place_goals import TABLE, goes_through
+from daemon.pick.place_goals import TABLE, goes_through, looks_round
 from daemon.pick.plan import Destination, NoPlan, approach_poses, stable_sides
 from daemon.pick.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
+from daemon.pick.viewpoints import view_worth
 from tests.fakes.fake_cell import HEAD_DOWN, ON_HAND, World, build, joints, rig, shape_of
 from tests.fakes.regrasps import START, goal_on, pairs_by_brute_force, start_on
 from tests.unit.pick.test_plan import everywhere
@@ -84,6 +85,19 @@ def test_each_step_of_a_plan_is_reached_all_the_way_and_takes_the_part_where_the
         assert (step.way.goal.place.name == TABLE) == (number < len(steps)) == step.way.goal.between
         pose = step.way.pose
     assert any(np.allclose(pose, each) for each in goal_on("pentagonal_prism", shape, b).poses)
+
+
+def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_gets_to(reach):
+    _, _, asked, steps = over_plan(reach)
+    way, shape = steps[0].way, asked.shape
+    looks = np.stack([*looks_round(way.goal.centre, SETTINGS, ON_HAND)])
+    allowed = reach.allows_each(looks)
+    assert 0 < allowed.sum() < len(looks)
+    eye = ON_HAND.world_from_cyclopean_at(way.look)[:3, 3]
+    assert reach.allows(way.look)
+    for look in looks[allowed]:
+        other = ON_HAND.world_from_cyclopean_at(look)[:3, 3]
+        assert view_worth(shape, way.pose, eye) >= view_worth(shape, way.pose, other)
 
 
 def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(reach):
