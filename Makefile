@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONDONTWRITEBYTECODE :=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: all help setup demo deb docs test test-short test-long check rig arm64 bench bench-faults bench-soak clean
+.PHONY: all help setup demo deb docs test test-short test-long check rig arm64 debian13 bench bench-faults bench-soak clean
 
 all: setup help
 
@@ -21,6 +21,7 @@ help:
 	@echo "make deb          Debian packages for this release of Debian, amd64 and arm64, in build/"
 	@echo "make rig          the daemon under real systemd with real V4L2 devices and a serial line, in a guest"
 	@echo "make arm64        the package for arm64, emulated: names and poses as on this machine, then the demo"
+	@echo "make debian13     the demo and the tests in a root of Debian 13, with Python 3.13"
 	@echo "make bench        accuracy, time and memory, measured (FACETD_SCENES=FOLDER: on more rendered scenes)"
 	@echo "make bench-faults faults at every moment of a pick, kill -9, random travels, operators, first days and years, mutations: tables (a night)"
 	@echo "make bench-soak   2,000 accelerated cycles: memory and file handles over time (hours)"
@@ -81,7 +82,10 @@ rig: $(VENV)/.dev
 	$(BIN)/python tests/rig/run.py $(JOBS)
 
 arm64: $(VENV)/.dev
-	$(BIN)/python tests/arm64/run.py
+	$(BIN)/python tests/arm64/run.py $(JOBS)
+
+debian13:
+	tests/debian13.sh $(TESTS)
 
 bench: $(VENV)/.dev
 	$(BIN)/python -m tests.bench
