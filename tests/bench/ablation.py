@@ -83,6 +83,7 @@ COMPONENTS: dict[str, Without] = {
     "occlusion": Without(occlusion, "hidden_places", lambda _s, _p, _e, _k, visible, _: np.zeros_like(visible)),
     "occlusion: edges that run on": Without(occlusion, "_runs_on", lambda _, at, __: np.zeros(len(at), bool)),
     "occlusion in the evidence": Without(by_edges, "_without_hidden", lambda laid, *_: laid),
+    "other sizes": Without(by_edges, "other_size_nats", lambda *_: 0.0),
     "strong edges beside parts": Without(overlaps, "_strong_beside_px2", lambda *_: 0.0),
 }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from daemon.vision.model import Model
 from daemon.vision.recognition import typed_as
 from daemon.vision.refine import (
     EdgeEvidence,
+    EdgeObservation,
     EdgeSamples,
     Fit,
     aligned_to_edges,
@@ -107,13 +109,20 @@ def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[
         )
 
 
-def measured_at(
-    solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model
-) -> tuple[Fit, list[int], tuple[Facet, ...]]:
-    """Where its edges have a part that is near a pose (4, 4) cyclopean_from_part; its facets that both eyes have in
-    view, by their numbers; and these as they were measured there."""
+class MeasuredPart(NamedTuple):
+    """Where its edges have a part; its facets that both cameras have in view, by their numbers, and as they were
+    measured there; and the edges that either camera observed."""
+
+    fit: Fit
+    numbers: list[int]
+    facets: tuple[Facet, ...]
+    edges: tuple[EdgeObservation, EdgeObservation]
+
+
+def measured_at(solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model) -> MeasuredPart:
+    """A part measured that is near a pose (4, 4) cyclopean_from_part."""
     fit, observed = fit_at(solid, eyes, pose, model.parameters.tolerance_mm)
     laid = facets_laid(solid, observed)
     facets = triangulate([(one.left, one.right) for one in laid], eyes.geometry)
     numbers = [one.index for one in laid]
-    return fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library)
+    return MeasuredPart(fit, numbers, typed_as(facets, (solid.types[k] for k in numbers), model.library), observed)

@@ -175,7 +175,7 @@ def rounded_alike(one: Polyhedron, other: Polyhedron) -> Array:
 def _renamed(one: Recognised, rival: _Rival, model: Model, eyes: StereoImages) -> Recognised:
     """The part of which the corners are, where its edges have it."""
     solid = model.metric[rival.label].solid
-    fit, numbers, facets = measured_at(solid, rival.pose, eyes, model)
+    fit, numbers, facets, _ = measured_at(solid, rival.pose, eyes, model)
     if not numbers:
         return without_name(one, f"may be {one.label} or {rival.label}", one.part.recognition.confidence, model)
     pose = fit.cyclopean_from_part

@@ -1,6 +1,6 @@
 """Poses of taught shapes refined on the edges of both pictures, and what those edges show."""
 
-from daemon.vision.refine.edge_adjustment import WORN_MM, refined_parts
+from daemon.vision.refine.edge_adjustment import LINE_SIGMAS, PRIOR, WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
@@ -13,15 +13,18 @@ from daemon.vision.refine.edge_pose import (
     shown,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
-from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, ExpectedEdges, across, turned
+from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, EdgeObservation, ExpectedEdges, across, turned
 from daemon.vision.refine.following import Fit, refit
 
 __all__ = [
+    "LINE_SIGMAS",
+    "PRIOR",
     "ROOM_PX",
     "SCALE",
     "THIN_PX",
     "WORN_MM",
     "EdgeEvidence",
+    "EdgeObservation",
     "EdgeSamples",
     "ExpectedEdges",
     "Fit",

@@ -1,0 +1,75 @@
+"""Whether the measured edges of a named part are those of one like it in another size, which nobody taught.
+
+In: a part's edges as both images have them, measured where it was named. Out: nats by which one of its sizes, free to
+differ, fits better than the taught one within the tolerance. A pose gives way to a few per cent of a size, so that each
+edge lies within a pixel of its place; all of them together do not. Worn edges draw back alike, which is asked as well.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from daemon.arrays import Array
+from daemon.vision.geometry import Polyhedron, solve, whitener
+from daemon.vision.image import MODEL_PX
+from daemon.vision.refine import LINE_SIGMAS, PRIOR, WORN_MM, EdgeObservation
+
+PARALLEL = 0.98
+"""Cosine from which on two directions of a part are one."""
+OTHER_MM = 5.0
+"""By how much a size of a part that was not taught differs, a standard deviation."""
+OUTLIER, PASSES = 5.0, 8
+"""Sigmas off at which a line counts a quarter: at a size that is not the part's many are three off; and how often lines
+are weighed anew."""
+
+
+def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObservation], tolerance_mm: float) -> float:
+    """By how many nats the edges that both cameras observed speak more for a part of another size along or across one
+    of its directions than for the taught one, at cyclopean_from_part (4, 4); 0 where none was measured."""
+    lines = [seen for seen in observed if seen.sides is not None and len(seen.off)]
+    if not lines:
+        return 0.0
+    stretches = _stretches(solid) @ pose[:3, :3].T
+    rows, off, doubts, use = [], [], [], []
+    for seen in lines:
+        edges = seen.edges
+        worn = -edges.jacobian[..., :3] @ edges.outward[..., None]
+        by_size = (edges.by_corner[None] * stretches[:, edges.ends][:, :, None]).sum((3, 4))  # (modes, E, 2)
+        pose_and_wear = np.concatenate([edges.jacobian, np.zeros((*worn.shape[:2], 1)), worn], 2)
+        each = np.repeat(pose_and_wear[None], len(stretches), 0)
+        each[..., 6] = by_size
+        rows.append(each)
+        off.append(seen.off)
+        known_px = (tolerance_mm / 4 * edges.px_per_mm) ** 2 + MODEL_PX**2
+        doubts.append(LINE_SIGMAS**2 * seen.sides.covariance + known_px[:, None, None] * np.eye(2))  # type: ignore[union-attr]
+        use.append(seen.there & edges.sharp)
+    whiten = whitener(np.concatenate(doubts))
+    design = whiten @ np.concatenate(rows, 1)
+    far = np.repeat((whiten @ np.concatenate(off)[..., None])[None, ..., 0], 2 * len(stretches), 0)
+    used = np.repeat(np.concatenate(use)[None].astype(float), len(far), 0)
+    held = np.zeros((len(far), 8, 8))
+    held[:, :6, :6], held[:, 7, 7] = PRIOR, WORN_MM**-2
+    held[: len(stretches), 6, 6], held[len(stretches) :, 6, 6] = (np.sqrt(2) * tolerance_mm) ** -2, OTHER_MM**-2
+    found = solve(np.concatenate([design, design]), far, used, held, passes=PASSES, grows=False, outlier=OUTLIER)
+    misfit = (used * OUTLIER**2 * found.miss / (OUTLIER**2 + found.miss)).sum(1)
+    misfit += (found.unknowns[:, None] @ held @ found.unknowns[..., None])[:, 0, 0]
+    taught, other = misfit[: len(stretches)], misfit[len(stretches) :]
+    return float((taught - other).max() / 2)
+
+
+@lru_cache(maxsize=256)
+def _stretches(solid: Polyhedron) -> Array:
+    """(M, K, 3) how corners move, in the part's frame, for each mm that it is longer along one of its directions, or
+    wider across it."""
+    pairs = solid.lines[0]
+    edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
+    found = list[Array]()
+    ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
+    for k, way in enumerate(ways):
+        if (np.abs(ways[:k] @ way) < PARALLEL).all():
+            from_middle = solid.corners_mm - (solid.corners_mm.max(0) + solid.corners_mm.min(0)) / 2
+            along = (from_middle @ way)[:, None] * way
+            across = from_middle - along
+            found += [one / max(2 * np.linalg.norm(one, axis=1).max(), 1e-9) for one in (along, across)]
+    return np.array(found)

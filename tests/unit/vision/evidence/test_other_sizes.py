@@ -1,0 +1,58 @@
+"""Edges that a part of another size shows speak for that size, where the pose alone cannot make up for it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon.vision.evidence.by_edges import OTHER_SIZE
+from daemon.vision.evidence.other_sizes import other_size_nats
+from daemon.vision.geometry import Polyhedron, exact
+from daemon.vision.image import open_stereo
+from daemon.vision.refine import fit_at
+from tests.fakes import painted
+from tests.fakes.printed import straight_rig
+from tests.fakes.solids import Body, pose, prism
+
+WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
+TOLERANCE_MM = 0.25
+
+
+def block(length_mm: float = 60.0, width_mm: float = 45.0, shrunk_mm: float = 0.0) -> Body:
+    """Worn: drawn back by so much on every side."""
+    low, high = shrunk_mm, np.array([length_mm, width_mm]) - shrunk_mm
+    body = prism(np.array([[low, low], [high[0], low], high, [low, high[1]]]), 40.0 - 2 * shrunk_mm)
+    return Body(body.corners_mm + np.array([0.0, 0.0, shrunk_mm]), body.facets)
+
+
+@cache
+def nats(shown: Body) -> float:
+    """What speaks for another size than the block's, where such a body is shown."""
+    eyes = open_stereo(*painted.paint_pair([(shown, WHERE)], np.random.default_rng(3), straight_rig()), straight_rig())
+    solid: Polyhedron = exact(block().corners_mm, block().facets)
+    fit, edges = fit_at(solid, eyes, WHERE, TOLERANCE_MM)
+    return other_size_nats(solid, fit.cyclopean_from_part, edges, TOLERANCE_MM)
+
+
+def test_the_taught_size_is_the_likelier_one_where_it_is_shown() -> None:
+    assert nats(block()) < 1.0
+
+
+@pytest.mark.parametrize(("length_mm", "width_mm"), [(63.0, 45.0), (57.0, 45.0), (63.0, 46.0)])
+def test_a_size_that_differs_by_three_millimetres_is_told(length_mm: float, width_mm: float) -> None:
+    assert nats(block(length_mm, width_mm)) > OTHER_SIZE
+
+
+def test_a_deviation_within_the_tolerance_is_no_other_size() -> None:
+    assert nats(block(60.4, 45.0)) < 2.0
+
+
+def test_a_worn_part_is_no_other_size() -> None:
+    assert nats(block(shrunk_mm=0.4)) < OTHER_SIZE
+
+
+def test_without_measured_edges_nothing_is_said() -> None:
+    solid = exact(block().corners_mm, block().facets)
+    assert other_size_nats(solid, WHERE, (), TOLERANCE_MM) == 0.0
