@@ -20,7 +20,7 @@ from daemon.store.files import failing_as, write_atomically
 from daemon.store.library import library_digest, library_plain
 from daemon.store.npz import ArchiveError, Arrays, one_line, pack, unpack
 from daemon.store.outside import FileError, read_file
-from daemon.vision.geometry import Hole, Polyhedron
+from daemon.vision.geometry import Hole, OutlineArc, Polyhedron
 from daemon.vision.model import (
     FEATURES,
     LARGEST_NUMBER,
@@ -53,12 +53,18 @@ class _HoleHeader(msgspec.Struct, forbid_unknown_fields=True):
     ring_mm: list[tuple[float, float, float]]
 
 
+class _ArcHeader(msgspec.Struct, forbid_unknown_fields=True):
+    facet: int
+    points_mm: list[tuple[float, float, float]]
+
+
 class _SolidHeader(msgspec.Struct, forbid_unknown_fields=True):
     facets: list[list[int]]
     types: list[Annotated[str, Meta(max_length=200)]]
     smooth: list[tuple[int, int]] = []
     covers: list[list[tuple[float, float, float]]] = []
     holes: list[_HoleHeader] = []
+    arcs: list[_ArcHeader] = []
 
 
 class _ViewHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -242,6 +248,8 @@ def _solid_header(solid: Polyhedron) -> dict[str, Any]:
         header["covers"] = solid.covers.round(4).tolist()
     if solid.holes:
         header["holes"] = [{"facet": one.facet, "ring_mm": one.ring_mm.round(4).tolist()} for one in solid.holes]
+    if solid.arcs:
+        header["arcs"] = [{"facet": one.facet, "points_mm": one.points_mm.round(4).tolist()} for one in solid.arcs]
     return header
 
 
@@ -378,15 +386,17 @@ def _solid(name: str, header: _SolidHeader, corners: Array, covariance: Array) -
     covers = np.array(header.covers, float).reshape(-1, 4, 3)
     if not np.abs(covers).max(initial=0.0) <= LARGEST_MM:
         raise ValueError(f"{name}: a curved surface beyond {LARGEST_MM:g} mm")
-    holes = tuple(_hole(name, one, len(facets)) for one in header.holes)
-    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth), covers, holes)
+    holes = tuple(Hole(one.facet, _round(name, one.facet, one.ring_mm, len(facets))) for one in header.holes)
+    arcs = tuple(OutlineArc(one.facet, _round(name, one.facet, one.points_mm, len(facets))) for one in header.arcs)
+    return Polyhedron(corners, facets, covariance, tuple(header.types), frozenset(header.smooth), covers, holes, arcs)
 
 
-def _hole(name: str, header: _HoleHeader, facets: int) -> Hole:
-    ring = np.array(header.ring_mm, float).reshape(-1, 3)
-    if not 0 <= header.facet < facets or len(ring) < 3 or not np.abs(ring).max() <= LARGEST_MM:
-        raise ValueError(f"{name}: a hole of no facet, of fewer than three corners or beyond {LARGEST_MM:g} mm")
-    return Hole(header.facet, ring)
+def _round(name: str, facet: int, along_mm: list[tuple[float, float, float]], facets: int) -> Array:
+    """(N, 3) points along a hole's rim or an arc of one of so many facets. Raises ValueError."""
+    points = np.array(along_mm, float).reshape(-1, 3)
+    if not 0 <= facet < facets or len(points) < 3 or not np.abs(points).max() <= LARGEST_MM:
+        raise ValueError(f"{name}: a hole or arc of no facet, of fewer than three points or beyond {LARGEST_MM:g} mm")
+    return points
 
 
 def _counted_codes(labels: tuple[str, ...]) -> dict[str, str]:

@@ -20,18 +20,22 @@ CHORD_MM = 0.6
 chords that a look has edges for (12 px). On 19 rendered looks at parts with rounded ends 12 were named right with this;
 with .3, 8 and 2 more beside their place."""
 ON_CIRCLE_MM = 0.05
+ARC_POINTS, FEWEST_POINTS = 7.6, 9
+"""On an arc, for each radian, and at least: as on a round hole's rim."""
 
 
 @dataclass(eq=False)
 class Outlines:
     """Rings under construction. points: the drawing's corners, and behind them those of chords; rounded: which rings
     have chords; smooth: sides that do
-    not show, by their ends, the smaller first."""
+    not show, by their ends, the smaller first; arcs: those that show, each by the number of its ring and points (N, 3)
+    on it."""
 
     points: list[Array]
     rings: list[tuple[int, ...]] = field(default_factory=list)
     rounded: list[bool] = field(default_factory=list)
     smooth: set[tuple[int, int]] = field(default_factory=set)
+    arcs: list[tuple[int, Array]] = field(default_factory=list)
 
 
 def outlines(regions: FlatRegions, owner: Index, found: Blends, step_mm: float) -> Outlines:
@@ -84,18 +88,22 @@ def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) ->
     if arc is None:
         new = stretch
     else:
-        inner = list(range(len(made.points), len(made.points) + len(arc)))
-        made.points.extend(arc)
+        chords, along = arc
+        inner = list(range(len(made.points), len(made.points) + len(chords)))
+        made.points.extend(chords)
+        if not smooth:
+            made.arcs.append((len(made.rings), along))
         new = [*inner, inner[0]] if closed else [stretch[0], *inner, stretch[-1]]
     if smooth:
         made.smooth |= {(min(a, b), max(a, b)) for a, b in pairwise(new)}
     return tuple(new[:-1])
 
 
-def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
-    """(N, 3) the corners of chords along points (M, 3) on a circle, without the ends where it is open; None where they
-    are on none. The chords lie as far inside the circle at their middles as outside at their ends; round a whole circle
-    there are four, or a multiple, so that turns of a part onto itself stay such."""
+def _arc(points: Array, closed: bool, near_mm: float) -> tuple[Array, Array] | None:
+    """(N, 3) the corners of chords along points (M, 3) on a circle, without the ends where it is open, and (K, 3)
+    points on the arc itself, from end to end; None where they are on none. The chords lie as far inside the circle at
+    their middles as outside at their ends; round a whole circle there are four, or a multiple, so that turns of a part
+    onto itself stay such."""
     middle = points.mean(axis=0)
     x, y, normal = np.linalg.svd(points - middle)[2]
     flat = (points - middle) @ np.column_stack([x, y])
@@ -109,8 +117,12 @@ def _arc(points: Array, closed: bool, near_mm: float) -> Array | None:
     count = 4 * int(np.ceil(count / 4)) if closed else count
     at = angles[0] + sweep * (np.arange(count) if closed else np.arange(1, count)) / count
     out = 2 / (1 + np.cos(sweep / count / 2))
-    ring = centre + out * radius * np.column_stack([np.cos(at), np.sin(at)])
-    return np.asarray(middle + ring @ np.array([x, y]))
+    along = angles[0] + sweep * np.linspace(0, 1, max(int(ARC_POINTS * abs(sweep)), FEWEST_POINTS))
+    chords, arc = (
+        middle + (centre + size * radius * np.column_stack([np.cos(turn), np.sin(turn)])) @ np.array([x, y])
+        for size, turn in ((out, at), (1.0, along))
+    )
+    return chords, arc
 
 
 def _straightened(made: Outlines, ring: list[int], step_mm: float) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ from daemon.teaching.holes import holes_of, sunk_loops
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.teaching.outlines import outlines
 from daemon.teaching.shaded_surface import ShadedSurface, shaded_surface
-from daemon.vision.geometry import Polyhedron
+from daemon.vision.geometry import OutlineArc, Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
 MOST_PIECES = 6000
@@ -103,4 +103,5 @@ def _solid(
     smooth = frozenset((place[a], place[b]) for a, b in made.smooth if a in place and b in place)
     rims = holes_of(regions, np.flatnonzero(small.flat), owner, step_mm)
     holes = tuple(replace(one, ring_mm=one.ring_mm - middle) for one in rims)
-    return Polyhedron(points, facets, covariance, types, smooth, holes=holes), middle
+    arcs = tuple(OutlineArc(facet, along - middle) for facet, along in made.arcs)
+    return Polyhedron(points, facets, covariance, types, smooth, holes=holes, arcs=arcs), middle

@@ -32,11 +32,12 @@ from daemon.arrays import Array
 from daemon.main import tame_malloc
 from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
-from daemon.vision.evidence.hole_rims import RimSeen, hole_nats, rims_seen
+from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.geometry import StereoRig
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import empty_model, learn_solids, turns_but_for_holes
+from daemon.vision.refine import RimSeen, rim_samples, rims_seen
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 from tests.bench.simulated_looks import true_rig
@@ -44,6 +45,8 @@ from tests.fakes.holed import KINDS, Holed, holed_pair
 from tests.fakes.photographed import Photograph, cell, photograph
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "hole_rims.csv"
+MEASURED = RimSeen._fields[:-1]
+"""But for where the rim is."""
 SEEDS = 8
 OFF_MM = 2.5
 """A hole that is farther than this from where it is shown as told lies in another turn of the part."""
@@ -190,14 +193,14 @@ def write(seen: list[Seen]) -> None:
     """The kept table made anew: a line a hole, the cameras' values one after the other."""
     with KEPT.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["there", "kind", *RimSeen._fields, *RimSeen._fields])
+        rows.writerow(["there", "kind", *MEASURED, *MEASURED])
         for one in seen:
-            rows.writerow([int(one.there), one.kind, *(f"{value:.4f}" for both in one.both for value in both)])
+            rows.writerow([int(one.there), one.kind, *(f"{value:.4f}" for both in one.both for value in both[:-1])])
 
 
 def read() -> list[Seen]:
     """The kept table."""
-    count = len(RimSeen._fields)
+    count = len(MEASURED)
     with KEPT.open(newline="") as file:
         rows = list(csv.reader(file))[1:]
     found = []
@@ -241,13 +244,14 @@ def fitted(seen: list[Seen]) -> Fit:
     spread = float(1.4826 * np.median(np.abs(larger - usual)))
     return Fit(
         shows, float(weight), float(np.log((hidden + 1) / (len(there) + 2))),
-        -float(np.log((feigned + 1) / (len(absent) + 2))), hole_rims.SHRUNK_PX + usual, spread,
+        -float(np.log((feigned + 1) / (len(absent) + 2))), rim_samples.SHRUNK_PX + usual, spread,
     )  # fmt: skip
 
 
 def in_code() -> Fit:
     """The constants of the code."""
-    return Fit(*(getattr(hole_rims, name) for name in Fit._fields))
+    known = vars(rim_samples) | vars(hole_rims)
+    return Fit(*(known[name] for name in Fit._fields))
 
 
 def verdict(seen: list[Seen]) -> str:

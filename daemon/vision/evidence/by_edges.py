@@ -18,7 +18,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.evidence.hole_rims import by_holes, hole_nats, turned_by_holes
+from daemon.vision.evidence.hole_rims import MOST_NATS, by_holes, hole_nats, turned_by_holes
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.evidence.other_sizes import other_size_nats
 from daemon.vision.evidence.overlaps import covered
@@ -88,6 +88,8 @@ Twelve in all, from odds of -9 on, gave the same names in heaps and took 13 ms m
 HOLES_APART = 3.0
 """Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
 for a turn of it that is none."""
+SURE_NATS = 8.0
+"""By so many more than one hole can have, holes prove what a second facet would."""
 NEAREST = 0.4
 """Of the evidence there could be, what a guess has that is worth showing."""
 
@@ -248,11 +250,16 @@ def _confidence(one: RegisteredPart, search: Search, tests: int) -> float:
     """How likely a laid part is there, of so many guesses of which each could have come so far by chance; 0 where that
     is not enough for a name."""
     odds = one.odds - np.log(tests)
-    if (
-        _probability(odds + MOST_EXPLAINED) < LEAST_CONFIDENCE
-        or facets_shown(one.solid, search.eyes, one.pose, one.seen) < FEWEST_IN_VIEW
-    ):
+    further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
+    if _probability(odds + MOST_EXPLAINED + further) < LEAST_CONFIDENCE:
         return 0.0
+    beside = 0.0
+    if further:
+        nats = hole_nats(one.solid, one.pose, search.eyes, search.model.parameters.tolerance_mm)
+        beside = max(nats - MOST_NATS, 0.0)
+    if facets_shown(one.solid, search.eyes, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
+        return 0.0
+    odds += beside
     for term, yet in _for_and_against(one, search):
         odds += term
         if _probability(odds + yet) < LEAST_CONFIDENCE:

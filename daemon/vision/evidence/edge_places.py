@@ -12,7 +12,7 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Polyhedron, hidden, thickness
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
-from daemon.vision.refine import ROOM_PX, THIN_PX, across
+from daemon.vision.refine import LEAST_ARC_PX, ROOM_PX, THIN_PX, across
 
 PLACES, REACH_PX = 24, 7
 """On each edge, at which is looked, and how far to either hand."""
@@ -62,7 +62,7 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     """What the left and the right camera show along the edges of a part at cyclopean_from_part (4, 4)."""
     ends, count = solid.lines[0], len(solid.corners_mm)
     shares = ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
-    places = (solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares).reshape(-1, 3)
+    places = _on_arcs(solid, solid.corners_mm[ends[:, :1]] * (1 - shares) + solid.corners_mm[ends[:, 1:]] * shares)
     points = frames.apply(pose, np.concatenate([solid.corners_mm, places]))
     px = np.stack([view.eye.camera.project(points) for view in eyes.views])
     corners, px = px[:, :count], px[:, count:].reshape(2, -1, PLACES, 2)  # of either camera, as all that follows
@@ -71,7 +71,9 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     start, end = corners[:, ends[:, 0]], corners[:, ends[:, 1]]
     long = np.hypot(*np.moveaxis(end - start, 2, 0))
     visible = ((px > ROOM_PX) & (px < np.array(eyes.rig.image_size) - 1 - ROOM_PX)).all(3)
-    visible &= ((hands >= 0).any(2) & (long >= SHORTEST_PX))[..., None]
+    walls = _walls_facing(solid, pose, eyes)
+    shortest = np.where(solid.circles[:, 3] > 0, LEAST_ARC_PX, SHORTEST_PX)
+    visible &= (((hands >= 0).any(2) | walls) & (long >= shortest))[..., None]
     if not solid.convex:
         part_from_cyclopean = frames.inverse(pose)
         for own, eye_mm in zip(visible, eyes.geometry.eyes_mm, strict=True):
@@ -92,10 +94,28 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     close = np.asarray((peaks(slopes, least) & _CLOSE).any(3))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)
     sharp = ~((thick > THIN_PX[0]) & (thick < THIN_PX[1]))
-    outline = ((hands >= 0).sum(2) == 1) & np.where(solid.hands < 0, True, sharp[:, solid.hands]).all(2)
+    outline = ((hands >= 0).sum(2) + walls == 1) & np.where(solid.hands < 0, True, sharp[:, solid.hands]).all(2)
     spreads = np.hypot(*np.moveaxis(np.where(hands >= 0, spread, 0.0), 2, 0))[..., None]
     each = long / PLACES, np.where(outline, 1.0, INNER), visible, there, close, expected, step, spreads
     return [EdgePlaces(*own) for own in zip(*each, strict=True)]
+
+
+def _on_arcs(solid: Polyhedron, places: Array) -> Array:
+    """(E * S, 3) places (E, S, 3) along the edges of a solid, those on the chords of arcs on the arcs."""
+    (arcs,) = np.nonzero(solid.circles[:, 3])
+    if len(arcs):
+        centre, radius = solid.circles[arcs, None, :3], solid.circles[arcs, 3, None, None]
+        from_centre = places[arcs] - centre
+        places[arcs] = centre + radius * from_centre / np.linalg.norm(from_centre, axis=2, keepdims=True)
+    return places.reshape(-1, 3)
+
+
+def _walls_facing(solid: Polyhedron, pose: Array, eyes: StereoImages) -> Flags:
+    """(2, E) beyond which edges, arcs, the left and the right camera see a curved surface."""
+    middles = frames.apply(pose, solid.corners_mm[solid.lines[0]].mean(1))
+    return np.array(
+        [((eye_mm - middles) * (solid.walls @ pose[:3, :3].T)).sum(1) > 0 for eye_mm in eyes.geometry.eyes_mm]
+    )
 
 
 def _usual(hands: Index, beside: Array, visible: Flags, there: Flags, count: int) -> tuple[Array, Array]:

@@ -1,7 +1,8 @@
 """Whether both eyes show the same print on the faces of a part: what is flat and there looks alike in both.
 
 A guess that has the edges by chance lays its faces through thin air, and what shows there lies elsewhere in the other
-eye. Faces without print say nothing. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
+eye. Faces without print say nothing, and no more do places where a hole is in the face or the part itself is before it:
+what shows there is not flat. Source: plane-induced homography (Hartley and Zisserman, section 13.1).
 """
 
 from collections.abc import Sequence
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon import frames
-from daemon.arrays import Array
-from daemon.vision.geometry import PlanarShape, Polyhedron
+from daemon.arrays import Array, Flags
+from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, hidden, inside
 from daemon.vision.image import StereoImages
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
@@ -40,15 +41,18 @@ def face_consistency(
     total = apart = count = 0.0
     most = np.array(eyes.rig.image_size) - 1
     for index in np.flatnonzero(solid.facing(pose) > LEAST_FACING).tolist():
-        ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], _on_face(solid, index)))
+        on_face = _on_face(solid, index)
+        ring, places = (frames.apply(pose, mm) for mm in (solid.corners_mm[solid.rings[index]], on_face))
         borders, seen = (_seen(points, eyes, apart_px) for points in (ring, places))
-        inside = [
+        within = [
             (PlanarShape.of(own).depth(px) > MARGIN_PX)
             & ((px > 0) & (px < most)).all(1)
             & ~np.any([np.zeros(len(px), bool), *(shape.depth(px) > -MARGIN_PX for shape in nearer)], axis=0)
             for px, own, nearer in zip(seen, borders, covered, strict=True)
         ]
-        keep = np.all(inside, axis=0)
+        keep = np.all(within, axis=0)
+        if keep.sum() >= FEWEST:
+            keep[keep] = _bare(solid, index, on_face[keep], pose, eyes)
         if keep.sum() < FEWEST:
             continue
         left, right = (_print(view.grainless, px[keep]) for view, px in zip(eyes.views, seen, strict=True))
@@ -85,6 +89,25 @@ def _on_face(solid: Polyhedron, index: int) -> Array:
     steps = (np.arange(low, high, spacing_mm) for low, high in zip(flat.min(0), flat.max(0), strict=True))
     places = np.stack(np.meshgrid(*steps, 0.0), -1).reshape(-1, 3)
     return frames.apply(frames.inverse(flat_from_part), places)
+
+
+def _bare(solid: Polyhedron, index: int, places: Array, pose: Array, eyes: StereoImages) -> Flags:
+    """(N,) whether both eyes see the facet itself at and about places (N, 3) on it, in the solid's frame: no hole in
+    it, and nothing of the part before it."""
+    flat_from_part = solid.laid_flat[index]
+    flat = frames.apply(flat_from_part, places)
+    broken = np.zeros(len(places), bool)
+    for hole in solid.holes:
+        if hole.facet == index:
+            broken |= inside(flat[:, :2], frames.apply(flat_from_part, hole.ring_mm)[None, :, :2])[0]
+    if not solid.convex:
+        for eye_mm in frames.apply(frames.inverse(pose), np.stack(eyes.geometry.eyes_mm)):
+            broken |= hidden(solid, places, eye_mm)
+    if not broken.any():
+        return ~broken
+    away_mm = float(np.linalg.norm(frames.apply(pose, solid.centres_mm[index][None])))
+    margin_mm = SPACING_MM + MARGIN_PX * away_mm / eyes.geometry.left.focal_px
+    return np.asarray(apart2(flat, flat[broken]).min(1) > margin_mm**2)
 
 
 def _print(grey: NDArray[np.float32], px: Array) -> Array:

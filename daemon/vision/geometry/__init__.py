@@ -33,7 +33,7 @@ from daemon.vision.geometry.polygon import (
     sides_of,
     tidy,
 )
-from daemon.vision.geometry.polyhedron import Hole, Polyhedron, exact, united, with_rings
+from daemon.vision.geometry.polyhedron import Hole, OutlineArc, Polyhedron, exact, united, with_rings
 from daemon.vision.geometry.rig import (
     Baseline,
     Camera,
@@ -64,6 +64,7 @@ __all__ = [
     "Hole",
     "LeastSquaresFit",
     "Measures",
+    "OutlineArc",
     "PlanarShape",
     "Point",
     "Polyhedron",

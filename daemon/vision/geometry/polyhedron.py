@@ -10,9 +10,12 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
+from daemon.vision.geometry.facet_measures import axes_in, fit_circle
 from daemon.vision.geometry.polygon import sides_of
 
 FLAT_MM = 0.5  # so far before a facet's plane lie corners that are measured, not exact
+CHORD_MM, BESIDE_ARC = 0.7, 0.3
+"""How far off its arc a chord may end, and its middle, as a share of its length, off the points along the arc."""
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
@@ -26,12 +29,22 @@ class Hole:
 
 
 @dataclass(frozen=True, eq=False)
+class OutlineArc:
+    """An arc in the outline of a facet of a solid: the number of the facet, and points_mm (N, 3) along it, from end to
+    end, in the solid's frame. The facet's own corners there are of a few chords, half in, half out of the arc."""
+
+    facet: int
+    points_mm: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Polyhedron:
     """corners_mm (K, 3), in any one frame; facets: corner indices of each, anticlockwise from outside; covariance_mm2
     (K, 3, 3) of the corners; types: the facet library's name of each facet, empty where none was typed; smooth: sides
     of facets that do not show, as the surface goes on smoothly into a curved one, by their corners, smaller first;
     covers (N, 4, 3): what else of the surface hides what lies behind it, as quadrilaterals that run as facets do;
-    holes: the rims of bores, slots and pockets in its facets. They are no sides of the facets.
+    holes: the rims of bores, slots and pockets in its facets. They are no sides of the facets; arcs: those in the
+    facets' outlines that show.
     """
 
     corners_mm: Array
@@ -41,6 +54,7 @@ class Polyhedron:
     smooth: frozenset[tuple[int, int]] = frozenset()
     covers: Array = field(default_factory=lambda: np.zeros((0, 4, 3)))
     holes: tuple[Hole, ...] = ()
+    arcs: tuple[OutlineArc, ...] = ()
 
     @cached_property
     def rings(self) -> tuple[Index, ...]:
@@ -99,6 +113,34 @@ class Polyhedron:
             if (min(a, b), max(a, b)) in number:
                 bounds[facet, number[min(a, b), max(a, b)]] = True
         return np.array(list(number), np.intp).reshape(-1, 2), bounds
+
+    @cached_property
+    def circles(self) -> Array:
+        """(E, 4) the centre and the radius, mm, of the circle that each of the lines is a chord of; zeros where it is
+        straight."""
+        ends, bounds = self.lines
+        found = np.zeros((len(ends), 4))
+        a, b = self.corners_mm[ends[:, 0]], self.corners_mm[ends[:, 1]]
+        for arc in self.arcs:
+            across = axes_in(self.normals[arc.facet])
+            flat, radius, _ = fit_circle(arc.points_mm @ across.T)
+            normal = self.normals[arc.facet]
+            centre = flat @ across + float((arc.points_mm @ normal).mean()) * normal
+            off = np.array([np.linalg.norm(own - centre, axis=1) - radius for own in (a, b)])
+            middle = np.linalg.norm(((a + b) / 2)[:, None] - arc.points_mm, axis=2).min(1)
+            near = (np.abs(off) < CHORD_MM).all(0) & (middle < BESIDE_ARC * np.linalg.norm(b - a, axis=1))
+            found[bounds[arc.facet] & near] = [*centre, radius]
+        return found
+
+    @cached_property
+    def walls(self) -> Array:
+        """(E, 3) unit normals, out of the part, of the curved surface beyond each of the lines that is a chord of an
+        arc, as it is square to the facet; zeros where there is none."""
+        ends, facet = self.lines[0], self.beside[:, 0]
+        round_ = (self.circles[:, 3] > 0) & (self.beside[:, 1] < 0)
+        along = np.where(self.hands[:, 1] == facet, 1.0, -1.0)[:, None]
+        away = np.cross(along * (self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]), self.normals[facet])
+        return np.asarray(round_[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12))
 
     @cached_property
     def beside(self) -> Index:
@@ -192,6 +234,9 @@ class Polyhedron:
             tuple(self.types[f] for f in facets) if self.types else (),
             frozenset((place[a], place[b]) for a, b in self.smooth if a in place and b in place),
             holes=tuple(Hole(k, one.ring_mm) for k, f in enumerate(facets) for one in self.holes if one.facet == f),
+            arcs=tuple(
+                OutlineArc(k, arc.points_mm) for k, f in enumerate(facets) for arc in self.arcs if arc.facet == f
+            ),
         )
 
     def facing(self, poses: Array, eye: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:

@@ -23,7 +23,7 @@ class SolidBatch:
     """P solids: corners_mm (P, K, 3), and own (P, K), which of these are a solid's; middles_mm (P, 3); planes
     (P, 2 F, 3): outward unit normals of the facets, then their middles; rings (P, F, S), the corners of each facet;
     ends (P, E, 2), the corners of each edge, beside (P, E, 2), the facets that it bounds, F where there is none, and
-    bisectors (P, E, 3) as Polyhedron has them.
+    bisectors (P, E, 3), circles (P, E, 4) and walls (P, E, 3) as Polyhedron has them.
     """
 
     shapes: tuple[Polyhedron, ...]
@@ -35,6 +35,8 @@ class SolidBatch:
     ends: Index
     beside: Index
     bisectors: Array
+    circles: Array
+    walls: Array
 
     @classmethod
     def of(cls, shapes: Sequence[Polyhedron]) -> SolidBatch:
@@ -70,6 +72,8 @@ def _side_by_side(shapes: tuple[Polyhedron, ...]) -> SolidBatch:
         _filled([s.lines[0] for s in shapes], 2, 0),
         _filled([np.where(s.beside < 0, facets, s.beside) for s in shapes], 2, facets),
         _filled([s.bisectors for s in shapes], 3, 0.0),
+        _filled([s.circles for s in shapes], 4, 0.0),
+        _filled([s.walls for s in shapes], 3, 0.0),
     )
 
 

@@ -177,12 +177,17 @@ def evidence(
 
 
 def promising(
-    posed: PoseBatch, geometry: Baseline, maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap]
+    posed: PoseBatch,
+    geometry: Baseline,
+    maps: tuple[DirectionalEdgeMap, DirectionalEdgeMap],
+    further: Array | float = 0.0,
 ) -> tuple[Index, Array]:
-    """Which (Q,) of many poses a few places of the left eye already speak for, and how many nats (Q,)."""
+    """Which (Q,) of many poses a few places of the left eye, and further nats (G,), already speak for, and how many
+    nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
     edges = posed.edges(geometry.eyes_mm[0])
     nats, _ = _of_one_eye(len(posed.part), *edges, left, maps[0], np.array(GLANCED, np.float32))
+    nats = nats + further
     good = np.flatnonzero(nats > GLANCE_NATS)
     return good, nats[good]
 

@@ -23,6 +23,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
+from daemon.vision.hypotheses.circles import circles_seen, poses_from_circles, rims_of
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, hull, ideal, pixels, taught_solids
@@ -98,6 +99,8 @@ def prepare(model: Model) -> None:
         places_of(shapes)
         kinds_of(shapes)
         junction_kinds(shapes)
+        for shape in shapes:
+            rims_of(shape)
         resting_junctions_of(shapes)
 
 
@@ -117,12 +120,23 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
     solids, geometry = taught_solids(search.model), search.eyes.geometry
     guesses, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
     posed = PoseBatch(solids, guesses.part, guesses.poses)
-    if not search.uncluttered:
+    further = np.zeros(len(posed.part))
+    if search.uncluttered:
+        more, nats = _by_circles(search)
+        more_hinges = np.zeros((len(nats), 2, 3))
+    else:
         more, more_hinges = _by_facets(search)
-        tests += len(more.part)
-        posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
-        hinges = np.concatenate([hinges, more_hinges])
-    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent)
+        nats = np.zeros(len(more.part))
+    tests += len(more.part)
+    posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
+    hinges, further = np.concatenate([hinges, more_hinges]), np.concatenate([further, nats])
+    return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent, further)
+
+
+def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
+    """What circles could be rims of, where any part has one, and what further circles speak for each, nats (G,)."""
+    solids = taught_solids(search.model)
+    return poses_from_circles(circles_seen(search.eyes) if any(map(rims_of, solids.shapes)) else [], solids)
 
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:
@@ -153,15 +167,22 @@ def hypotheses_on_support(search: Search, spent: Callable[[], float]) -> RankedH
 
 
 def _likeliest(
-    search: Search, posed: PoseBatch, hinges: Array, tests: int, spent: Callable[[], float]
+    search: Search,
+    posed: PoseBatch,
+    hinges: Array,
+    tests: int,
+    spent: Callable[[], float],
+    further: Array | float = 0.0,
 ) -> RankedHypotheses:
-    """Those of many poses for which most speaks, each turned about its hinge (G, 2, 3) to where most does."""
-    geometry, maps = search.eyes.geometry, search.maps
-    good, by_glance = promising(posed, geometry, maps)
+    """Those of many poses for which most speaks, segments and further nats (G,), each turned about its hinge (G, 2, 3)
+    to where most does."""
+    geometry, maps, further = search.eyes.geometry, search.maps, np.broadcast_to(further, len(posed.part))
+    good, by_glance = promising(posed, geometry, maps, further)
     good = good[_varied(ScoredPoses(posed.chosen(good), -by_glance))]
     posed, hinges = posed.chosen(good), hinges[good]
-    nats, _ = evidence(posed, geometry, maps)
-    good = (nats > LEAST_NATS / 3) & (posed.in_either_view(geometry).sum(1) >= FEWEST_IN_VIEW)
+    nats = evidence(posed, geometry, maps)[0] + further[good]
+    in_view = posed.in_either_view(geometry).sum(1) + (further[good] > 0)
+    good = (nats > LEAST_NATS / 3) & (in_view >= FEWEST_IN_VIEW)
     if search.named:
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)

@@ -16,6 +16,7 @@ from daemon.vision.image.edge_lines import (
     slopes_across,
     stretch_slopes,
 )
+from daemon.vision.image.ellipses import Ellipse
 from daemon.vision.image.grey import BLOCK_PX, SATURATED, Grey, VisionError, as_grey, block_means
 from daemon.vision.image.outlines import MODEL_PX, Fitted, Outline, fitted_from
 from daemon.vision.image.regions import SMOOTHING_PX, Scale
@@ -40,6 +41,7 @@ __all__ = [
     "SMOOTHING_PX",
     "STEP_PX",
     "CameraImage",
+    "Ellipse",
     "Fitted",
     "Grey",
     "Outline",

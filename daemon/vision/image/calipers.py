@@ -119,7 +119,8 @@ def stretch_profiles(
 ) -> Image32:
     """Mean profiles (S, BLOCKS, C) of equal stretches of straight sides (S, 2), (S, 2) px.
 
-    offsets (C,) px, counted from each side's bias_px (S,), outwards; trim_px is left out at either end.
+    offsets (C,) px, counted from each side's bias_px (S, 1), or each stretch's (S, BLOCKS), outwards; trim_px is left
+    out at either end.
     """
     chord = end - start
     length, places = stretches(start, end, trim_px)
@@ -127,10 +128,10 @@ def stretch_profiles(
     fine = (
         places + (np.arange(IN_BLOCK)[:, None, None] - (IN_BLOCK - 1) / 2) * (places[:, 1:2] - places[:, :1]) / IN_BLOCK
     )
-    middle = (start + end) / 2 + normal * bias_px[:, None]
+    middle = ((start + end) / 2)[:, None] + normal[:, None] * bias_px[..., None]
     # (C, IN_BLOCK, S * BLOCKS): long rows are reckoned and read out faster than ones of a few offsets.
     x, y = (
-        np.asarray(middle[:, k, None] + fine * chord[:, k, None] / 2, np.float32).reshape(IN_BLOCK, -1)
+        np.asarray(middle[..., k] + fine * chord[:, k, None] / 2, np.float32).reshape(IN_BLOCK, -1)
         + offsets.astype(np.float32)[:, None, None] * normal[:, k].astype(np.float32).repeat(BLOCKS)
         for k in (0, 1)
     )

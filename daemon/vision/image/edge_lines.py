@@ -113,7 +113,7 @@ def find_sides(
     pitch = 1.0 if farthest > 2 else 0.5
     offsets = np.arange(-farthest - pitch, farthest + 1.5 * pitch, pitch)
     late = np.zeros(len(start)) + (farthest - reach_px)  # each side's offsets begin at its own reach
-    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, expected_px + late)
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, (expected_px + late)[:, None])
     places = offsets[1:-1] + late[:, None]
     within = places < farthest - late[:, None] + 0.5 * pitch
     last = within.sum(1, dtype=np.int32)[:, None, None, None] - 1
@@ -154,7 +154,7 @@ def probe_sides(images: Images, start: Array, end: Array) -> tuple[Array, Array]
     images: of unit noise, after a Gaussian of SMOOTHING_PX; their noise is therefore known along and across the side.
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
-    values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, 1.0, np.array([-0.5, 0.5]), np.zeros((len(start), 1)))
     return strengths(values[:, :, 1] - values[:, :, 0], length)
 
 
@@ -170,14 +170,17 @@ def strengths(slopes: Real, length: Array, grain: Array | float = 1.0) -> tuple[
     return mean / (one / np.sqrt(rows)), seen
 
 
-def stretch_slopes(images: Images, start: Array, end: Array, reach_px: int) -> Image32:
-    """Slopes across stretches of straight sides (S, 2), (S, 2) px, in sigmas, at whole px up to the reach on either
-    hand, inwards first: (S, BLOCKS, 2 reach_px + 1). images: as for probe_sides."""
+def stretch_slopes(images: Images, start: Array, end: Array, reach_px: int, bow_px: Array) -> Image32:
+    """Slopes across stretches of sides (S, 2), (S, 2) px, in sigmas, at whole px up to the reach on either hand,
+    inwards first: (S, BLOCKS, 2 reach_px + 1). images: as for probe_sides; bow_px (S, 3): how far out of the straight
+    line each side is at its start, middle and end."""
     if not len(start):
         return np.zeros((0, BLOCKS, 2 * reach_px + 1), np.float32)
-    length, _ = stretches(start, end, _TRIM_PX)
+    length, at = stretches(start, end, _TRIM_PX)
     offsets = np.arange(-reach_px - 0.5, reach_px + 1.0)
-    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
+    first, middle, last = bow_px[:, :, None].swapaxes(0, 1)
+    bow = middle + at * (last - first) / 2 + at * at * ((first + last) / 2 - middle)
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, bow)
     rows = np.clip(length / SMOOTHING_ROW_PX / BLOCKS, 1.0, IN_BLOCK)
     slopes: Image32 = values[:, :, 1:] - values[:, :, :-1]
     return slopes * (np.sqrt(rows) / SLOPE_NOISE).astype(np.float32)[:, None, None]
@@ -230,7 +233,7 @@ def edge_sigmas(images: Images, start: Array, end: Array) -> Array:
     """
     length = np.maximum(np.hypot(*(end - start).T), 1e-6)
     offsets = np.arange(-_BESIDE_PX, _BESIDE_PX + 0.1, 0.5)
-    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros(len(start)))
+    values = stretch_profiles(images, start, end, _TRIM_PX, offsets, np.zeros((len(start), 1)))
     slope = np.median(values[:, :, 2:] - values[:, :, :-2], 1)
     place = offsets[1:-1]
     shading, grain = np.zeros(len(start)), np.full(len(start), np.inf)

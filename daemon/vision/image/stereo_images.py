@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from daemon.arrays import Image32
 from daemon.vision.geometry import Baseline, RectifiedCamera, StereoRig, baseline
 from daemon.vision.image.edge_lines import MeasuredImage
+from daemon.vision.image.ellipses import Ellipse, find_ellipses
 from daemon.vision.image.grey import FINE, Fine, Grey, Noise, VisionError, as_grey, check_size, measure_noise
 from daemon.vision.image.outlines import (
     Fitted,
@@ -136,6 +137,11 @@ class CameraImage:
         first, last = np.maximum(window[0] - ABOUT_PX, 0), window[1] + ABOUT_PX
         found = find_segments(self.grey[first[1] : last[1], first[0] : last[0]])
         return Segments(found.start + first, found.end + first)
+
+    @cached_property
+    def ellipses(self) -> list[Ellipse]:
+        """The ellipses of the image, where scale 2 shows edges."""
+        return find_ellipses(self.smooth, self.window(VisionSettings.faintest), self.grain)
 
     @cached_property
     def exposure(self) -> MeasuredImage:

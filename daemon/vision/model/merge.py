@@ -161,4 +161,5 @@ def _in_part_frame(solid: Polyhedron) -> Polyhedron:
         covariance_mm2=part_from_look @ solid.covariance_mm2 @ part_from_look.T,
         covers=(solid.covers - corners.mean(0)) @ part_from_look.T,
         holes=tuple(replace(one, ring_mm=(one.ring_mm - corners.mean(0)) @ part_from_look.T) for one in solid.holes),
+        arcs=tuple(replace(one, points_mm=(one.points_mm - corners.mean(0)) @ part_from_look.T) for one in solid.arcs),
     )

@@ -126,6 +126,8 @@ def learn_solids(model: Model, drawn: Sequence[tuple[str, Polyhedron, str]]) -> 
             raise TeachError(f"a part cannot be called {label!r}: choose another name")
         shape = merge_views((solid,), model.library)
         shown = [one.facets for one in aspects(shape.solid)]
+        if not shown and len(shape.solid.arcs) > 1:  # no facets that touch are a pattern: edges and rims tell it
+            shown = [(facet,) for facet in range(len(shape.solid.facets))]
         if not shown:
             raise TeachError(
                 f"{label}: no two of its {len(solid.facets)} facets that share an edge are in view together"

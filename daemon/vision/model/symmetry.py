@@ -15,7 +15,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Hole, Polyhedron, apart2, axes_in, basis, exact
+from daemon.vision.geometry import Hole, OutlineArc, Polyhedron, apart2, axes_in, basis, exact
 
 EXACT_MM = 0.01
 """How far corners may differ that a drawing made the same."""
@@ -102,8 +102,17 @@ def mirror_images(solid: Polyhedron) -> tuple[MirrorImage, ...]:
             found.append(k)
     facets = [ring[::-1] for ring in solid.facets]
     return tuple(
-        MirrorImage(exact(moved[k], facets), np.array([kept[k, ring].all() for ring in solid.rings])) for k in found
+        MirrorImage(
+            replace(exact(moved[k], facets), arcs=_flipped(solid, flip[k], a[one[k]], a[other[k]])),
+            np.array([kept[k, ring].all() for ring in solid.rings]),
+        )
+        for k in found
     )
+
+
+def _flipped(solid: Polyhedron, flip: Array, at: Array, there: Array) -> tuple[OutlineArc, ...]:
+    """The arcs of a solid turned by a flip (3, 3) about a point (3,) that comes to lie there (3,)."""
+    return tuple(replace(arc, points_mm=(arc.points_mm - at) @ flip.T + there) for arc in solid.arcs)
 
 
 def turns_onto_themselves(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:

@@ -13,10 +13,21 @@ from daemon.vision.refine.edge_pose import (
     shown,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
-from daemon.vision.refine.expected_edges import ROOM_PX, SCALE, THIN_PX, EdgeObservation, ExpectedEdges, across, turned
+from daemon.vision.refine.expected_edges import (
+    LEAST_ARC_PX,
+    ROOM_PX,
+    SCALE,
+    THIN_PX,
+    EdgeObservation,
+    ExpectedEdges,
+    across,
+    turned,
+)
 from daemon.vision.refine.following import Fit, refit
+from daemon.vision.refine.rim_samples import RimSeen, rims_seen
 
 __all__ = [
+    "LEAST_ARC_PX",
     "LINE_SIGMAS",
     "PRIOR",
     "ROOM_PX",
@@ -29,6 +40,7 @@ __all__ = [
     "ExpectedEdges",
     "Fit",
     "LaidFacet",
+    "RimSeen",
     "across",
     "aligned_to_edges",
     "edge_samples_of",
@@ -41,6 +53,7 @@ __all__ = [
     "fit_edges",
     "refined_parts",
     "refit",
+    "rims_seen",
     "shown",
     "turned",
 ]

@@ -23,6 +23,7 @@ from daemon.vision.geometry import LeastSquaresFit, Polyhedron, SolidBatch, solv
 from daemon.vision.image import MODEL_PX, StereoImages
 from daemon.vision.model import Model
 from daemon.vision.refine.expected_edges import EdgeObservation, expected, measured
+from daemon.vision.refine.rim_samples import RimPlace, rim_places
 from daemon.vision.values import Part
 
 # Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
@@ -67,8 +68,9 @@ def adjusted(
     observed: Sequence[EdgeObservation],
     tolerance_mm: float,
     anchor: tuple[Array, Array] | None = None,
+    rims: Sequence[RimPlace] = (),
 ) -> AdjustedPose:
-    """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), say together.
+    """The pose and the corners that the edges measured in both eyes, at a pose (4, 4), and rims of holes say together.
 
     anchor: a pose (4, 4) and the information (6, 6) with which other evidence than these lines holds the part there;
     without it the part is near to where the lines were measured.
@@ -105,6 +107,13 @@ def adjusted(
         off.append(seen.off)
         doubts.append((LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2))
         usable.append(seen.there & seen.edges.sharp)
+    if rims:
+        of_rims = np.zeros((len(rims), 2, size))
+        of_rims[:, :, :6] = [rim.jacobian for rim in rims]
+        rows.append(of_rims)
+        off.append(np.array([rim.off_px for rim in rims]))
+        doubts.append(np.array([rim.sigma_px**2 * np.eye(2) for rim in rims]))
+        usable.append(np.ones(len(rims), bool))
     design, wanted, doubt = (np.concatenate(each) for each in (rows, off, doubts))
     use = np.concatenate(usable)[None].astype(float)
     found = _solved(design, wanted, doubt, use, held, towards)
@@ -215,7 +224,8 @@ def _adjusted(
             observed = [seen.only(k, laid) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
             if open_[k]:
-                found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm)
+                rims = rim_places(shapes[k], poses[k], eyes, tolerance_mm)
+                found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm, rims=rims)
                 open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
                 poses[k] = one.pose
         if not open_.any():

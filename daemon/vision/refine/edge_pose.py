@@ -31,6 +31,7 @@ from daemon.vision.refine.expected_edges import (
     off_places,
 )
 from daemon.vision.refine.following import Fit
+from daemon.vision.refine.rim_samples import rim_places
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import MeasuredCorners
 
@@ -186,7 +187,7 @@ def fit_at(
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
-        final = adjusted(shape, pose, (left, right), tolerance_mm, anchor)
+        final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rim_places(shape, pose, eyes, tolerance_mm))
         pose = final.pose
         led = frames.difference(pose, anchor[0])
         if led @ PRIOR @ led > FARTHEST_CHI2:

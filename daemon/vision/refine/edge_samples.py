@@ -153,9 +153,10 @@ def _slopes(
     """The left and the right camera's expected edges, and the sigmas (E, S, C) of the slopes across their stretches,
     the left one's first."""
     both = expected(laid, eyes, poses, np.ones(len(poses), bool), tolerance_mm, thin_px)
-    start, end = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end"))
+    start, end, bow = (np.concatenate([getattr(edges, name) for edges in both]) for name in ("start", "end", "bow"))
     images = [(view.smooth, len(edges.start)) for view, edges in zip(eyes.views, both, strict=True)]
-    return both, stretch_slopes(images, end, start, REACH_PX)[:, ::-1]  # outwards as across() has
+    # Outwards as across() has it, and back in the order of the edges.
+    return both, stretch_slopes(images, end, start, REACH_PX, bow[:, ::-1])[:, ::-1]
 
 
 def aligned_to_edges(laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float) -> Array:

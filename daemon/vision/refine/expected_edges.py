@@ -16,8 +16,11 @@ from daemon.vision.image import Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
-ROOM_PX, LEAST_LENGTH_PX = 6.0, 12.0
-"""How far inside the image an edge must be, and how much of it, to be measured."""
+WALL_PX = 40.0
+"""A curved surface beyond an arc counts as a facet so thick, times the cosine at which the camera sees it there."""
+ROOM_PX, LEAST_LENGTH_PX, LEAST_ARC_PX = 6.0, 12.0, 7.0
+"""How far inside the image an edge must be, and how much of it, to be measured; of an arc, which goes on beyond both
+ends of its chord, less is enough."""
 ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 """An edge is on its place within so many times what the shape leaves open, which is this at least."""
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
@@ -71,7 +74,9 @@ class ExpectedEdges:
     ends (E, 2), its corners' numbers; start, end (E, 2) px; jacobian (E, 2, 6), how far each end moves across its edge
     with the pose, and by_corner (E, 2, 2, 3), with either corner of the edge; outline (E,): which belong to one facing
     facet only, and show in any light; sharp (E,): which cannot be taken for another; px_per_mm (E,); doubt_px (E,):
-    what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors.
+    what the shape leaves open; corners_px (K, 2), all corners; outward (E, 3), cyclopean: Polyhedron.bisectors; bow
+    (E, 3): how far across the edge, px, the arc that it is a chord of lies at its start, middle and end; 0 where it is
+    straight.
     """
 
     owner: Index
@@ -86,6 +91,14 @@ class ExpectedEdges:
     doubt_px: Array
     corners_px: Array
     outward: Array
+    bow: Array
+
+    @property
+    def line_off(self) -> Array:
+        """(E, 2) how far off its ends the line lies that is nearest to the arc, px."""
+        start, middle, end = self.bow.T
+        mean, half = (start + 4 * middle + end) / 6, (end - start) / 2
+        return np.stack([mean - half, mean + half], 1)
 
     @property
     def lengths_px(self) -> Array:
@@ -104,7 +117,7 @@ class ExpectedEdges:
         return ExpectedEdges(
             np.zeros(len(own), np.intp), self.ends[own] - corners.start, self.start[own], self.end[own],
             self.jacobian[own], self.by_corner[own], self.outline[own], self.sharp[own], self.px_per_mm[own],
-            self.doubt_px[own], self.corners_px[corners], self.outward[own],
+            self.doubt_px[own], self.corners_px[corners], self.outward[own], self.bow[own],
         )  # fmt: skip
 
 
@@ -150,13 +163,21 @@ def expected(
     thick = np.full((2, len(poses), laid.rings.shape[1] + 1), -np.inf)
     thick[..., :-1] = thickness(px[:, laid.rings + begins])
     thick_px = thick[:, np.arange(len(poses))[:, None, None], laid.beside]
+    owner, edge = np.nonzero(laid.walls.any(2))
+    if len(owner):
+        chords = laid.corners_mm[owner[:, None], laid.ends[owner, edge]]
+        turned_in = poses[owner, :3, :3] @ np.stack([laid.walls[owner, edge], chords.mean(1)], 2)
+        for own, eye_mm in zip(thick_px, eyes.geometry.eyes_mm, strict=True):
+            ray = eye_mm - poses[owner, :3, 3] - turned_in[..., 1]
+            own[owner, edge, 1] = WALL_PX * (turned_in[..., 0] * ray).sum(1) / np.linalg.norm(ray, axis=1)
     facing = (thick_px >= thin_px[1]).sum(3)
     clear = np.asarray(~((thick_px > thin_px[0]) & (thick_px < thin_px[1])).any(3))
     eye, owner, edge = np.nonzero((facing > 0) & wanted[:, None])  # the left camera's first
     ends = (laid.ends + begins)[owner, edge]
     start, end = px[eye, ends[:, 0]], px[eye, ends[:, 1]]
     first, last = _inside(start, end, eyes.rig.image_size)
-    keep = (last - first) * np.hypot(*(end - start).T) >= LEAST_LENGTH_PX
+    least = np.where(laid.circles[owner, edge, 3] > 0, LEAST_ARC_PX, LEAST_LENGTH_PX)
+    keep = (last - first) * np.hypot(*(end - start).T) >= least
     eye, owner, edge, ends, start, end = (each[keep] for each in (eye, owner, edge, ends, start, end))
     first, last, way = first[keep, None], last[keep, None], end - start
     normal = across(start, end)[:, None]
@@ -169,15 +190,34 @@ def expected(
     outline = (facing[eye, owner, edge] == 1) & sharp
     bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
     start, end, jacobian = start + first * way, start + last * way, by_corner.sum(2)
+    bow = np.zeros((len(owner), 3))
+    circles = laid.circles[owner, edge]
+    (arcs,) = np.nonzero(circles[:, 3])
+    if len(arcs):
+        on_arcs = _on_arcs(laid.corners_mm.reshape(-1, 3)[ends[arcs]], circles[arcs], share[arcs])
+        of_arcs = poses[owner[arcs]]
+        cyclopean = on_arcs @ of_arcs[:, :3, :3].swapaxes(1, 2) + of_arcs[:, None, :3, 3]
+        seen = [view.eye.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in eyes.views]
+        on_image = np.where(eye[arcs, None, None] == 0, *seen)
+        bow[arcs] = ((on_image - start[arcs, None]) * normal[arcs]).sum(2)
 
     def of_camera(own: slice, corners_px: Array) -> ExpectedEdges:
         return ExpectedEdges(
             owner[own], ends[own], start[own], end[own], jacobian[own], by_corner[own, ..., :3], outline[own],
-            sharp[own], px_per_mm[own], tolerance_mm * px_per_mm[own], corners_px, bisectors[own],
+            sharp[own], px_per_mm[own], tolerance_mm * px_per_mm[own], corners_px, bisectors[own], bow[own],
         )  # fmt: skip
 
     of_left = int(np.count_nonzero(eye == 0))
     return of_camera(slice(of_left), px[0]), of_camera(slice(of_left, None), px[1])
+
+
+def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:
+    """(A, 3, 3) places on the arcs of circles (A, 4) that lie beyond chords (A, 2, 3), at the shares (A, 2) of these
+    where they begin and end, and midway."""
+    at = np.stack([share[:, 0], share.mean(1), share[:, 1]], 1)[..., None]
+    from_centre = chords[:, :1] + at * (chords[:, 1:] - chords[:, :1]) - circles[:, None, :3]
+    size = circles[:, 3, None, None] / np.linalg.norm(from_centre, axis=2, keepdims=True)
+    return np.asarray(circles[:, None, :3] + size * from_centre)
 
 
 def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:
@@ -208,7 +248,7 @@ def measured(both: Sequence[ExpectedEdges], eyes: StereoImages, *, on_place: boo
         seen = sides.chosen(which)
         doubt = seen.covariance + edges.doubt_px[:, None, None] ** 2 * np.eye(2)
         there = (seen.evidence > LEAST_EVIDENCE) & (seen.support > LEAST_SUPPORT)
-        off = off_places(edges.start, edges.end, seen.start, seen.end)
+        off = off_places(edges.start, edges.end, seen.start, seen.end) - edges.line_off
         found.append(EdgeObservation(edges, off, doubt, there, seen))
     return found
 

@@ -72,7 +72,7 @@ def test_a_hole_that_no_facet_has_is_refused_in_a_models_file() -> None:
     model = learn_solid(empty_model(LIBRARY), bored(60, 40, 20, 8.0).solid, "bored")
     metric = model.metric["bored"]
     wrong = replace(metric.solid, holes=(Hole(9, metric.solid.holes[0].ring_mm),))
-    with pytest.raises(ModelError, match="a hole of no facet"):
+    with pytest.raises(ModelError, match="a hole or arc of no facet"):
         from_bytes(to_bytes(replace(model, metric={"bored": replace(metric, solid=wrong)})))
 
 

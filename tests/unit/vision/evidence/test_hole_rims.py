@@ -12,11 +12,14 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.vision.evidence import hole_rims
-from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats, rims_seen
+from daemon.vision.evidence.hole_rims import HIDDEN_NATS, by_holes, hole_nats
+from daemon.vision.evidence.photo_consistency import _bare
 from daemon.vision.geometry import Hole, Polyhedron, exact
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import Model, empty_model, learn_solids, symmetries, turns_but_for_holes
+from daemon.vision.refine import rim_samples
+from daemon.vision.refine.rim_samples import rim_places, rims_seen
 from daemon.vision.values import Part
 from tests.bench.holes import fitted, in_code, read
 from tests.fakes.drawn import block
@@ -87,6 +90,41 @@ def test_how_much_larger_a_hole_is_comes_out_in_pixels() -> None:
     assert one.larger_px == pytest.approx(0.5 * px_per_mm, abs=0.3)
 
 
+def test_a_rim_says_where_it_is_beside_where_the_pose_has_it_and_how_that_moves_with_the_pose() -> None:
+    solid, off = bored(14.0), facing()
+    off[:3, 3] += [0.5, -0.4, 0.0]
+    before, after = (rim_places(solid, one, eyes_on(14.0), 0.25) for one in (facing(), off))
+    assert len(before) == len(after) == 2  # in either camera
+    for here, there in zip(before, after, strict=True):
+        moved = here.off_px - there.off_px
+        assert moved == pytest.approx(here.jacobian @ [0.5, -0.4, 0.0, 0.0, 0.0, 0.0], abs=0.3)
+        assert np.linalg.norm(moved) > 0.8
+
+
+def test_a_rim_of_another_size_holds_no_pose() -> None:
+    assert rim_places(bored(14.0, 6.0), facing(), eyes_on(14.0), 0.25) == []
+
+
+def bare(solid: Polyhedron) -> list[bool]:
+    """Of three places on the block's top, just in the bore, just beside it and far from it, which show the face to
+    both."""
+    middle, rim = bored(14.0).holes[0].ring_mm.mean(0), bored(14.0).holes[0].ring_mm[0]
+    inside, beside = (middle + share * (rim - middle) for share in (0.9, 1.15))
+    far = 2 * PLAIN.centres_mm[TOP] - middle
+    return _bare(solid, TOP, np.stack([inside, beside, far]), facing(), eyes_on(None)).tolist()
+
+
+def test_print_is_not_looked_for_in_a_hole_nor_beside_its_rim() -> None:
+    assert bare(bored(14.0)) == [False, False, True]
+    assert bare(replace(bored(14.0), holes=bored(14.0).holes[1:])) == [True, True, True]
+
+
+def test_print_is_not_looked_for_where_the_part_itself_is_before_the_face() -> None:
+    rim = bored(14.0).holes[0].ring_mm
+    lid = rim.mean(0) + 1.5 * (rim[::12] - rim.mean(0)) + 3.0 * PLAIN.normals[TOP]  # as a boss or a rib is
+    assert bare(replace(PLAIN, covers=lid[None])) == [False, False, True]
+
+
 def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
     assert hole_nats(bored(14.0, 1.0), facing(), eyes_on(None)) == 0.0
     away = replace(bored(14.0), holes=bored(14.0).holes[1:])
@@ -98,14 +136,14 @@ def test_a_hole_too_small_or_out_of_view_says_nothing() -> None:
 
 def test_a_rim_that_passes_beside_the_camera_says_nothing_and_takes_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Projected from behind the image plane it may be millions of px long: a look took gigabytes."""
-    places, along, rng = list[int](), hole_rims._along, np.random.default_rng(0)
+    places, along, rng = list[int](), rim_samples._along, np.random.default_rng(0)
 
     def counted(hole: Hole, ring_px: Array) -> Array:
         found = along(hole, ring_px)
         places.append(len(found))
         return found
 
-    monkeypatch.setattr(hole_rims, "_along", counted)
+    monkeypatch.setattr(rim_samples, "_along", counted)
     for depth_mm in (0.5, 2.0, 6.0, 12.0, 20.0, 40.0):
         for _ in range(30):
             near = facing()

@@ -1,0 +1,176 @@
+"""Ellipses of one image: the rims of bores and of round faces, whole or in part. Nothing is compared with the other
+camera here.
+
+In: the smoothed image. Out: ellipses, and the places on them where the image shows an edge, to a fraction of a px. Edge
+pixels are followed; where they run round in one direction by small, even turns an ellipse is fitted to them, and again
+to where the grey levels across it have the edge. Source: direct least squares fit (Fitzgibbon, Pilu and Fisher 1999),
+OpenCV's.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from daemon.arrays import Array, Index
+from daemon.vision.image.edge_lines import peak_places, peaks
+from daemon.vision.image.grey import FINE, Fine
+from daemon.vision.image.regions import SMOOTHING_PX, Window, gradient_noise
+from daemon.vision.image.rims import STEP_PX, rim_slopes
+
+EDGE_SIGMAS = 5.0, 10.0
+"""An edge's pixels are so strong at least, and one of them so strong."""
+FEWEST_PX = 14
+"""Pixels of an edge to which an ellipse is fitted."""
+LINE_PX, MOST_TURN, UNEVEN = 1.2, np.radians(65.0), 4.5
+"""How far off the edge its chords may lie; and by how much at most one turns from the one before, which is no more than
+so many times longer or shorter."""
+ROUGH_PX, FINE_PX, ON_PX = 1.0, 0.45, 0.8
+"""Rms by which pixels, and edges between pixels, may lie off their ellipse; and off which an edge is not on it."""
+LEAST_SWEEP, LEAST_SHARE = np.radians(100.0), 0.3
+"""How far round an edge must show, and on how much of its ellipse."""
+SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
+"""Axes that are fitted, and how far inside the image an edge must lie."""
+REACH_PX, NEAR_PX, ROUNDS = 3, 1.2, 3
+_SCALE = 16.0
+
+
+class Ellipse(NamedTuple):
+    """centre (2,) px; axes (2, 2), unit, by rows; radii (2,) px along them; places (N, 2) px at which the image has
+    it."""
+
+    centre: Array
+    axes: Array
+    radii: Array
+    places: Array
+
+    def off_px(self, px: Array) -> tuple[Array, Array]:
+        """(N,) how far points (N, 2) px lie outside it, nearly; and (N,) the angle at which each is, in its axes."""
+        unit = (px - self.centre) @ self.axes.T / self.radii
+        away = np.linalg.norm(unit, axis=1)
+        slope = np.linalg.norm(unit / self.radii, axis=1) / np.maximum(away, 1e-9)
+        return (away - 1) / np.maximum(slope, 1e-9), np.arctan2(unit[:, 1], unit[:, 0])
+
+    def same(self, other: "Ellipse") -> bool:
+        """Whether two are one, found from either side of an edge."""
+        near = np.linalg.norm(self.centre - other.centre) < 2 * ON_PX
+        return bool(near and np.abs(self.radii - other.radii).max() < 2 * ON_PX)
+
+
+def find_ellipses(smooth: Fine, window: Window | None, grain: float) -> list[Ellipse]:
+    """Ellipses in the part of an image (H, W) that shows edges; smooth: of unit noise, after a Gaussian of
+    SMOOTHING_PX, its noise grain times that of white noise."""
+    found = list[Ellipse]()
+    for edge in _edges(smooth, window, grain):
+        for run in _round_runs(edge):
+            rough = _fitted(run)
+            if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
+                continue
+            fine = _between_pixels(rough, smooth, grain)
+            if fine is not None and not any(fine.same(other) for other in found):
+                found.append(fine)
+    return found
+
+
+def _edges(smooth: Fine, window: Window | None, grain: float) -> list[Array]:
+    """Borders (N, 2) px of the image's thinned edges: there along one side and back along the other."""
+    if window is None:
+        return []
+    (left, top), (right, bottom) = window
+    scale = 0.125 * _SCALE / gradient_noise(SMOOTHING_PX) / FINE / grain
+    part = smooth[top:bottom, left:right].view(np.int16)
+    slopes = [cv2.Sobel(part, cv2.CV_16S, x, 1 - x, scale=scale) for x in (1, 0)]
+    least, sure = (sigmas * _SCALE for sigmas in EDGE_SIGMAS)
+    thin = cv2.Canny(slopes[0], slopes[1], least, sure, L2gradient=True)
+    borders, _ = cv2.findContours(thin, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=(int(left), int(top)))
+    return [np.asarray(border[:, 0], float) for border in borders if len(border) >= FEWEST_PX]
+
+
+def _round_runs(edge: Array) -> Iterator[Array]:
+    """Stretches of a closed border (N, 2) along which its chords turn one way, by little, and are about as long."""
+    corners = _chords(edge)
+    count = len(corners)
+    if count < 3:
+        return
+    way = np.roll(edge[corners], -1, 0) - edge[corners]
+    before, length = np.roll(way, 1, 0), np.linalg.norm(way, axis=1)
+    turn = np.arctan2(before[:, 0] * way[:, 1] - before[:, 1] * way[:, 0], (before * way).sum(1))
+    lengths = np.sort(np.stack([length, np.roll(length, 1)]), axis=0)
+    gentle = (np.abs(turn) < MOST_TURN) & (lengths[1] < UNEVEN * lengths[0])
+    for one_way in (turn > 0, turn < 0):
+        goes_on = gentle & one_way
+        if goes_on.all():
+            yield edge
+            continue
+        starts = np.flatnonzero(~goes_on)
+        for first, last in zip(starts, np.append(starts[1:], starts[0] + count), strict=True):
+            if last - first >= 3:  # chords
+                begin, end = corners[first], corners[last % count] + len(edge) * (last // count)
+                if end - begin >= FEWEST_PX:
+                    yield edge[np.arange(begin, end + 1) % len(edge)]
+
+
+def _chords(edge: Array) -> Index:
+    """Where along a border (N, 2) the corners of its chords are, in its order."""
+    pixels = edge.astype(np.int32)
+    corners = cv2.approxPolyDP(pixels[:, None], LINE_PX, True)[:, 0]
+    width = int(pixels[:, 0].max()) + 1
+    # There and back a border passes a pixel twice: the corners come in its order, so each is the next such pixel.
+    keys, found, at = (pixels @ [1, width]).tolist(), list[int](), 0
+    for key in (corners @ [1, width]).tolist():
+        at = keys.index(key, at) if key in keys[at:] else keys.index(key)
+        found.append(at)
+    first = int(np.argmin(found))
+    return np.array(found[first:] + found[:first], np.intp)
+
+
+def _fitted(px: Array) -> Ellipse | None:
+    """The ellipse through points (N, 2), with these as its places; None where there is none of a size."""
+    try:
+        (x, y), sizes, degrees = cv2.fitEllipseDirect(px.astype(np.float32))
+    except cv2.error:
+        return None
+    radii, turn = np.array(sizes) / 2, np.radians(degrees)
+    if not (np.isfinite([x, y, *radii, turn]).all() and 2 * radii.min() > SMALLEST_PX and 2 * radii.max() < LARGEST_PX):
+        return None
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return Ellipse(np.array([x, y]), axes, radii, px)
+
+
+def _between_pixels(rough: Ellipse, smooth: Fine, grain: float) -> Ellipse | None:
+    """The ellipse where the grey levels across it have their edge; None where too little of it shows."""
+    most, ellipse = np.array(smooth.shape[::-1]) - 1 - RIM_PX, rough
+    offsets = np.arange(-REACH_PX, REACH_PX + 1.0)
+    for _ in range(ROUNDS):
+        count = max(int(np.pi * ellipse.radii.sum() / STEP_PX), 16)
+        angle = 2 * np.pi * np.arange(count) / count
+        unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        px = ellipse.centre + (unit * ellipse.radii) @ ellipse.axes
+        normal = (unit / ellipse.radii) @ ellipse.axes
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        slopes = np.abs(rim_slopes(smooth, px, normal, REACH_PX)) / np.float32(grain)
+        edge = np.where(peaks(slopes, EDGE_SIGMAS[0]), slopes[:, 1:-1], 0.0)
+        likely = np.sqrt(edge) * np.exp(-0.5 * (offsets[1:-1] / NEAR_PX) ** 2)
+        best = likely.argmax(1) + 1
+        there = (likely.max(1) > 0) & ((px > RIM_PX) & (px < most)).all(1)
+        places = (px + (offsets[best] + peak_places(slopes, best)[1])[:, None] * normal)[there]
+        for _ in range(2):
+            if len(places) < FEWEST_PX // 2 or (fitted := _fitted(places)) is None:
+                return None
+            ellipse = fitted
+            places = places[np.abs(ellipse.off_px(places)[0]) < ON_PX]
+    ellipse = ellipse._replace(places=places)
+    if len(places) < max(LEAST_SHARE * count, FEWEST_PX // 2) or _rms(ellipse.off_px(places)[0]) > FINE_PX:
+        return None
+    return ellipse if _sweep(ellipse, places) > LEAST_SWEEP else None
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _sweep(ellipse: Ellipse, px: Array) -> float:
+    """How far round an ellipse points (N, 2) lie, without the widest gap between them."""
+    angle = np.sort(ellipse.off_px(px)[1])
+    return float(2 * np.pi - np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())

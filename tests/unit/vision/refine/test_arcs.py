@@ -1,0 +1,160 @@
+"""Arcs of outlines: from a drawing into the solid and its file; where pictures show them; poses that they hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.store.library import load_facets
+from daemon.store.model import from_bytes, to_bytes
+from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.vision.evidence.edge_places import edge_places
+from daemon.vision.geometry import Polyhedron, SolidBatch
+from daemon.vision.image import StereoImages, open_stereo
+from daemon.vision.model import TeachError, empty_model, learn_solid, mirror_images
+from daemon.vision.refine import aligned_to_edges, edge_samples_of
+from daemon.vision.refine.expected_edges import expected
+from tests.fakes.drawn import block, obj, prism
+from tests.fakes.painted import paint_pair
+from tests.fakes.rigs import rig
+from tests.fakes.solids import Body, pose
+
+RADIUS_MM, LONG_MM, HIGH_MM = 18.0, 30.0, 20.0
+WHERE = pose(np.array([-0.9, 0.25, 0.5]), 0.3, 380.0)
+TOLERANCE_MM = 0.25
+
+
+def outline(strips: int) -> list[tuple[float, float]]:
+    """A straight-sided block with a half round end, its arc in so many chords."""
+    turns = np.linspace(-np.pi / 2, np.pi / 2, strips + 1)
+    return [(-LONG_MM, RADIUS_MM), (-LONG_MM, -RADIUS_MM),
+            *zip((RADIUS_MM * np.cos(turns)).tolist(), (RADIUS_MM * np.sin(turns)).tolist(), strict=True)]  # fmt: skip
+
+
+@cache
+def rounded() -> Polyhedron:
+    """It, drawn, about the middle of its corners."""
+    return solid_drawn("rounded.obj", obj(*prism(outline(36), HIGH_MM)), "mm", load_facets())
+
+
+@cache
+def eyes() -> StereoImages:
+    """It at WHERE, painted with an arc of many chords."""
+    corners, rings = prism(outline(120), HIGH_MM)
+    middle = corners[:2].mean(0) - rounded().corners_mm[np.argsort(rounded().corners_mm[:, 0])[:4]].mean(0)
+    middle[2] = HIGH_MM / 2 - (rounded().corners_mm[:, 2].max() + rounded().corners_mm[:, 2].min()) / 2
+    return open_stereo(
+        *paint_pair([(Body(corners - middle, tuple(rings)), WHERE)], np.random.default_rng(5), rig()), rig()
+    )
+
+
+def centre() -> Array:
+    """(3,) a point of the round end's axis."""
+    return rounded().circles[rounded().circles[:, 3] > 0, :3].mean(0)
+
+
+def test_a_drawings_arcs_are_kept_with_the_chords_that_stand_for_them() -> None:
+    solid = rounded()
+    assert len(solid.arcs) == 2
+    for arc in solid.arcs:
+        away = np.linalg.norm((arc.points_mm - centre())[:, :2], axis=1)
+        assert away == pytest.approx(np.full(len(away), RADIUS_MM), abs=0.02)
+        assert solid.types[arc.facet] == "arc180"
+    on_arc = solid.circles[:, 3] > 0
+    middles = solid.corners_mm[solid.lines[0]].mean(1) - centre()
+    assert on_arc.sum() >= 8
+    assert solid.circles[on_arc, 3] == pytest.approx(np.full(on_arc.sum(), RADIUS_MM), abs=0.02)
+    assert (middles[on_arc, 0] > 0).all()
+    assert (middles[~on_arc, 0] < 0.1).all()
+    outwards = (solid.walls[on_arc, :2] * middles[on_arc, :2]).sum(1)
+    assert (outwards > 0.9 * np.linalg.norm(middles[on_arc, :2], axis=1)).all()
+    assert not solid.walls[~on_arc].any()
+
+
+def test_arcs_go_with_the_part_into_its_frame_its_file_and_its_mirror_image() -> None:
+    model = learn_solid(empty_model(load_facets()), rounded(), "rounded")
+    kept = from_bytes(to_bytes(model)).model.metric["rounded"].solid
+    assert len(kept.arcs) == 2
+    assert np.allclose(np.sort(kept.circles[:, 3]), np.sort(rounded().circles[:, 3]), atol=1e-2)
+    lopsided = replace(
+        rounded(), corners_mm=rounded().corners_mm + 9.0 * (rounded().corners_mm[:, :1] < -20) * [0, 1, 0]
+    )
+    for image in mirror_images(lopsided):
+        assert len(image.solid.arcs) == 2
+        assert (image.solid.circles[:, 3] > 0).sum() == (lopsided.circles[:, 3] > 0).sum()
+
+
+def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
+    laid = SolidBatch.of([rounded()])
+    turns = np.linspace(-np.pi / 2, np.pi / 2, 2000)
+    for edges, view in zip(
+        expected(laid, eyes(), WHERE[None], np.ones(1, bool), TOLERANCE_MM), eyes().views, strict=True
+    ):
+        bowed = np.flatnonzero(np.abs(edges.bow).max(1) > 0)
+        assert len(bowed) >= 4
+        assert len(bowed) < len(edges.bow)
+        level = (
+            centre() + np.array([0, 0, 1.0]) * (rounded().corners_mm[edges.ends[bowed, 0], 2] - centre()[2])[:, None]
+        )
+        normal = (edges.start - edges.end)[:, ::-1] * [-1.0, 1.0] / edges.lengths_px[:, None]
+        for k, middle in zip(bowed, level, strict=True):
+            arc = middle + RADIUS_MM * np.column_stack([np.cos(turns), np.sin(turns), 0 * turns])
+            arc_px = view.eye.camera.project(frames.apply(WHERE, arc))
+            for share, bow in zip((0.0, 0.5, 1.0), edges.bow[k], strict=True):
+                at = edges.start[k] + share * (edges.end[k] - edges.start[k]) + bow * normal[k]
+                assert np.linalg.norm(arc_px - at, axis=1).min() < 0.15
+
+
+def round_end_first() -> Array:
+    """A pose (4, 4) at which a round end and the face above it look at both cameras."""
+    tilt = np.radians(50.0)
+    z, x = np.array([0, -np.sin(tilt), -np.cos(tilt)]), np.array([0, np.cos(tilt), -np.sin(tilt)])
+    return frames.rigid(np.stack([x, np.cross(z, x), z], 1), np.array([0.0, 0.0, 350.0]))
+
+
+def test_the_wall_beyond_an_arc_shows_its_far_rim_and_makes_its_near_one_an_inner_edge() -> None:
+    def edges(solid: Polyhedron) -> dict[tuple[int, ...], bool]:
+        laid, at = SolidBatch.of([solid]), round_end_first()[None]
+        left, _ = expected(laid, eyes(), at, np.ones(1, bool), TOLERANCE_MM)
+        return dict(zip(map(tuple, left.ends.tolist()), left.outline.tolist(), strict=True))
+
+    with_wall, without = edges(rounded()), edges(replace(rounded(), arcs=()))
+    low = rounded().corners_mm[:, 2] < rounded().corners_mm[:, 2].mean()
+    far = [ends for ends, outline in with_wall.items() if ends not in without and outline and low[list(ends)].all()]
+    assert far
+    inner = [ends for ends, outline in without.items() if outline and not with_wall[ends]]
+    assert inner
+    assert not low[np.array(inner)].any()
+    number = {tuple(ends): k for k, ends in enumerate(rounded().lines[0].tolist())}
+    places = edge_places(rounded(), round_end_first(), eyes())[0]
+    assert all(places.visible[number[ends]].any() and places.weight[number[ends]] == 1.0 for ends in far)
+    assert all(places.weight[number[ends]] < 1.0 for ends in inner)
+
+
+def test_arcs_hold_a_pose_that_chords_would_bend() -> None:
+    near = WHERE @ frames.rigid(frames.rotation_from_vector(np.array([0.01, -0.02, 0.015])), np.array([0.8, -0.5, 0.6]))
+    off = []
+    for solid in (rounded(), replace(rounded(), arcs=())):
+        found = aligned_to_edges(SolidBatch.of([solid]), eyes(), near[None], TOLERANCE_MM)[0]
+        there = frames.apply(WHERE, solid.corners_mm)
+        off.append(np.linalg.norm(frames.apply(found, solid.corners_mm) - there, axis=1).max())
+    assert off[0] < 0.5
+    assert off[0] < 0.8 * off[1]
+    both = edge_samples_of(SolidBatch.of([rounded()]), eyes(), WHERE[None], TOLERANCE_MM)
+    assert all(seen.shows[seen.edges.outline].all() for seen in both)
+
+
+def test_round_faces_that_share_no_edge_can_be_taught_and_straight_ones_apart_cannot() -> None:
+    turns = 2 * np.pi * np.arange(48) / 48
+    disc = prism((28.0 * np.column_stack([np.cos(turns), np.sin(turns)])).tolist(), 14.0)
+    solid = solid_drawn("disc.obj", obj(*disc), "mm", load_facets())
+    assert len(learn_solid(empty_model(load_facets()), solid, "disc").views) == 2
+    cube = block(40.0, 40.0, 40.0)
+    low, high = (int(k) for k in (np.argmin(cube.normals[:, 2]), np.argmax(cube.normals[:, 2])))
+    with pytest.raises(TeachError, match="share an edge"):
+        learn_solid(empty_model(load_facets()), replace(cube.only([low, high]), types=("square", "square")), "apart")
