@@ -12,6 +12,7 @@ import numpy as np
 
 from daemon.events.codes import CauseCode, cause_code
 from daemon.events.outcomes import DEFINITION, GOING_ON, is_success
+from daemon.events.records import Record
 from daemon.pick.transitions import SHOWN
 from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_faults, stops_of
 from daemon.review.measures import strips
@@ -83,9 +84,20 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
             | {"w": round(c.weight, 2), "e": c.evidence, "at": c.at}
             for c in found
         ],
-        "decisions": [{"text": r.get("text"), "why": r.get("why")} for r in cycle.of("decision")],
+        "decisions": [_decided(r) for r in cycle.of("decision", "laid_down")],
         "stops": [stop_json(s) for s in cycle.stops],
     }
+
+
+def _decided(record: Record) -> Json:
+    """A decision, or the part laid on the table between two grasps, and why or what was seen of it."""
+    if record["kind"] == "decision":
+        return {"text": record.get("text"), "why": record.get("why")}
+    off_mm, off_deg = record.get("off_mm"), record.get("off_deg")
+    off = f"{off_mm:.1f} mm, {off_deg or 0.0:.1f} degrees off" if off_mm is not None else ""
+    seen = {"set": "let go", "right": "seen right", "off": "seen off", "missing": "not seen"}
+    words = seen.get(str(record.get("status")), str(record.get("status")))
+    return {"text": f"laid on the table: {words}", "why": ", ".join(filter(None, (off, record.get("why"))))}
 
 
 def stop_json(stop: LookStep) -> Json:

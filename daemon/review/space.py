@@ -64,6 +64,8 @@ def moments_of(records: Iterable[Record], zero: float) -> list[Json]:
             held = _grasped(parts, world_from_tool) if record.get("closed") else None
         elif kind in ("refusal", "fault"):
             text = f"{kind}: {record.get('text')}"
+        elif kind == "laid_down":
+            name, text = "laid on the table", f"laid on the table: {record.get('status')}"
         else:
             continue
         found.append(

@@ -301,9 +301,13 @@ def laid(
     return world_from_part, looking((at + distance_mm * away).tolist(), at.tolist())
 
 
+ROUNDING = 1e-9
+
+
 @cache
 def _clearest(name: str, wanted: tuple[int, ...], baseline_mm: float, distance_mm: float) -> tuple[int, float, float]:
-    """The rest, elevation and azimuth from which both cameras see just these facets, each as squarely as can be."""
+    """The rest, elevation and azimuth from which both cameras see just these facets, each as squarely as can be; of
+    views that are the same by the part's symmetry the last, on whatever computer."""
     part, best, found = part_shape(name), 0.0, (0, 0.0, 0.0)
     for rest in range(len(part.rests)):
         for up in range(25, 81, 5):
@@ -311,7 +315,7 @@ def _clearest(name: str, wanted: tuple[int, ...], baseline_mm: float, distance_m
                 world_from_part, pose = laid(part, rest, up, turn, distance_mm)
                 facing = _facing(part, frames.inverse(pose) @ world_from_part, baseline_mm)
                 shown = [len(face) for face, f in zip(part.hull.faces, facing, strict=True) if f > 0]
-                if tuple(sorted(shown)) == wanted and facing[facing > 0].min() > best:
+                if tuple(sorted(shown)) == wanted and facing[facing > 0].min() > best - ROUNDING:
                     best, found = float(facing[facing > 0].min()), (rest, float(up), float(turn))
     return found
 

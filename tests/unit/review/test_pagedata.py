@@ -19,6 +19,7 @@ from daemon.review.pagedata import (
     stop_json,
     timeline,
 )
+from daemon.review.space import moments_of
 from daemon.review.tables import tables
 from tests.fakes.made_run import MadeRun
 
@@ -336,3 +337,20 @@ def test_picks_by_part_add_up_to_all_that_were_tried(made: MadeRun) -> None:
     production = page_data(read_digest(made.close()))["production"]
     assert production["parts"] == {"cube": [1, 1], "no part chosen": [0, 1]}
     assert [production[key] for key in ("picked", "tried")] == [1, 2]
+
+
+def test_a_part_laid_down_between_two_grasps_is_among_a_picks_decisions() -> None:
+    laid = [
+        line("laid_down", 1, seq=1, label="cube", status="set", times=1, off_mm=None, off_deg=None, why=""),
+        line("laid_down", 2, seq=2, label="cube", status="off", times=1, off_mm=3.26, off_deg=1.0, why="it slid"),
+    ]
+    (cycle,) = digest("x", [line("cycle_start", 0, seq=0), *laid]).cycles
+    assert cycle_json(cycle, [cycle], going=False)["decisions"] == [
+        {"text": "laid on the table: let go", "why": ""},
+        {"text": "laid on the table: seen off", "why": "3.3 mm, 1.0 degrees off, it slid"},
+    ]
+    moments = moments_of(cycle.records, 0.0)
+    assert [(m["kind"], m["text"]) for m in moments] == [
+        ("laid_down", "laid on the table: set"),
+        ("laid_down", "laid on the table: off"),
+    ]

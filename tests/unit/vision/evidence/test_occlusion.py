@@ -9,19 +9,27 @@ import numpy as np
 import pytest
 
 from daemon.arrays import Array
+from daemon.store.library import load_facets
+from daemon.vision.evidence import registered
 from daemon.vision.evidence.counter_evidence import MOST_LIKELY_TWIN, speaks_against
-from daemon.vision.evidence.edge_places import edge_places
-from daemon.vision.evidence.occlusion import hidden_of, hidden_places
+from daemon.vision.evidence.edge_places import PLACES, edge_places
+from daemon.vision.evidence.occlusion import Hidden, hidden_of, hidden_places
+from daemon.vision.evidence.registered import registered_at
 from daemon.vision.geometry import PlanarShape, exact
+from daemon.vision.hypotheses import EdgeHypothesis, Search, edge_distances
 from daemon.vision.image import StereoImages, open_stereo
+from daemon.vision.model import empty_model, learn_view
+from daemon.vision.recognition import recognised
 from tests.fakes import painted
 from tests.fakes.printed import straight_rig
-from tests.fakes.solids import Body, pose, prism
+from tests.fakes.solids import Body, pose, prism, view_of
 
 BLOCK = prism(np.array([[0.0, 0], [60, 0], [60, 45], [0, 45]]), 40.0)
 WHERE = pose(np.array([-0.5, 0.3, 0.8]), 0.3, 330.0)
 FLAT = prism(np.array([[0.0, 0], [40, 0], [40, 40], [0, 40]]), 4.0)
 PLATE = Body(FLAT.corners_mm, FLAT.facets[1:] + FLAT.facets[:1])  # of another grey than the block is
+
+OUTSIDE = np.array([[0.0, 0, 0, 900], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
 
 
 def plate(nearer_mm: float) -> Array:
@@ -85,6 +93,31 @@ def test_what_covers_a_corner_is_known_as_an_area() -> None:
     px = eyes.left.eye.camera.project(PLATE.corners_mm @ plate(70.0)[:3, :3].T + plate(70.0)[:3, 3])
     drawn = PlanarShape.of(cv2.convexHull(px.astype(np.float32))[:, 0])
     assert left.common(drawn) > 0.8 * left.area
+
+
+@pytest.mark.parametrize("aside_mm", [0.0, 150.0, -150.0, 400.0])
+def test_a_part_that_one_camera_or_neither_sees_is_asked_like_any_other(aside_mm: float) -> None:
+    eyes, model = eyes_on(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
+    search = Search(eyes, model, (), (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
+    there = recognised(view_of(BLOCK, WHERE), model).part.cyclopean_from_part.copy()
+    there[0, 3] += aside_mm
+    (laid,) = registered_at(search, [EdgeHypothesis("block", there)])
+    asked = laid.without_hidden(eyes)
+    for before, after in zip(laid.seen, asked.seen, strict=True):
+        assert (after.visible <= before.visible).all()
+    if aside_mm == 0.0:
+        assert asked.odds > laid.odds
+    else:
+        assert asked.odds >= laid.odds - 1e-9
+
+
+def test_of_a_part_outside_a_picture_nothing_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    eyes, model = eyes_on(70.0), learn_view(empty_model(load_facets()), view_of(BLOCK, WHERE), "block")
+    search = Search(eyes, model, (), (), (edge_distances(eyes.left), edge_distances(eyes.right)), None)
+    everything = np.ones((len(model.metric["block"].solid.lines[0]), PLACES), bool)
+    monkeypatch.setattr(registered, "hidden_of", lambda *_: Hidden((everything, everything), ((), ())))
+    (laid,) = registered_at(search, [EdgeHypothesis("block", WHERE + OUTSIDE)])
+    assert [len(seen.visible) for seen in laid.without_hidden(eyes).seen] == [0, 0]
 
 
 def test_what_lies_behind_a_part_hides_nothing_of_it() -> None:
