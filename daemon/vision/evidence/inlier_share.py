@@ -34,9 +34,7 @@ def edge_inlier_share(
     segments say nothing."""
     own = every = 0.0
     corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
-    facings = [solid.facing(pose, eye_mm) for eye_mm in eyes.geometry.eyes_mm]
-    both = zip(eyes.views, edges, corners_px, covered, facings, strict=True)
-    for view, expected, corners, nearer, facing in both:
+    for view, expected, corners, nearer in zip(eyes.views, edges, corners_px, covered, strict=True):
         middle = (view.segments.start + view.segments.end) / 2
         there = hull(corners).depth(middle) > -ASIDE_PX
         for shape in nearer:
@@ -45,11 +43,7 @@ def edge_inlier_share(
         lengths = segments.lengths_px
         every += float(lengths.sum())
         way = (segments.end - segments.start) / lengths[:, None]
-        on_it = _on_an_edge(middle[there], way, expected)
-        for hole in solid.holes:
-            if facing[hole.facet] > 0:
-                on_it |= _on_rim(middle[there], view.eye.camera.project(frames.apply(pose, hole.ring_mm)))
-        own += float(lengths[on_it].sum())
+        own += float(lengths[_on_an_edge(middle[there], way, expected)].sum())
     return own / every if every else None
 
 
@@ -61,11 +55,3 @@ def _on_an_edge(middle: Array, way: Array, edges: ExpectedEdges) -> Flags:
     bent = 4 * np.abs(edges.bow[:, 1] - (edges.bow[:, 0] + edges.bow[:, 2]) / 2) / edges.lengths_px
     near = (off_px < OFF_PX) & (share > -BEYOND) & (share < 1 + BEYOND) & (np.abs(way @ normal.T) < TURNED + bent)
     return np.asarray(near.any(1))
-
-
-def _on_rim(middle: Array, ring: Array) -> Flags:
-    """(N,) which segments with such middles (N, 2) px lie on the rim of a hole, with corners (M, 2) px."""
-    side = np.roll(ring, -1, 0) - ring
-    from_corner = middle[:, None] - ring
-    share = np.clip((from_corner * side).sum(2) / np.maximum((side**2).sum(1), 1e-9), 0.0, 1.0)
-    return np.asarray((np.linalg.norm(from_corner - share[..., None] * side, axis=2) < OFF_PX).any(1))
