@@ -82,14 +82,18 @@ def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model
 
 
 def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float:
-    """Area, px², of strong edges of the left picture that lie on none of these shapes."""
+    """Area, px², of strong edges of the left picture that lie on none of these shapes and do not lead out of it, as the
+    rim of a table does."""
     scale = view.scale(SCALE)
     strong = (scale.strength > STRONG * scale.sigma).astype(np.uint8)
     for shape in taken:
         ring = [np.rint(shape.corners / SCALE).astype(np.int32)]
         cv2.fillPoly(strong, ring, 0)
         cv2.polylines(strong, ring, True, 0, 2 * BESIDE_PX // SCALE + 1)
-    return SCALE**2 * cv2.countNonZero(strong)
+    _, _, boxes, _ = cv2.connectedComponentsWithStats(strong, connectivity=8)
+    left, top, width, height, area = boxes[1:].T
+    inside = (left > 0) & (top > 0) & (left + width < strong.shape[1]) & (top + height < strong.shape[0])
+    return float(SCALE**2 * area[inside].sum())
 
 
 def covered(one: Recognised, model: Model, eyes: StereoImages) -> PlanarShape:
