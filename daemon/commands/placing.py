@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from daemon import frames
-from daemon.commands.plan_picture import plan_picture
 from daemon.commands.step_mode import with_questions
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
@@ -15,6 +14,7 @@ from daemon.errors import NOT_DONE, NOT_UNDERSTOOD
 from daemon.pick.place_goals import flattened, spot_of
 from daemon.pick.place_plan import SidePlan
 from daemon.pick.plan import stable_sides
+from daemon.pick.plan_picture import plan_picture
 from daemon.pick.set_down import HeldHere
 from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError

@@ -110,7 +110,7 @@ def marked_file(leaf: Leaf) -> tuple[str, int]:
     """The same with MARK in place of the value."""
     data: Any = json.loads(msgspec.json.encode(ConfigFile(version=1)))
     data["cameras"] = json.loads(msgspec.json.encode(CameraSettings("a", "b")))
-    data["arm"]["dialect"] = {}
+    data["arm"]["dialect"] = data["modbus"] = {}
     data["console"]["tty"] = {"device": "d"}
     data["vision"]["depth_readings_mm"] = [[600.0, 1.0]]
     data["pick"]["limits"]["keep_out"] = [{"name": "a post", "low_mm": [0, 0, 0], "high_mm": [1, 1, 1]}]

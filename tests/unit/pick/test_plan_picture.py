@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from daemon import frames
-from daemon.commands.plan_picture import plan_picture
 from daemon.pick.place_plan import PlannedMotion, SidePlan
+from daemon.pick.plan_picture import plan_picture
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import tool_rotation
 from tests.fakes.fake_cell import shape_of

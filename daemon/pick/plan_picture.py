@@ -8,7 +8,6 @@ import numpy as np
 from daemon import frames
 from daemon.arm import HandBody
 from daemon.arrays import Array
-from daemon.console.phrases import plural
 from daemon.pick.place_plan import SidePlan
 from daemon.vision.geometry import Polyhedron
 
@@ -24,7 +23,7 @@ def plan_picture(shape: Polyhedron, plans: Mapping[str, Sequence[SidePlan]], han
     for name, each in plans.items():
         for plan in each:
             count = len(plan.motions)
-            told = f"{plural(count, 'grasp')}, {plan.found} of {plan.tried} headings" if count else plan.why
+            told = f"{count} grasp{'s' * (count != 1)}, {plan.found} of {plan.tried} headings" if count else plan.why
             poses = [(m.part_taken, m.tool_taken, "take") for m in plan.motions]
             ends = ["lay down"] * (count - 1) + ["set down"]
             laid = [(m.part_laid, m.tool_laid, end) for m, end in zip(plan.motions, ends, strict=False)]
