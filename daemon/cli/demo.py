@@ -180,7 +180,7 @@ def _configuration(args: argparse.Namespace, seed: int, runs: Path, folder: str)
         "folders": {"state": folder, "runtime": folder, "runs": str(runs)},
         "health": {"camera_silence_s": 3600},
         "cameras": own.get("cameras", {}),
-        "arm": {"dialect": {"answer_s": ANSWER_S * max(1.0, FASTEST / args.time_scale / MARGIN)}},
+        "arm": {"dialect": {"answer_s": ANSWER_S * max(1.0, FASTEST / MARGIN / max(args.time_scale, 1.0))}},
         "pick": own.get("pick", {})
         | {"stops": {"least_looks": 3} | own.get("pick", {}).get("stops", {}), "limits": room},
         "simulated": {

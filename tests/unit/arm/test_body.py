@@ -22,7 +22,7 @@ from daemon.arm.body import (
     lie_at_boxes,
     within_mm,
 )
-from daemon.arm.collision_shapes import ARM, BODY_MM, body_like, suction_cup, two_fingers
+from daemon.arm.collision_shapes import ARM, ARM_LINKS, BODY_MM, links_like, suction_cup, two_fingers
 from drivers import puma560
 from drivers.simcell import motion_monitor
 from drivers.simcell.gripper import finger_rods
@@ -286,8 +286,8 @@ def test_the_capsule_around_a_cube_is_little_larger_than_the_cube():
 
 def test_an_arm_of_the_same_lengths_has_the_same_body_and_a_mirrored_one_the_mirrored() -> None:
     usual = puma560.PUMA560
-    assert body_like(usual.a2_mm, usual.d3_mm, usual.d4_mm, two_fingers()) == ARM
-    for mirrored, own in zip(body_like(usual.a2_mm, -usual.d3_mm, usual.d4_mm, two_fingers()), ARM, strict=True):
+    assert links_like(usual.a2_mm, usual.d3_mm, usual.d4_mm) == ARM_LINKS
+    for mirrored, own in zip(links_like(usual.a2_mm, -usual.d3_mm, usual.d4_mm), ARM_LINKS, strict=True):
         aside = -1.0 if own.link == "upper_arm" else 1.0
         assert mirrored.from_mm == pytest.approx((*own.from_mm[:2], aside * own.from_mm[2]))
         assert mirrored.radius_mm == own.radius_mm
@@ -315,9 +315,7 @@ def test_nothing_of_a_suction_cup_and_its_tube_is_outside_its_body_nor_its_body_
 
 def test_a_shoulder_offset_however_small_is_to_its_own_side():
     for d3_mm in (0.3, -0.3, 0.0):
-        upper = next(
-            capsule for capsule in body_like(431.8, d3_mm, 431.8, two_fingers()) if capsule.name == "upper arm"
-        )
+        upper = next(capsule for capsule in links_like(431.8, d3_mm, 431.8) if capsule.name == "upper arm")
         assert upper.to_mm[2] == pytest.approx(218.5 * d3_mm / 150.05)
 
 
@@ -325,7 +323,7 @@ def test_a_shoulder_offset_however_small_is_to_its_own_side():
 def test_the_links_of_an_arm_of_other_lengths_stay_inside_its_capsules(upper, aside, fore) -> None:
     """From shoulder to elbow in the upper arm's, from elbow to wrist in the forearm's, whatever the proportions."""
     arm = puma560.ArmGeometry(431.8 * upper, 20.3, 150.05 * aside, 431.8 * fore)
-    body = body_of(body_like(arm.a2_mm, arm.d3_mm, arm.d4_mm, two_fingers()), ())
+    body = body_of((*links_like(arm.a2_mm, arm.d3_mm, arm.d4_mm), *two_fingers().capsules), ())
     links = puma560.link_frames(np.radians([[20.0, 40.0, -70.0, 10.0, 30.0, 5.0]]), arm)
     placed = body.placed(links)[0]
     beside = [name in ("elbow", "forearm") for name in body.names]
