@@ -28,7 +28,7 @@ from daemon.arm.collision_shapes import (
     suction_cup,
     two_fingers,
 )
-from daemon.arm.guard import Limits, MoveCommand, SupportContact
+from daemon.arm.guard import Limits, MoveCommand, SupportContact, hand_of
 from daemon.arm.hold import Waiting
 from daemon.arm.motion import (
     UNCONFIRMED,
@@ -124,6 +124,7 @@ __all__ = [
     "cameras_box",
     "capsule_around",
     "carried_part",
+    "hand_of",
     "held_anyhow",
     "in_view",
     "lie_at_boxes",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import Capsule, KeepOut, Point, above_mm, body_of
+from daemon.arm.body import ArmBody, Capsule, KeepOut, Point, above_mm, body_of
 from daemon.arm.collision_shapes import ARM, BODY_MM
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
@@ -133,15 +133,20 @@ def _outside_workspace(command: MoveCommand, _: ArmState, limits: Limits) -> str
     return None
 
 
+def hand_of(limits: Limits) -> ArmBody:
+    """What of the guarded body goes with the tool: gripper, what it holds, and what carries the cameras."""
+    return body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+
+
 def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
     """How far the lowest of the hand, and what it holds, is above the table at a pose (4, 4)."""
-    body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+    body = hand_of(limits)
     ends = frames.apply(world_from_tool, body.ends_mm)
     return float(np.where(body.encloses, np.inf, above_mm(ends, body.radius_mm, limits.table_z_mm)).min())
 
 
 def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
-    body = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+    body = hand_of(limits)
     ends = frames.apply(command.world_from_tool, body.ends_mm)
     gaps = body.above_floor_mm(ends[None], limits.table_z_mm, limits.clearance_mm)[0]
     worst = int(gaps.argmin())

@@ -1,12 +1,10 @@
 """The real cell: V4L2 cameras and an arm behind a VAL II controller."""
 
-from daemon.arm import ArmModel
 from daemon.cell.arm_on_link import arm_on_link
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
-from daemon.cell.puma_arm import PumaArm
-from daemon.cell.sections import alone, arm_geometry, camera_settings, check_dialect_and_tool, dialect
+from daemon.cell.sections import alone, arm_geometry, camera_settings, check_dialect_and_tool, dialect, puma_arm
 from daemon.config import Config
 from drivers.camera.stereo import V4L2StereoCamera
 
@@ -19,10 +17,6 @@ def _check(config: Config) -> None:
         raise config.document.error(("cameras", "right"), problem)
 
 
-def _arm(config: Config) -> ArmModel:
-    return PumaArm(arm_geometry(config))
-
-
 def _build(config: Config, given: Surroundings) -> Hardware:
     cameras = ThreadedCameras(V4L2StereoCamera(camera_settings(config), given.clock), given.clock, alone(config))
     port = config.values.arm.port
@@ -30,4 +24,4 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     return Hardware("real", robot, cameras, given.clock, port)
 
 
-BACKEND = CellBackend(_check, _arm, _build)
+BACKEND = CellBackend(_check, puma_arm, _build)

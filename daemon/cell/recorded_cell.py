@@ -1,17 +1,11 @@
 """The recorded cell: pairs from a folder; nothing moves."""
 
-from daemon.arm import ArmModel
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.cameras import RepeatedPairs, ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.no_arm import NoArm
-from daemon.cell.puma_arm import PumaArm
-from daemon.cell.sections import arm_geometry, check_dialect_and_tool
+from daemon.cell.sections import arm_geometry, check_dialect_and_tool, puma_arm
 from daemon.config import Config
-
-
-def _arm(config: Config) -> ArmModel:
-    return PumaArm(arm_geometry(config))
 
 
 def _build(config: Config, given: Surroundings) -> Hardware:
@@ -20,4 +14,4 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     return Hardware("recorded", NoArm(given.beliefs, arm_geometry(config)), cameras, given.clock, str(folder))
 
 
-BACKEND = CellBackend(check_dialect_and_tool, _arm, _build)
+BACKEND = CellBackend(check_dialect_and_tool, puma_arm, _build)

@@ -29,6 +29,7 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.cell.backends import backend_of
+from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
 from daemon.pick.two_fingers import TwoFingers
@@ -200,6 +201,11 @@ class _Geometry:
     world_from_base: Matrix4
     controller_flange: Matrix4
     limits_deg: tuple[Limits, Limits, Limits, Limits, Limits, Limits] | None = None
+
+
+def puma_arm(config: Config) -> ArmModel:
+    """The arm of cells with a PUMA, as data. Raises ConfigError."""
+    return PumaArm(arm_geometry(config))
 
 
 def _arm_file(config: Config) -> tuple[Document, _ArmFile] | None:

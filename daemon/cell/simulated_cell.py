@@ -2,13 +2,11 @@
 
 import random
 
-from daemon.arm import ArmModel
 from daemon.cell.arm_on_link import arm_on_link
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
-from daemon.cell.puma_arm import PumaArm
-from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, dialect, truth
+from daemon.cell.sections import alone, arm_geometry, check_dialect_and_tool, dialect, puma_arm, truth
 from daemon.cell.simulated_operator import SimulatedOperator
 from daemon.config import Config, kind_of
 from drivers.simcell.boards import BoardPrint
@@ -19,10 +17,6 @@ from drivers.simcell.stand import VIEWS
 def _check(config: Config) -> None:
     check_dialect_and_tool(config)
     truth(config)
-
-
-def _arm(config: Config) -> ArmModel:
-    return PumaArm(arm_geometry(config))
 
 
 def _build(config: Config, given: Surroundings) -> Hardware:
@@ -43,4 +37,4 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     return Hardware("simulated", robot, cameras, given.clock, cell.port, seed, operator)
 
 
-BACKEND = CellBackend(_check, _arm, _build)
+BACKEND = CellBackend(_check, puma_arm, _build)

@@ -158,11 +158,17 @@ def stable_sides(shape: Polyhedron) -> list[int]:
     above them. Raises ValueError where the corners span no volume."""
     mass, found = centre_of_mass(felt(shape)), []
     for side, laid in enumerate(shape.laid_flat):
-        ring = frames.apply(laid, shape.corners_mm[shape.rings[side]])[None, :, :2]
         beyond_mm = float(frames.apply(laid, shape.corners_mm)[:, 2].max())
-        if beyond_mm < FLAT_MM and inside(frames.apply(laid, mass[None])[:, :2], ring)[0, 0]:
+        if beyond_mm < FLAT_MM and is_over(mass, shape, side):
             found.append(side)
     return found
+
+
+def is_over(mass: Array, shape: Polyhedron, side: int) -> bool:
+    """Whether a mass centre (3,) is above a side, from 0, on which a part lies."""
+    laid = shape.laid_flat[side]
+    ring = frames.apply(laid, shape.corners_mm[shape.rings[side]])[None, :, :2]
+    return bool(inside(frames.apply(laid, mass[None])[:, :2], ring)[0, 0])
 
 
 def same_grasp(shape: Polyhedron, world_from_part: Array, before: Plan, settings: Settings) -> Plan | None:

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from daemon import frames
-from daemon.arm import CameraMounting, InWorld, body_of, paths
+from daemon.arm import CameraMounting, InWorld, hand_of, paths
 from daemon.arrays import Array, Flags, Index
 from daemon.events.codes import CauseCode
 from daemon.pick.gripper import Gripper, PlannedGrasp
@@ -32,14 +32,14 @@ from daemon.pick.place_goals import (
     set_down_of,
     ways_to,
 )
-from daemon.pick.plan import MOST_GOALS, Destination, NoPlan, approach_poses, last_stretch
+from daemon.pick.plan import MOST_GOALS, Destination, NoPlan, approach_poses, is_over, last_stretch
 from daemon.pick.seen import in_both_images
 from daemon.pick.settings import Settings
 from daemon.pick.table_room import Beside, beside_of, free_spots
 from daemon.pick.two_fingers import centre_of_mass, felt, hull
 from daemon.pick.viewpoints import Reachable, view_worth
 from daemon.store.place_file import Manner, Place, about_vertical
-from daemon.vision.geometry import FACING, Polyhedron, StereoRig, inside
+from daemon.vision.geometry import FACING, Polyhedron, StereoRig
 
 MOST_GRASPS = 3
 """Of one plan."""
@@ -99,13 +99,9 @@ def resting(shape: Polyhedron) -> Array:
     on each face of its convex hull that its mass centre is above. Raises ValueError where the corners span no
     volume."""
     ground, mass = hull(shape.corners_mm), centre_of_mass(felt(shape))
-    return np.array(
-        [
-            frames.rigid(UPSIDE_DOWN, np.zeros(3)) @ laid
-            for laid, ring in zip(ground.laid_flat, ground.rings, strict=True)
-            if inside(frames.apply(laid, mass[None])[:, :2], frames.apply(laid, ground.corners_mm[ring])[None, :, :2])
-        ]
-    ).reshape(-1, 4, 4)
+    upright = frames.rigid(UPSIDE_DOWN, np.zeros(3))
+    found = [upright @ laid for side, laid in enumerate(ground.laid_flat) if is_over(mass, ground, side)]
+    return np.reshape(found, (-1, 4, 4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +279,7 @@ class Regrasping:
     def _off_the_table(self, part_from_tool: Array) -> Flags:
         """(G, S) whether the open hand keeps off the table by a grasp (G, 4, 4) as the part lies on that side of it."""
         limits = self.settings.limits
-        hand = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+        hand = hand_of(limits)
         tools = self.table.lying @ part_from_tool[:, None]
         heights = np.einsum("gsj,ckj->gsck", tools[..., 2, :3], hand.ends_mm) + tools[..., 2, 3, None, None]
         lowest = heights.min(axis=-1) - hand.radius_mm + RELEASE_MM

@@ -23,7 +23,7 @@ from daemon.arrays import Array
 from daemon.pick.gripper import Grasps, HeldAbout, PlannedGrasp
 from daemon.pick.two_fingers import NEAR_RAD, SWEPT_MM, centre_of_mass, felt, hull
 from daemon.quantities import Lean, Length, Room
-from daemon.vision.geometry import Polyhedron, inside
+from daemon.vision.geometry import Polyhedron, inside, off_segments
 
 BAR_N_MM2, GRAVITY_M_S2 = 0.1, 9.81
 RISES_MM = 0.5
@@ -336,9 +336,4 @@ def _above(corners: Array, axes: Array, normal: Array, over_mm: float) -> Array 
 
 def _from_sides(points: Array, ring: Array) -> Array:
     """(P,) how far points (P, 2) are from the nearest side of a ring (K, 2)."""
-    start, way = ring, np.roll(ring, -1, axis=0) - ring
-    length = np.maximum(np.einsum("ki,ki->k", way, way), 1e-12)
-    off = points[:, None] - start
-    share = np.clip(np.einsum("pki,ki->pk", off, way) / length, 0.0, 1.0)
-    gaps = np.linalg.norm(off - share[..., None] * way, axis=2)
-    return np.asarray(gaps.min(axis=1))
+    return np.asarray(off_segments(points[:, None], ring, np.roll(ring, -1, axis=0)).min(axis=1))

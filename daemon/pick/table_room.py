@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.arm import Limits, body_of, upright_bounds
+from daemon.arm import Limits, hand_of, upright_bounds
 from daemon.arrays import Array, Flags
 from daemon.pick.settings import Settings
+from daemon.vision.geometry import off_segments
 
 SPOT_MM, SPOTS_OUT_MM = 40.0, 160.0
 """Spots on the table: how far apart, and how far from where it is surveyed."""
@@ -35,23 +36,16 @@ class Beside:
         rays = eye - points
         share = np.clip((self.tops - points[:, 2:]) / np.maximum(rays[:, 2:], 1e-9), 0.0, 1.0)
         ends = points[:, None, :2] + share[..., None] * rays[:, None, :2]
-        return bool((_from_line(self.middles, points[:, None, :2], ends) < self.radii).any())
+        return bool((off_segments(self.middles, points[:, None, :2], ends) < self.radii).any())
 
     def clear(self, tools: Array, limits: Limits) -> Flags:
         """(N,) whether the hand at (N, 4, 4) keeps off all of it: fingers, palm and cameras, not the arm behind."""
-        hand = body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
+        hand = hand_of(limits)
         ends = np.einsum("nij,ckj->ncki", tools[:, :3, :3], hand.ends_mm) + tools[:, None, None, :3, 3]
-        away = _from_line(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
+        away = off_segments(self.middles, ends[:, :, None, 0, :2], ends[:, :, None, 1, :2])
         low = ends[..., 2].min(axis=2) - hand.radius_mm
         near = away < self.radii + hand.radius_mm[:, None] + BESIDE_MM
         return np.asarray(~(near & (low[..., None] < self.tops + BESIDE_MM)).any(axis=(1, 2)))
-
-
-def _from_line(points: Array, start: Array, end: Array) -> Array:
-    """(...,) how far (..., 2) points are from the lines between two others."""
-    way, there = end - start, points - start
-    share = np.clip((there * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-9), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(there - share[..., None] * way, axis=-1))
 
 
 def beside_of(corners: Sequence[Array]) -> Beside:

@@ -20,6 +20,7 @@ from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
 from daemon.review.set_downs import places_json
 from daemon.review.why import causes, in_plain_words
+from daemon.store.place_status import PlaceStatus
 
 MOST_CYCLES = 1000
 """Most cycles shown, the newest ones; figures and measures cover all."""
@@ -89,14 +90,17 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
     }
 
 
+LAID: dict[str, str] = {PlaceStatus.SET: "let go", PlaceStatus.OFF: "seen off", PlaceStatus.MISSING: "not seen"}
+"""Of a part laid down, where the status by itself does not say it."""
+
+
 def _decided(record: Record) -> Json:
     """A decision, or the part laid on the table between two grasps, and why or what was seen of it."""
     if record["kind"] == "decision":
         return {"text": record.get("text"), "why": record.get("why")}
     off_mm, off_deg = record.get("off_mm"), record.get("off_deg")
     off = f"{off_mm:.1f} mm, {off_deg or 0.0:.1f} degrees off" if off_mm is not None else ""
-    seen = {"set": "let go", "right": "seen right", "off": "seen off", "missing": "not seen"}
-    words = seen.get(str(record.get("status")), str(record.get("status")))
+    words = LAID.get(status := str(record.get("status")), status)
     return {"text": f"laid on the table: {words}", "why": ", ".join(filter(None, (off, record.get("why"))))}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.teaching.flat_regions import FlatRegions
 from daemon.vision.facets import connected
-from daemon.vision.geometry import axes_in, fit_circle
+from daemon.vision.geometry import axes_in, circle_along
 
 STRIP_RAD = np.radians(31.0)
 """By so much at most a curved surface turns from strip to strip: twelve to a circle, and a little."""
@@ -79,7 +79,7 @@ def _surface(regions: FlatRegions, members: tuple[int, ...], turns: dict[tuple[i
     pairs = [pair for pair in turns if pair[0] in members and pair[1] in members]
     axis = np.linalg.svd(normals)[2][2]
     if np.abs(normals @ axis).max() < ALONG_SIN:
-        centre, radius, off = _circle(corners, axis)
+        centre, radius, off = circle_along(corners, axis)
         if off < ROUND_SHARE * radius + 0.05:
             middles = np.array([regions.corners[list(regions.loops[r][0])].mean(axis=0) for r in members])
             hollow = bool(np.mean(((middles - centre) * normals).sum(axis=1)) < 0)
@@ -111,13 +111,6 @@ def _covers(regions: FlatRegions, members: tuple[int, ...], axis: Array, centre:
             ring = ring - np.outer(ring @ axis, axis)
             found.append([ring[0] + low * axis, ring[1] + low * axis, ring[1] + high * axis, ring[0] + high * axis])
     return np.array(found).reshape(-1, 4, 3)
-
-
-def _circle(points: Array, axis: Array) -> tuple[Array, float, float]:
-    """Through points (N, 3) seen along an axis: a point of the circle's axis, its radius, how far points lie off."""
-    across = axes_in(axis)
-    centre, radius, off = fit_circle(points @ across.T)
-    return centre @ across, radius, off
 
 
 def owners(regions: FlatRegions, surfaces: tuple[CurvedSurface, ...]) -> Index:

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Polyhedron, hidden, thickness
+from daemon.vision.geometry import Polyhedron, hidden, onto_circles, thickness
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import LEAST_ARC_PX, ROOM_PX, THIN_PX, across
 
@@ -103,10 +103,7 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
 def _on_arcs(solid: Polyhedron, places: Array) -> Array:
     """(E * S, 3) places (E, S, 3) along the edges of a solid, those on the chords of arcs on the arcs."""
     (arcs,) = np.nonzero(solid.circles[:, 3])
-    if len(arcs):
-        centre, radius = solid.circles[arcs, None, :3], solid.circles[arcs, 3, None, None]
-        from_centre = places[arcs] - centre
-        places[arcs] = centre + radius * from_centre / np.linalg.norm(from_centre, axis=2, keepdims=True)
+    places[arcs] = onto_circles(places[arcs], solid.circles[arcs, None])
     return places.reshape(-1, 3)
 
 

@@ -15,8 +15,6 @@ from daemon.vision.geometry import Polyhedron, solve, whitener
 from daemon.vision.image import MODEL_PX
 from daemon.vision.refine import LINE_SIGMAS, PRIOR, WORN_MM, EdgeObservation
 
-PARALLEL = 0.98
-"""Cosine from which on two directions of a part are one."""
 OTHER_MM = 5.0
 """By how much a size of a part that was not taught differs, a standard deviation."""
 OUTLIER, PASSES = 5.0, 8
@@ -62,14 +60,9 @@ def other_size_nats(solid: Polyhedron, pose: Array, observed: Sequence[EdgeObser
 def _stretches(solid: Polyhedron) -> Array:
     """(M, K, 3) how corners move, in the part's frame, for each mm that it is longer along one of its directions, or
     wider across it."""
-    pairs = solid.lines[0]
-    edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
+    from_middle = solid.corners_mm - (solid.corners_mm.max(0) + solid.corners_mm.min(0)) / 2
     found = list[Array]()
-    ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
-    for k, way in enumerate(ways):
-        if (np.abs(ways[:k] @ way) < PARALLEL).all():
-            from_middle = solid.corners_mm - (solid.corners_mm.max(0) + solid.corners_mm.min(0)) / 2
-            along = (from_middle @ way)[:, None] * way
-            across = from_middle - along
-            found += [one / max(2 * np.linalg.norm(one, axis=1).max(), 1e-9) for one in (along, across)]
+    for way in solid.directions:
+        along = (from_middle @ way)[:, None] * way
+        found += [one / max(2 * np.linalg.norm(one, axis=1).max(), 1e-9) for one in (along, from_middle - along)]
     return np.array(found)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from daemon import frames
 from daemon.arrays import Array, Flags
-from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, hidden, inside
+from daemon.vision.geometry import PlanarShape, Polyhedron, apart2, clear_of, hidden, inside
 from daemon.vision.image import StereoImages
 
 SPACING_MM, MARGIN_PX, LEAST_FACING = 1.5, 5.0, 0.3
@@ -47,7 +47,7 @@ def face_consistency(
         within = [
             (PlanarShape.of(own).depth(px) > MARGIN_PX)
             & ((px > 0) & (px < most)).all(1)
-            & ~np.any([np.zeros(len(px), bool), *(shape.depth(px) > -MARGIN_PX for shape in nearer)], axis=0)
+            & clear_of(nearer, px, MARGIN_PX)
             for px, own, nearer in zip(seen, borders, covered, strict=True)
         ]
         keep = np.all(within, axis=0)

@@ -7,7 +7,7 @@ import numpy as np
 from daemon.arrays import Array, Index
 from daemon.vision.facets.grouping import connected
 from daemon.vision.facets.looks_adjustment import LEAST_MM2
-from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal
+from daemon.vision.geometry import area_vector, axes_in, inside, newell_normal, off_segments
 
 Ring = tuple[int, ...]
 Pieces = list[tuple[int, int]]
@@ -158,7 +158,4 @@ def _touch(large: Array, small: Array) -> bool:
 
 def _gap_mm(ring: Array, points: Array) -> float:
     """Distance of the nearest of the points (M, 2) from the border of a ring (N, 2)."""
-    way = np.roll(ring, -1, axis=0) - ring
-    to = points[:, None] - ring
-    along = np.clip((to * way).sum(2) / np.maximum((way * way).sum(1), 1e-12), 0.0, 1.0)
-    return float(np.linalg.norm(to - along[..., None] * way, axis=2).min())
+    return float(off_segments(points[:, None], ring, np.roll(ring, -1, axis=0)).min())

@@ -133,6 +133,21 @@ def fit_circle(points: Array) -> tuple[Array, float, float]:
     return centre, radius, float(np.abs(np.linalg.norm(points - centre, axis=1) - radius).max())
 
 
+def circle_along(points: Array, axis: Array) -> tuple[Array, float, float]:
+    """The circle through (K, 3) points as they are seen along an axis (3,): a point of the circle's axis, radius, and
+    how far the worst point lies off it."""
+    across = axes_in(axis)
+    centre, radius, off = fit_circle(points @ across.T)
+    return centre @ across, radius, off
+
+
+def onto_circles(points: Array, circles: Array) -> Array:
+    """(..., 3) points (..., 3) in the planes of circles (..., 4), centre and radius, moved onto them along a radius."""
+    from_centre = points - circles[..., :3]
+    size = circles[..., 3:] / np.linalg.norm(from_centre, axis=-1, keepdims=True)
+    return np.asarray(circles[..., :3] + size * from_centre)
+
+
 def weighted_plane(points: Array, covariance: Array) -> tuple[Array, float, Array]:
     """Plane n . p = d with each corner weighted by how well it is known along the normal, and residuals in sigmas (N,).
 

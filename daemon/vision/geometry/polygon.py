@@ -273,3 +273,18 @@ def _near(a: NDArray[np.float32], b: NDArray[np.float32], tolerance_px: float) -
     near: Flags = np.abs(a[0, :, None] - b[0]) < tolerance_px
     near &= np.abs(a[1, :, None] - b[1]) < tolerance_px
     return near
+
+
+def off_segments(points: Array, start: Array, end: Array) -> Array:
+    """(...,) how far points (..., 2) are from the straight segments between start and end (..., 2)."""
+    way, there = end - start, points - start
+    share = np.clip((there * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(there - share[..., None] * way, axis=-1))
+
+
+def clear_of(shapes: Sequence[PlanarShape], points: Array, margin: float) -> Flags:
+    """(N,) which points (N, 2) lie outside of all of these shapes, so far from their nearest side."""
+    clear = np.ones(len(points), bool)
+    for shape in shapes:
+        clear &= shape.depth(points) < -margin
+    return clear

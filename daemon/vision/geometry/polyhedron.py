@@ -10,12 +10,14 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry.facet_measures import axes_in, fit_circle
+from daemon.vision.geometry.facet_measures import circle_along
 from daemon.vision.geometry.polygon import sides_of
 
 FLAT_MM = 0.5  # so far before a facet's plane lie corners that are measured, not exact
 CHORD_MM, BESIDE_ARC = 0.7, 0.3
 """How far off its arc a chord may end, and its middle, as a share of its length, off the points along the arc."""
+PARALLEL = 0.98
+"""Cosine from which on two directions of a solid are one."""
 SURE_MM2 = 1e-9  # keeps the weight of a corner known exactly finite
 
 
@@ -122,10 +124,9 @@ class Polyhedron:
         found = np.zeros((len(ends), 4))
         a, b = self.corners_mm[ends[:, 0]], self.corners_mm[ends[:, 1]]
         for arc in self.arcs:
-            across = axes_in(self.normals[arc.facet])
-            flat, radius, _ = fit_circle(arc.points_mm @ across.T)
             normal = self.normals[arc.facet]
-            centre = flat @ across + float((arc.points_mm @ normal).mean()) * normal
+            on_axis, radius, _ = circle_along(arc.points_mm, normal)
+            centre = on_axis + float((arc.points_mm @ normal).mean()) * normal
             off = np.array([np.linalg.norm(own - centre, axis=1) - radius for own in (a, b)])
             middle = np.linalg.norm(((a + b) / 2)[:, None] - arc.points_mm, axis=2).min(1)
             near = (np.abs(off) < CHORD_MM).all(0) & (middle < BESIDE_ARC * np.linalg.norm(b - a, axis=1))
@@ -141,6 +142,14 @@ class Polyhedron:
         along = np.where(self.hands[:, 1] == facet, 1.0, -1.0)[:, None]
         away = np.cross(along * (self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]), self.normals[facet])
         return np.asarray(round_[:, None] * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12))
+
+    @cached_property
+    def directions(self) -> Array:
+        """(D, 3) unit: across its facets and along its edges, each once, but for those that are nearly another."""
+        ends = self.lines[0]
+        along = self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]
+        ways = np.concatenate([self.normals, along / np.linalg.norm(along, axis=1)[:, None]])
+        return ways[[bool((np.abs(ways[:k] @ way) < PARALLEL).all()) for k, way in enumerate(ways)]]
 
     @cached_property
     def beside(self) -> Index:

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Index
-from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, axes_in, fit_circle
+from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, axes_in, circle_along
 from daemon.vision.hypotheses.junctions import FARTHEST_MM, NEAREST_MM
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import Ellipse, StereoImages
@@ -179,9 +179,8 @@ def rims_of(solid: Polyhedron) -> tuple[Circle, ...]:
     arcs = ((arc.facet, arc.points_mm, True) for arc in solid.arcs)
     for facet, points, outer in (*holes, *arcs):
         normal = solid.normals[facet]
-        across = axes_in(normal)
-        centre, radius, off = fit_circle(points @ across.T)
-        at = centre @ across + float((points @ normal).mean()) * normal
+        on_axis, radius, off = circle_along(points, normal)
+        at = on_axis + float((points @ normal).mean()) * normal
         if (
             off < ON_CIRCLE_MM
             and len(points) >= FEWEST_ROUND

@@ -43,8 +43,8 @@ SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
 """Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
-FARTHEST, PARALLEL = (0.75, 1.25), 0.98
-"""So many times as long are the other sizes of a part that leaves a picture; ways that are one, by their cosine."""
+FARTHEST = 0.75, 1.25
+"""So many times as long are the other sizes of a part that leaves a picture."""
 ASIDE, NOT_ASIDE, FAR_ASIDE = 3, 9, 48
 """Pixels of a map: steps by which a part is shifted over the picture to see what speaks for it elsewhere, from which
 shift on that is another place, and the farthest."""
@@ -228,14 +228,10 @@ def self_similarity(solid: Polyhedron, pose: Array, geometry: Baseline, seen: Di
 @lru_cache(maxsize=256)
 def in_sizes(solid: Polyhedron) -> tuple[Polyhedron, ...]:
     """A solid FARTHEST times as long along an edge or across a face, either end of it staying where it is."""
-    pairs = solid.lines[0]
-    edges = solid.corners_mm[pairs[:, 1]] - solid.corners_mm[pairs[:, 0]]
-    ways = np.concatenate([solid.normals, edges / np.linalg.norm(edges, axis=1)[:, None]])
     found = list[Polyhedron]()
-    for k, way in enumerate(ways):
-        if (np.abs(ways[:k] @ way) < PARALLEL).all():
-            height = solid.corners_mm @ way
-            for end in (height.min(), height.max()):
-                longer = [(factor - 1) * (height - end)[:, None] * way for factor in FARTHEST]
-                found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
+    for way in solid.directions:
+        height = solid.corners_mm @ way
+        for end in (height.min(), height.max()):
+            longer = [(factor - 1) * (height - end)[:, None] * way for factor in FARTHEST]
+            found += [exact(solid.corners_mm + one, solid.facets) for one in longer]
     return tuple(found)

@@ -120,16 +120,15 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
     solids, geometry = taught_solids(search.model), search.eyes.geometry
     guesses, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
     posed = PoseBatch(solids, guesses.part, guesses.poses)
-    further = np.zeros(len(posed.part))
     if search.uncluttered:
         more, nats = _by_circles(search)
         more_hinges = np.zeros((len(nats), 2, 3))
     else:
         more, more_hinges = _by_facets(search)
         nats = np.zeros(len(more.part))
-    tests += len(more.part)
+    tests, further = tests + len(more.part), np.concatenate([np.zeros(len(posed.part)), nats])
     posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
-    hinges, further = np.concatenate([hinges, more_hinges]), np.concatenate([further, nats])
+    hinges = np.concatenate([hinges, more_hinges])
     return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent, further)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Camera, SolidBatch, outward, sides_of, thickness
+from daemon.vision.geometry import Camera, SolidBatch, onto_circles, outward, sides_of, thickness
 from daemon.vision.image import Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
@@ -215,9 +215,7 @@ def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:
     """(A, 3, 3) places on the arcs of circles (A, 4) that lie beyond chords (A, 2, 3), at the shares (A, 2) of these
     where they begin and end, and midway."""
     at = np.stack([share[:, 0], share.mean(1), share[:, 1]], 1)[..., None]
-    from_centre = chords[:, :1] + at * (chords[:, 1:] - chords[:, :1]) - circles[:, None, :3]
-    size = circles[:, 3, None, None] / np.linalg.norm(from_centre, axis=2, keepdims=True)
-    return np.asarray(circles[:, None, :3] + size * from_centre)
+    return onto_circles(chords[:, :1] + at * (chords[:, 1:] - chords[:, :1]), circles[:, None])
 
 
 def _inside(start: Array, end: Array, size: tuple[int, int]) -> tuple[Array, Array]:
