@@ -15,17 +15,7 @@ class ParameterError(ArtError):
     """A parameter out of its range, or an option that does not exist."""
 
 
-class NotTrainedError(ArtError):
-    """The network has not learnt any sample."""
-
-
 def within(name: str, value: float, low: float, high: float) -> None:
     """Raise ParameterError unless low <= value <= high and value is finite."""
     if not (isinstance(value, (int, float, np.floating, np.integer)) and low <= value <= high and np.isfinite(value)):
         raise ParameterError(f"{name}: expected a number in [{low}, {high}], found {value!r}")
-
-
-def one_of(name: str, value: object, options: tuple[str, ...]) -> None:
-    """Raise ParameterError unless value is one of the options."""
-    if value not in options:
-        raise ParameterError(f"{name}: expected one of {', '.join(options)}, found {value!r}")

@@ -45,7 +45,7 @@ def _silhouettes(args: argparse.Namespace) -> int:
     """Raises FileError, SilhouetteError."""
     import numpy as np
 
-    from daemon.art.others import ART1
+    from daemon.art import ART1
     from daemon.store.pictures import read_grey
     from daemon.vision.image import VisionError
     from daemon.vision.thesis import silhouette

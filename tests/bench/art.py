@@ -14,8 +14,8 @@ from itertools import permutations
 
 import numpy as np
 
-from daemon.art.others import FuzzyARTMAP, GaussianARTMAP, GaussianRule, RotationLayer, Voting
 from tests.bench.data.letters import letters
+from tests.bench.networks import FuzzyARTMAP, GaussianARTMAP, GaussianRule, RotationLayer, Voting
 
 ALPHA = 1e-3
 TYPES = (0.15, 0.3, 0.5, 0.6, 0.75)

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from daemon import frames
-from daemon.art.others import ART1, FuzzyARTMAP, best_numbering, choose
+from daemon.art import ART1
 from daemon.store.library import load_facets
 from daemon.vision.facets.grouping import merge_vertices
 from daemon.vision.model import Model, empty_model, learn_view, relational_view, types_of
 from daemon.vision.recognition.group_recognition import recognise_group
 from daemon.vision.thesis import silhouette
 from daemon.vision.values import Group
+from tests.bench.networks import FuzzyARTMAP, best_numbering, choose
 from tests.bench.thesis.document import table
 from tests.fakes.solids import KNOWN, Body, measured, pose
 from tests.fakes.thesis import ALPHA, NODE_LABELS, NODES, PRINTED, RHO, renumbered

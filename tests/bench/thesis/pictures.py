@@ -16,7 +16,6 @@ from unittest.mock import patch
 import numpy as np
 
 from daemon.arrays import Array
-from daemon.art.others import FuzzyARTMAP, RotationLayer
 from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
 from daemon.store.library import load_facets
 from daemon.vision.facets import reconstruct
@@ -27,6 +26,7 @@ from daemon.vision.model import Model, TeachError, empty_model, learn_view
 from daemon.vision.settings import CornerDetector, StereoFormula, VisionSettings
 from daemon.vision.thesis import by_formula, converging, find_corners
 from tests.bench.facets import edges
+from tests.bench.networks import FuzzyARTMAP, RotationLayer
 from tests.bench.thesis.document import chart, table
 from tests.fakes.rigs import thesis_rig
 from tests.fakes.thesis import ALPHA, FIGURE_5_7, NODE_LABELS, NODES
