@@ -287,7 +287,7 @@ def _clear(
     truths: dict[int, Record] = {}
     for _ in range(ROUNDS):
         left = len(parts) - sum(end["outcome"] in brought for end in ends)
-        if not left or (ends and ends[-1]["outcome"] == "fault"):
+        if not left or _faulted(ends):
             break
         _do(link, f"auto on {left}")
         ended, true = _follow_auto(records)
@@ -298,7 +298,7 @@ def _clear(
 
 
 def _faulted(rows: Sequence[dict[str, Any]]) -> bool:
-    return bool(rows) and rows[-1]["outcome"] == "fault"
+    return bool(rows) and (rows[-1]["outcome"] == "fault" or rows[-1].get("stopped") is not None)
 
 
 def _fill_kit(link: DaemonLink, folder: Path, records: Iterator[Record]) -> demo_kit.KitResult:
@@ -355,7 +355,7 @@ def _follow_auto(records: Iterator[Record]) -> tuple[list[dict[str, Any]], dict[
             case "cycle_end":
                 ends.append({**record, "seconds": record["mono_s"] - began_s})
                 say(f"  {record['outcome']}: {record['why']} ({ends[-1]['seconds']:.1f} s)")
-                if record["outcome"] in ("fault", "aborted"):
+                if record["outcome"] in ("fault", "aborted") or record.get("stopped"):
                     break
             case "auto" if not record["on"]:
                 break

@@ -9,6 +9,7 @@ from collections.abc import Callable, Coroutine
 from datetime import datetime
 from typing import Any
 
+from daemon.arm import Interruption
 from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
 from daemon.commands.moving import tell_end
@@ -48,7 +49,7 @@ class CycleObserver:
         context.roll_if_due()
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # by somebody: what the fault asked for is done by now
-        if end.outcome == "fault" and allowed and not stopped and context.cycle.pick_order is not None:
+        if end.ended_by is Interruption.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
             self._beside(self.go_on_with_one_eye(), "one eye")
 
     def go_on_with_one_eye(self) -> Coroutine[Any, Any, None]:

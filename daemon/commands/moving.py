@@ -3,7 +3,7 @@
 import asyncio
 from typing import Any
 
-from daemon.arm import Grant, RefusedError, StopRefusedError
+from daemon.arm import Grant, Interruption, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
 from daemon.config import unsaid
@@ -191,8 +191,8 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
     """
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
-    heard = end.outcome is Outcome.FAULT and context.notices.level(frontend) is not None
-    done = DONE if end.outcome in ("picked", "dry", "emptied") else NOT_DONE
+    heard = end.ended_by is Interruption.ERROR and context.notices.level(frontend) is not None
+    done = DONE if end.outcome in ("picked", "dry", "emptied") and end.ended_by is None else NOT_DONE
     return CommandResult(describe_end(end, why=not heard), end_json(end), done)
 
 
@@ -220,7 +220,7 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
         raise CommandError("auto is not running; `auto on` starts it")
     ends = await with_questions(context, _auto_told(context, frontend), frontend)
     picked = sum(end.outcome == "picked" for end in ends)
-    done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry")
+    done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry") and ends[-1].ended_by is None
     said = describe_end(ends[-1]) + "\n" if ends and not done else ""
     data = {"picked": picked, "ends": [end_json(e) for e in ends]}
     return CommandResult(f"{said}{context.auto_end(ends)}", data, DONE if done else NOT_DONE)
@@ -334,7 +334,8 @@ def describe_end(end: CycleEnd, why: bool = True) -> str:
     text = f"{end.outcome}: {approached}, {end.seconds:.1f} s"
     if end.predicted_mm is not None and end.predicted_deg is not None:
         text += f", predicted error {end.predicted_mm:.2f} mm {end.predicted_deg:.2f} degrees"
-    return text + (f" ({end.why})" if why and end.why and (end.outcome != "picked" or end.place) else "")
+    says_more = end.outcome != "picked" or end.place or end.ended_by
+    return text + (f" ({end.why})" if why and end.why and says_more else "")
 
 
 def tell_end(context: CommandContext, end: CycleEnd) -> None:

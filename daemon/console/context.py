@@ -125,6 +125,8 @@ class CommandContext:
         outcome, why = (ends[-1].outcome, ends[-1].why) if ends else (None, "")
         if (fault := self.cycle.supervisor.fault) is not None:
             reason = fault
+        elif ends and ends[-1].ended_by is not None:
+            reason = f"the last one ended as {outcome}: {why}"
         elif count is not None and picked >= count:
             reason = "that is as many as requested" if self._begun.job is None else "that is all of the job"
         elif outcome == Outcome.EMPTY:

@@ -39,7 +39,8 @@ GRASPED = frozenset({Outcome.PICKED, Outcome.RELEASED, Outcome.OFF, Outcome.MISS
 DEFINITION = (
     "A pick counts as tried when there was a part to pick and neither a person nor the end of the run ended it. It "
     "is a success when the cameras confirmed the part in the gripper. A person's stop or abort, an interrupted pick, "
-    "an empty table and a gripper that was only emptied do not count as tried."
+    "an empty table and a gripper that was only emptied do not count as tried. What stops the arm after the part was "
+    "let go is counted as a stop and leaves the pick its outcome."
 )
 
 

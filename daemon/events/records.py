@@ -366,6 +366,9 @@ class CycleEnded(CycleRecord, kw_only=True):
     label: Annotated[Text, meaning("the chosen part")] = None
     stops: Annotated[Count, meaning("looks at it")] = None
     why: Annotated[Text, meaning("in words")] = None
+    stopped: Annotated[
+        Text, meaning("code of what stopped the arm after that outcome, on the way home or as it was let go")
+    ] = None
     grasp: Annotated[Pose, meaning("world_from_tool", "mm")] = None
     predicted: Annotated[PredictedRecord | None, meaning("error expected at the grasp: mm and deg")] = None
     skipped: Annotated[list[SkippedRecord] | None, meaning("parts left where they lie, each with its outcome")] = None

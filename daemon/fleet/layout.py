@@ -19,7 +19,7 @@ from daemon.review.digest import Cycle, Digest, cameras_of, duration_s, in_use, 
 from daemon.review.production import interventions
 from daemon.review.replay import NEAR_MM
 from daemon.review.set_downs import PartSetDown, set_downs_of
-from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
+from daemon.review.why import causes, causes_of_record
 from daemon.store.folders import how_to_add
 
 if TYPE_CHECKING:
@@ -124,8 +124,7 @@ def _run(run: Digest) -> Row:
 
 
 def _cycle(cycle: Cycle, run: Digest) -> Row:
-    wrong = cycle.outcome not in NOTHING_WRONG
-    found = causes(cycle, [c for c in run.cycles if c is not cycle], False)[:1] if wrong else []
+    found = causes(cycle, [c for c in run.cycles if c is not cycle])[:1]
     placed = next(reversed(list(set_downs_of(cycle))), None)
     plain = ("seconds", "label", "outcome", "why", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg")
     return {

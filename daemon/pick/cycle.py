@@ -549,9 +549,10 @@ class PickCycle:
                     break
                 ends.append(await self._one(self.pick_order))
                 every_s = self.pick_order.every_s
-                if ends[-1].brought and not await self._line_told():
+                stopped = ends[-1].ended_by is not None
+                if ends[-1].brought and not stopped and not await self._line_told():
                     break
-                if self._auto and ends[-1].outcome in (Outcome.ABORTED, Outcome.FAULT):
+                if self._auto and stopped and not self.pick_order.done:
                     return list(ends)
                 if ends[-1].outcome is Outcome.DRY:
                     break
@@ -607,21 +608,34 @@ class PickCycle:
         try:
             await self._through(context, world)
         except asyncio.CancelledError:
-            by_error = supervisor.fault is not None and supervisor.ended_by is Interruption.ERROR
-            outcome = Outcome.FAULT if by_error else Outcome.ABORTED
+            by = supervisor.ended_by if supervisor.fault and supervisor.ended_by else Interruption.ABORT
             code = supervisor.fault_cause.code if supervisor.fault else CauseCode.OPERATOR_ABORT
-            world.result = PickResult(outcome, supervisor.fault or "a person gave `abort`", code)
+            self._cut_short(world, by, supervisor.fault or "a person gave `abort`", code)
         except OperatorRefusedError as error:
-            world.result = PickResult(Outcome.ABORTED, str(error), CauseCode.OPERATOR_NO)
+            self._cut_short(world, Interruption.ABORT, str(error), CauseCode.OPERATOR_NO)
             await self._stop_arm(Interruption.ABORT, str(error), None)
         except Exception as error:
             why, cause = f"{type(error).__name__}: {error}", cause_of(error)
-            world.result = PickResult(Outcome.FAULT, why, cause.code)
+            world.let_go &= cause.code is not CauseCode.SENSOR_DISAGREES
+            self._cut_short(world, Interruption.ERROR, why, cause.code)
             await self._stop_arm(Interruption.ERROR, why, why, cause)
         end = self._ended(world, started_s)
         self._left_alone, self._world = tuple(world.skipped), None
         tell(self.observer, end)
         return end
+
+    def _cut_short(self, world: WorldModel, by: Interruption, why: str, code: CauseCode) -> None:
+        """What stops the arm is the outcome of a pick, but where the part was let go already, or nothing but the way
+        home was left: that pick keeps its outcome, and its record tells of the stop beside it."""
+        world.ended_by = by
+        if not (world.let_go or world.going_home):
+            outcome = Outcome.FAULT if by is Interruption.ERROR else Outcome.ABORTED
+            world.result = PickResult(outcome, why, code)
+            return
+        world.stopped_by, world.result = code, replace(world.result, why=f"{world.result.why}; then {why}")
+        if world.let_go and not world.brought:
+            self._brought(world)
+            self._order(self.pick_order)
 
     async def _stop_arm(
         self, event: Interruption, why: str, fault: str | None, cause: FaultCause = BY_OPERATOR
@@ -669,6 +683,7 @@ class PickCycle:
             corners=None if target is None else frames.apply(target.world_from_part, target.shape.corners_mm),
             brought=world.brought and world.result.outcome in BROUGHT,
             place=world.set_down_at,
+            ended_by=world.ended_by,
         )
         self.ends.append(end)
         self.tally[end.outcome] += 1
@@ -680,6 +695,7 @@ class PickCycle:
             label=end.label,
             stops=end.stops,
             why=end.why,
+            stopped=world.stopped_by,
             grasp=end.grasp,
             predicted={"mm": end.predicted_mm, "deg": end.predicted_deg},
             skipped=[{"label": s.label, "at": s.centre, "outcome": s.outcome, "why": s.why} for s in end.skipped],

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
+from daemon.arm import Interruption
 from daemon.arrays import Array
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
@@ -39,8 +40,8 @@ class Skipped:
 class CycleEnd:
     """How a pick ended. skipped: parts left alone in this pick; grasp: world_from_tool at the grasp;
     corners: (N, 3) world mm, where the part's corners were estimated to be; brought: whether the part that
-    was grasped was let go over the bin or at its place, not lost before, and nothing failed after; place: where it was
-    set down, None: not at a place."""
+    was grasped was let go over the bin or at its place, and not lost before; place: where it was set down, None: not at
+    a place; ended_by: what stopped the arm before the pick had ended, perhaps after its outcome."""
 
     cycle: int
     outcome: Outcome
@@ -55,6 +56,7 @@ class CycleEnd:
     corners: Array | None
     brought: bool
     place: str | None = None
+    ended_by: Interruption | None = None
 
 
 class InGripper(StrEnum):
@@ -63,6 +65,12 @@ class InGripper(StrEnum):
     PART = "part"
     EMPTY = "empty"
     UNCLEAR = "unclear"
+
+
+def not_looked_at(label: str, where: str) -> PickResult:
+    """What a pick has come to as the gripper opens where the part is to go, before a look has judged that."""
+    why = f"{label} was let go {where}, and no look followed"
+    return PickResult(Outcome.RELEASED, why, CauseCode.RELEASE_UNCONFIRMED)
 
 
 def released(label: str, above: InGripper, opened: InGripper) -> PickResult:

@@ -36,7 +36,7 @@ from daemon.pick.following import (
 from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed
 from daemon.pick.looks import Expected, Look, Taken
 from daemon.pick.next_view import allowed, freshest, places_round
-from daemon.pick.outcome import PickResult
+from daemon.pick.outcome import PickResult, not_looked_at
 from daemon.pick.place_goals import Goal, PlaceDeviation, deviation, set_down_of
 from daemon.pick.place_plan import plan_anew, then_in_words
 from daemon.pick.plan import NoPlan
@@ -125,6 +125,8 @@ async def set_down(
     _note(context, world, goal, PlaceStatus.SET)
     world.set_down_at = None if goal.between else goal.place.name
     await mover.hand(closed=False, hand_s=context.settings.hand_time_s(closed=False))
+    if not goal.between:
+        world.let_go, world.result = True, not_looked_at(target.label, f"at {where}")
     sensor = await sensed(context, "let go")
     ask_where_they_differ(context, contradiction(target.label, sensor, f"was let go at {where}", False))
     target.plan = replace(target.plan, way=way)
@@ -157,7 +159,7 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
     seen = (await _judge(context, world, goal, PlaceStatus.MISSING)).status
     outcome, code = BY_LOOK.get(seen, (Outcome.RELEASED, CauseCode.NOT_AT_PLACE))
     why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
-    world.result = PickResult(outcome, why, code)
+    world.let_go, world.result = False, PickResult(outcome, why, code)
     context.decide(outcome, why, code or DecisionCode.PICKED, label=target.label)
     return PickEvent.SEEN
 

@@ -22,7 +22,7 @@ from daemon.pick.following import (
 )
 from daemon.pick.gripper_sensor import ask_where_they_differ, contradiction, gripper_pair, sensed, taken_hold
 from daemon.pick.looks import Look, Taken
-from daemon.pick.outcome import InGripper, PickResult, released
+from daemon.pick.outcome import InGripper, PickResult, not_looked_at, released
 from daemon.pick.place_goals import Goal
 from daemon.pick.plan import last_stretch
 from daemon.pick.seen import ObservedPart, same_place, seen_parts
@@ -175,6 +175,9 @@ async def over_bin(
     if context.mover.dry:
         world.result = PickResult(Outcome.DRY, "what is in the hand would be put down now", None)
         return PickEvent.DRY
+    world.let_go = True
+    if target is not None:
+        world.result = not_looked_at(target.label, "above the bin")
     sensor = await sensed(context, "let go")
     if target is None:
         ask_where_they_differ(context, contradiction("what it held", sensor, "was let go", False))
@@ -187,7 +190,8 @@ async def over_bin(
     if lost and above is InGripper.PART:
         ask_where_they_differ(context, contradiction(target.label, False, "was in it above the bin", True))
     above = InGripper.EMPTY if lost else above
-    world.result = result = released(target.label, above, opened)
+    world.let_go, world.result = False, released(target.label, above, opened)
+    result = world.result
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
     context.decide(result.outcome, result.why, result.code or DecisionCode.PICKED, label=target.label)
     if opened is InGripper.PART:
@@ -228,7 +232,7 @@ async def _open_gripper(context: PickContext) -> None:
 
 async def home(context: PickContext, world: WorldModel) -> Literal[PickEvent.THERE]:
     """Out of the way, unless the next pick follows."""
-    world.target = None
+    world.target, world.going_home = None, True
     if context.order.count == 1 or world.result.outcome not in BROUGHT:
         await travel(context, world, context.settings.home.pose(), "home")
     return PickEvent.THERE

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from daemon import frames
 from daemon.arm import (
     UNCONFIRMED,
+    Interruption,
     Mover,
     MoveRefusedError,
     OutOfReachError,
@@ -187,8 +188,10 @@ class WorldModel:
     the time since was motion, or waiting for leave to move; taken: how many looks there were; again: how many parts the
     next look showed where they lay, and how many not; odd: what else of two looks did not agree, and how often;
     laid: how often a part was laid down to be taken anew;
-    set_down_at: the place at which the gripper was to open; result: what the pick has come to so far; brought: whether
-    the part was let go over the bin or at its place.
+    set_down_at: the place at which the gripper was to open; result: what the pick has come to so far; let_go: the
+    gripper has opened where the part was to go, and no look has judged it yet; brought: whether the part was let go
+    over the bin or at its place; going_home: nothing else is left of the pick; ended_by, stopped_by: what stopped the
+    arm in this pick, and its cause where that is not the pick's outcome.
     All in world, mm.
     """
 
@@ -215,7 +218,11 @@ class WorldModel:
     laid: int = 0
     set_down_at: str | None = None
     result: PickResult = NOTHING_THERE
+    let_go: bool = False
     brought: bool = False
+    going_home: bool = False
+    ended_by: Interruption | None = None
+    stopped_by: CauseCode | None = None
 
     def the_target(self) -> Target:
         """The target, where a state has one."""

@@ -92,6 +92,11 @@ class Cycle:
         return (self.end or {}).get("code")
 
     @property
+    def stopped(self) -> str | None:
+        """The code of what stopped the arm after the cycle's outcome was certain."""
+        return (self.end or {}).get("stopped")
+
+    @property
     def predicted_mm(self) -> float | None:
         """The expected error at the grasp."""
         return _of(self.end, "predicted", "mm")

@@ -20,6 +20,8 @@ from daemon.review.digest import Digest
 from daemon.review.why import causes_of_record
 
 PAUSED = "paused by a person"
+NO_FAULT = frozenset({CauseCode.OPERATOR_ABORT, CauseCode.OPERATOR_NO})
+"""A single pick that a person ended so is over: nobody has to clear anything."""
 IDEAL_QUANTILE = 0.1
 """The ideal cycle time is that of the fastest tenth of the good picks."""
 LEAST_PICKS = 5
@@ -61,9 +63,11 @@ def spans(run: Digest) -> Iterator[Span]:
             case "fault" if doing in (Doing.PICKING, Doing.WAITING):
                 doing, cause = Doing.DOWN, next(c.code.summary for c in causes_of_record(record))
             case "cycle_end" if doing is Doing.PICKING:
-                outcome = record.get("outcome")
-                if outcome in (Outcome.ABORTED, Outcome.FAULT):
-                    doing, cause = Doing.DOWN, cause_code(record.get("code")).summary
+                outcome, stopped = record.get("outcome"), record.get("stopped")
+                ended = outcome in (Outcome.ABORTED, Outcome.FAULT)
+                stop = cause_code(stopped or record.get("code")) if stopped or ended else None
+                if stop is not None and (ordered or stop not in NO_FAULT):
+                    doing, cause = Doing.DOWN, stop.summary
                 elif not ordered:
                     doing = Doing.NOTHING
                 elif outcome in NOTHING_TO_PICK:

@@ -288,7 +288,9 @@ def _event_text(record: Json) -> str:
     if kind == "gained":
         look, about, before, after = (record.get(k) for k in ("look", "about", "before", "after"))
         return f"look {look} at {about}. Before: {before}. Now: {after}"
-    parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why", "to") if record.get(k)]
+    if kind == "state":
+        return f"state {SHOWN.get(str(record.get('to')), record.get('to'))}"
+    parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why") if record.get(k)]
     if len(parts) > 1 and parts[1].startswith(parts[0]):
         parts = [in_plain_words(parts[1]), *parts[2:]]  # a fault's text begins with its code
     text = ": ".join(parts)

@@ -15,7 +15,7 @@ from daemon.events.outcomes import UNFINISHED, Outcome, is_success, tally
 from daemon.review.digest import Cycle, Digest, repeated_faults
 from daemon.review.downtime import use_of_time
 from daemon.review.not_counted import picks_not_counted
-from daemon.review.why import NOTHING_WRONG, causes, causes_of_record
+from daemon.review.why import causes, causes_of_record
 
 ROUTINE = frozenset({"pick", "auto", "step", "confirm", "y", "yes"})
 """Commands that do not count as interventions: they begin picks, or answer the questions of step mode."""
@@ -85,11 +85,10 @@ def _stops(run: Digest) -> Iterable[str]:
     ended a cycle."""
     ended = set[tuple[Any, str]]()
     for cycle in run.cycles:
-        if cycle.outcome not in NOTHING_WRONG:
-            others = [c for c in run.cycles if c is not cycle]
-            found = [c.code.summary for c in causes(cycle, others, run.going)[:1]]
-            ended |= {(cycle.number, name) for name in found}
-            yield from found
+        others = [c for c in run.cycles if c is not cycle]
+        found = [c.code.summary for c in causes(cycle, others, run.going)[:1]]
+        ended |= {(cycle.number, name) for name in found}
+        yield from found
     repeated = repeated_faults(run.records)
     for record in run.outside:
         if record["kind"] == "fault" and record["seq"] not in repeated:
@@ -113,7 +112,8 @@ def interventions(run: Digest) -> int:
                 picking, ended = True, False
             case "cycle_end":
                 picking = False
-                if record.get("outcome") == Outcome.ABORTED and not (fault or ended):
+                stopped = record.get("outcome") == Outcome.ABORTED or record.get("stopped")
+                if stopped and not (fault or ended):
                     ended = True
                     count += 1
             case "auto":

@@ -62,12 +62,15 @@ class LikelyCause:
 
 
 def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> list[LikelyCause]:
-    """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress.
+    """The causes with evidence, likeliest first; none for a picked part, an empty table, or a cycle in progress. Where
+    something stopped the arm after that, that alone.
 
     others: the other cycles of the run; going: the run is still being written.
     """
-    if cycle.outcome in NOTHING_WRONG or (cycle.end is None and going):
+    if cycle.end is None and going:
         return []
+    if cycle.outcome in NOTHING_WRONG:
+        return [*_ended(cycle, others)] if cycle.stopped else []
     found = sorted((c for rule in RULES for c in rule(cycle, others)), key=lambda c: (-c.weight, c.at))
     if not found:
         found = [LikelyCause(CauseCode.NOT_KNOWN, 0.1, str(cycle.why or cycle.outcome), _last(cycle))]
@@ -80,9 +83,10 @@ def causes(cycle: Cycle, others: Sequence[Cycle] = (), going: bool = False) -> l
 def _ended(cycle: Cycle, _: Sequence[Cycle]) -> Iterator[LikelyCause]:
     """The first fault, or the recorded end, by its code; later faults follow from the first."""
     fault = next(iter(cycle.of("fault")), None)
-    if fault is None and cycle.outcome not in (Outcome.FAULT, Outcome.ABORTED):
+    if fault is None and cycle.outcome not in (Outcome.FAULT, Outcome.ABORTED) and cycle.stopped is None:
         return
-    yield from causes_of_record(fault or cycle.end or {})
+    end = cycle.end or {}
+    yield from causes_of_record(fault or {**end, "code": cycle.stopped or cycle.code})
 
 
 def causes_of_record(record: Record) -> Iterator[LikelyCause]:

@@ -95,7 +95,7 @@ class MadeRun:
                 predicted_mm=mm, predicted_deg=0.2, chi2=end.get("chi2", 1.0),
             )  # fmt: skip
         self.write("cycle_end", cycle=self.cycle, outcome=outcome, label=label, stops=2, why=why, grasp=None,
-                   predicted={"mm": 0.7, "deg": 0.2}, code=end.get("code"))  # fmt: skip
+                   predicted={"mm": 0.7, "deg": 0.2}, code=end.get("code"), stopped=end.get("stopped"))  # fmt: skip
 
     def set_down(self, place: str, status: str, outcome: str = "picked", **off: float) -> None:
         """A pick of a cube that is set down at a place, and looked at there."""

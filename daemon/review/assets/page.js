@@ -14,7 +14,7 @@ by("verdict").append(...[
   done.tried ? `${done.picked} of ${done.tried} picked` : "Nothing was tried", notTried(done),
   stoppedBy(stops),
   worst.length ? `. Beyond the limit: ${worst.join(", ")}` : ""].filter(Boolean), ".");
-by("verdict").className = failed || worst.length ? "bad" : "good";
+by("verdict").className = failed ? "bad" : worst.length ? "" : "good";
 const cell = data.cell;
 const simulated_ = (c) => (known(c.times_life) && c.times_life !== 1 ? `simulated, ${atPace(c.times_life)}` : "simulated");
 by("summary").append(...[

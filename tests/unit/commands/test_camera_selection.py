@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from daemon.arm import EyeName, RefusedError, said
+from daemon.arm import EyeName, Interruption, RefusedError, said
 from daemon.arm.belief import BeliefSource
 from daemon.commands.camera_selection import cameras
 from daemon.commands.cycle_observer import CycleObserver
@@ -304,11 +304,14 @@ def test_auto_degrade_waits_for_the_first_time_that_an_operator_allowed_it() -> 
     async def story(here: Hours) -> None:
         between, started = auto_degrading(here)
         await here.cycle.supervisor.stop()
-        end = replace(await _end(here), outcome="fault")  # type: ignore[type-var]
-        between.ended(end)
+        end = await _end(here)
+        fault = replace(end, ended_by=Interruption.ERROR)
+        between.ended(fault)
         assert started == []
         here.context.one_camera_allowed = True
         between.ended(end)
+        assert started == [], "nothing was wrong with the cameras"
+        between.ended(fault)
         assert started == ["one eye"]
 
     lived(story)

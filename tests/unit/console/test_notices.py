@@ -116,6 +116,7 @@ def end(outcome: str) -> Any:
         predicted_mm=None,
         predicted_deg=None,
         why="because",
+        ended_by=None,
         place=None,
     )
 
@@ -159,6 +160,7 @@ def test_the_end_of_an_auto_is_told_with_what_it_brought() -> None:
         (["picked", "unknown"], None, None, 0, "1 part picked; the last one ended as unknown: because."),
         (["picked", "fault"], 3, "stopped by ann", 0, "1 part picked; stopped by ann."),
         ([], 3, None, 0, "0 parts picked; stopped before the first pick."),
+        (["picked", "aborted"], 3, None, 0, "1 part picked; the last one ended as aborted: because."),
     ],
 )
 def test_each_end_of_an_auto_says_why(

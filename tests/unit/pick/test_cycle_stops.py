@@ -657,3 +657,111 @@ def test_in_step_mode_the_hand_waits_for_a_yes_and_a_no_leaves_it_and_what_is_kn
 
     lived(asyncio.wait_for(story(), 10.0))
     assert (world.wire, cycle.belief.holds_part) == ([], False)
+
+
+def no_one_says_yes_to(purpose: str):
+    """A story in step mode: yes to every move but the one home."""
+
+    async def story(world: World, cycle: PickCycle):
+        hold = cycle.supervisor.hold
+        hold.step(True)
+        task = asyncio.create_task(cycle.pick())
+        while not task.done():
+            await asyncio.sleep(0.001)
+            waiting = hold.waiting
+            if waiting is not None and not waiting.answer.done():
+                (hold.refuse if waiting.text.startswith(purpose) else hold.confirm)()
+        return await task
+
+    return story
+
+
+def on_the_way_home(act):
+    """A story in which act is asked for once the arm moves home."""
+
+    async def story(world: World, cycle: PickCycle):
+        acting = []
+
+        def hook(what):
+            if what == "move" and cycle.state is PickState.HOME and not acting:
+                acting.append(asyncio.get_running_loop().create_task(getattr(cycle.supervisor, act)()))
+
+        world.before = hook
+        end = await cycle.pick()
+        await asyncio.gather(*acting)
+        return end
+
+    return story
+
+
+async def out_of_reach(world: World, cycle: PickCycle):
+    """A story in which the arm cannot reach home."""
+    world.unreached = cycle.settings.home.pose()[:3, 3]
+    return await cycle.pick()
+
+
+@pytest.mark.parametrize(
+    ("story", "code", "fault", "there"),
+    [
+        (no_one_says_yes_to("home"), "operator_no", None, True),
+        (no_one_says_yes_to("home"), "operator_no", None, False),
+        (on_the_way_home("stop"), "operator_stop", "stopped", True),
+        (on_the_way_home("stop"), "operator_stop", "stopped", False),
+        (on_the_way_home("abort"), "operator_abort", None, True),
+        (out_of_reach, "out_of_reach", "cannot reach", True),
+    ],
+)
+def test_what_stops_the_arm_on_the_way_home_leaves_the_pick_its_outcome(story, code, fault, there):
+    """The part was in the bin, and the pick `aborted` and counted nowhere."""
+    world = one_part()
+    cycle = cycle_of(world)
+    if not there:
+        world.lying.clear()
+    end = lived(story(world, cycle))
+    status, (record,) = cycle.status(), world.said("cycle_end")
+    assert (end.outcome, end.brought) == (("picked", True) if there else ("empty", False)), end.why
+    assert end.ended_by is not None
+    assert "; then " in end.why
+    assert (record["outcome"], record["stopped"], record["code"]) == (end.outcome, code, None)
+    assert (status["picked"], status["tried"], status["aborted"]) == (there, there, 0)
+    assert (fault or "") in (status["fault"] or ""), "what followed stands as a fault of its own"
+    assert (status["fault"] is None) is (fault is None)
+
+
+def test_a_part_let_go_over_the_bin_before_a_fault_is_released_and_auto_has_one_less_to_bring():
+    """No look had said yet that the gripper is empty: nobody confirmed the part, and nobody is to pick it again."""
+    world = one_part()
+    world.put("pyramid", 520, 100, 0.4)
+    cycle = cycle_of(world)
+
+    def torn(what):
+        if what == "grab" and world.binned:
+            raise OSError(5, "the camera is gone")
+
+    world.before = torn
+    (end,) = lived(cycle.auto(PickOrder(2)))
+    assert (end.outcome, end.brought, end.ended_by) == ("released", True, "error"), end.why
+    assert cycle.pick_order == PickOrder(1), "what is left can be resumed"
+    assert world.said("auto")[-1]["count"] == 1, "and after a restart as well"
+    assert (cycle.status()["released"], cycle.status()["failed"]) == (1, 0)
+
+
+def test_the_last_part_of_an_auto_in_the_bin_leaves_nothing_to_resume_though_the_way_home_is_stopped():
+    world = one_part()
+    cycle = cycle_of(world)
+
+    async def story():
+        acting = []
+
+        def hook(what):
+            if what == "move" and cycle.state is PickState.HOME and not acting:
+                acting.append(asyncio.get_running_loop().create_task(cycle.supervisor.stop()))
+
+        world.before = hook
+        ends = await cycle.auto(PickOrder(1))
+        await asyncio.gather(*acting)
+        return ends
+
+    (end,) = lived(story())
+    assert (end.outcome, end.ended_by) == ("picked", "stop")
+    assert cycle.pick_order is None

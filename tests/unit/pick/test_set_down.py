@@ -137,6 +137,31 @@ def test_a_part_that_is_not_at_its_place_is_missing_and_nothing_more_is_brought_
     assert "none of its places is free" in end.why
 
 
+@pytest.mark.parametrize("purpose", ["back from place nest", "look at place nest"])
+def test_a_part_let_go_at_its_place_before_a_stop_is_released_and_the_place_is_looked_at_later(
+    tmp_path: Path, purpose: str
+) -> None:
+    story, stops = Story(tmp_path), list[Any]()
+    cycle, lies_there = story.cycle, story.happens
+
+    def stop(act: str) -> None:
+        lies_there(act)
+        if act == "moving" and not stops and story.fake.said("move")[-1]["purpose"].startswith(purpose):
+            stops.append(asyncio.get_running_loop().create_task(cycle.supervisor.stop()))
+
+    async def stopped() -> Any:
+        story.fake.before = stop
+        end = (await cycle.auto(PickOrder(3)))[-1]
+        await asyncio.gather(*stops)
+        return end
+
+    end = asyncio.run(stopped())
+    assert (end.outcome, end.place, end.brought, end.ended_by) == ("released", "nest", True, "stop"), end.why
+    assert story.fake.said("cycle_end")[-1]["stopped"] == "operator_stop"
+    assert story.status() is PlaceStatus.SET, "until somebody looks"
+    assert cycle.pick_order == PickOrder(2)
+
+
 def test_a_part_that_lies_at_its_place_is_not_picked_again(tmp_path: Path) -> None:
     story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0),))
     story.pick()
@@ -222,7 +247,7 @@ def test_a_part_that_was_set_down_before_a_fault_is_less_to_bring_and_is_not_rep
     story.cycle.line.brought = brought  # type: ignore[method-assign]
     story.fake.before = torn
     (end,) = asyncio.run(story.cycle.auto(PickOrder(2)))
-    assert (end.outcome, end.place, end.brought, told) == ("fault", "nest", False, [])
+    assert (end.outcome, end.place, end.ended_by, told) == ("released", "nest", "error", [])
     assert story.cycle.pick_order is not None
     assert story.cycle.pick_order.count == 1
 

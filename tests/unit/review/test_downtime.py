@@ -62,6 +62,17 @@ def test_an_auto_with_a_stop_a_wait_for_parts_and_an_end() -> None:
     ]
 
 
+@pytest.mark.parametrize("end", [{"outcome": "aborted", "code": "operator_no"}, {"stopped": "operator_no"}])
+def test_a_persons_no_costs_an_auto_until_it_goes_on_and_a_single_pick_nothing(end: dict[str, Any]) -> None:
+    made = run(on(0), *pick(0, **end), on(40), *pick(40), off(50), *pick(100, **end), (900, "run_end", {}))
+    assert told(made) == [
+        (Doing.PICKING, 10.0, ""),
+        (Doing.DOWN, 30.0, "operator's no"),
+        (Doing.PICKING, 10.0, ""),
+        (Doing.PICKING, 10.0, ""),
+    ]
+
+
 def test_a_fault_of_a_single_pick_costs_until_it_is_cleared() -> None:
     made = run(
         (0, "cycle_start", {}), fault(4, "camera_lost"), (5, "cycle_end", {"outcome": "fault", "code": "camera_lost"}),

@@ -2,7 +2,7 @@
 
 Two runs: the first, at the cell's own pace, has fourteen picks, two stops by a person, a miss, a camera's fault, an
 empty table, a part that was put down, teaching and jogging between autos, and ends in a kill in mid-pick. The second,
-after the restart, runs at another pace: six picks, a stop, a miss.
+after the restart, runs at another pace: seven picks, a stop, a miss; somebody refuses the way home of the last pick.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from tests.fakes.made_run import MadeRun, quiet
 
 BY_HAND = [
     {"picked": 14, "tried": 16, "released": 0, "aborted": 2, "interrupted": 1, "interventions": 4},
-    {"picked": 6, "tried": 7, "released": 0, "aborted": 1, "interrupted": 0, "interventions": 2},
+    {"picked": 7, "tried": 8, "released": 0, "aborted": 1, "interrupted": 0, "interventions": 3},
 ]
 """Interventions: of the first run, a pause, two stops and the fault that somebody had to clear; of the second, the
-restart in mid-pick, and a stop."""
-STOPS = {"operator's stop": 3, "gripper": 2, "camera cable": 1, "cut off": 1}
+restart in mid-pick, a stop, and the refused way home."""
+STOPS = {"operator's stop": 3, "gripper": 2, "camera cable": 1, "cut off": 1, "operator's no": 1}
 """The causes: of each stop, miss, fault and of the kill, once."""
 
 
@@ -99,6 +99,8 @@ def day(request: Any, tmp_path: Path) -> list[Path]:
         second.pick()
     person_stops(second)
     second.pick("missed", why="cube still lies there")
+    auto(second, True)
+    second.pick(stopped="operator_no", why="gone from where it lay; then the operator refused: home")
     runs.append(second.close(request.param))
     quiet(tmp_path)
     return runs
@@ -140,7 +142,7 @@ def test_the_day_as_status_and_metrics_count_it(day: list[Path]) -> None:
     for folder in day:
         cycle.tally.update(Outcome(c.outcome) for c in read_digest(folder).cycles if c.end is not None)
     status = cycle.status()
-    assert (status["picked"], status["tried"], status["failed"], status["aborted"]) == (20, 23, 3, 3)
+    assert (status["picked"], status["tried"], status["failed"], status["aborted"]) == (21, 24, 3, 3)
 
 
 def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> None:
@@ -153,10 +155,10 @@ def test_the_day_in_the_table_of_many_cells(day: list[Path], tmp_path: Path) -> 
     store = open_store(str(tmp_path / "store"))
     collect(store, [source_of(f"north={day[0].parent}")])
     asked = "SELECT count(*) FILTER (outcome = 'picked'), count(*) FROM cycles WHERE tried"
-    assert opened(store).execute(asked).fetchall() == [(20, 23)]
-    assert opened(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(6,)]
+    assert opened(store).execute(asked).fetchall() == [(21, 24)]
+    assert opened(store).execute("SELECT sum(interventions) FROM runs").fetchall() == [(7,)]
     (north,) = fleet_data(store, 7)["cells"]
-    assert (north["picked"], north["tried"], north["interventions"]) == (20, 23, 6)
+    assert (north["picked"], north["tried"], north["interventions"]) == (21, 24, 7)
     assert north["faults"] == {"camera cable": 1}, "a person's stop is no fault that needs somebody"
 
 
