@@ -51,15 +51,6 @@ LIT = Lighting(
 )
 """Every face of a part has a grey of its own, and the table is darker than all of them."""
 
-SUN = Lighting(
-    ambient=70.0,
-    lamps=[Lamp(position_mm=[100.0, -700.0, 900.0], radius_mm=3.0, level=260.0)],
-    gloss=0.0,
-    facet_albedo=0.8,
-    table_albedo=0.15,
-)
-"""One small lamp: shadows with sharp edges."""
-
 
 class Shot(NamedTuple):
     """A stereo pair of one part; cyclopean_from_part (4, 4) mm; facets (N, 3) mm, cyclopean, that both cameras see."""
@@ -81,90 +72,14 @@ def shot(
     seed: int = 0,
 ) -> Shot:
     """The part resting on one of its stable faces in the table's middle, seen from a direction and a distance."""
-    return shaded_shot(part, rest, elevation_deg, azimuth_deg, distance_mm, rig, None, LIT, seed)
-
-
-def taken(
-    part: PartShape,
-    things: list[RenderedSolid],
-    bodies: list[Array],
-    lit: Lighting,
-    world_from_part: Array,
-    pose: Array,
-    rig: StereoRig,
-    seed: int,
-) -> Shot:
-    """A part's pictures: what is seen, and what throws shadows."""
     rng = np.random.default_rng(seed)
-    light = CellLight(TABLE, lit)
-    light.cast(bodies)
+    world_from_part, pose = laid(part, rest, elevation_deg, azimuth_deg, distance_mm)
+    light = CellLight(TABLE, LIT)
+    light.cast([frames.apply(world_from_part, piece.vertices) for piece in part.pieces])
+    things = [RenderedSolid(piece, world_from_part, LIT.facet_albedo) for piece in part.pieces]
     pictures = [_exposed(_sharp(camera, rig.image_size, pose, things, light), rng) for camera in (rig.left, rig.right)]
     cyclopean_from_part = frames.inverse(pose) @ world_from_part
     return Shot(*pictures, part.label, cyclopean_from_part, _seen(part, cyclopean_from_part, rig))
-
-
-class Shade(NamedTuple):
-    """The straight edge of a shadow: its direction about the ray from the lamp, rad, and how far beside the part's
-    middle it passes, mm.
-    """
-
-    turn_rad: float
-    beside_mm: float
-
-
-def shaded_shot(
-    part: PartShape,
-    rest: int,
-    elevation_deg: float,
-    azimuth_deg: float,
-    distance_mm: float,
-    rig: StereoRig,
-    shade: Shade | None,
-    lit: Lighting | None = None,
-    seed: int = 0,
-) -> Shot:
-    """As `shot`, in the light of one small lamp (SUN); a screen that no camera sees throws a shadow over the part."""
-    lit = lit or SUN
-    world_from_part, pose = laid(part, rest, elevation_deg, azimuth_deg, distance_mm)
-    bodies = [frames.apply(world_from_part, piece.vertices) for piece in part.pieces]
-    if shade is not None:
-        at = frames.apply(world_from_part, part.centre_of_mass[None])[0]
-        bodies.append(_screen(np.array(lit.lamps[0].position_mm), at, shade))
-    things = [RenderedSolid(piece, world_from_part, lit.facet_albedo) for piece in part.pieces]
-    return taken(part, things, bodies, lit, world_from_part, pose, rig, seed)
-
-
-def _screen(lamp: Array, at: Array, shade: Shade) -> Array:
-    """Corners (8, 3) of a plate before a lamp; the shadow of one of its edges passes beside a point (3,)."""
-    ray = (at - lamp) / np.linalg.norm(at - lamp)
-    across = np.cross(ray, [0.0, 0.0, 1.0])
-    across /= np.linalg.norm(across)
-    up = np.cross(ray, across)
-    edge = np.cos(shade.turn_rad) * across + np.sin(shade.turn_rad) * up
-    away = np.cross(ray, edge)
-    middle = at - 250 * ray + shade.beside_mm * away
-    return np.array(
-        [middle + 400 * s * edge + 500 * t * away + d * ray for d in (-1, 1) for t in (0, 1) for s in (-1, 1)]
-    )
-
-
-def shaded_shots(rig: StereoRig, each: int, seed: int = 3, *, shaded: bool = True) -> Iterator[Shot]:
-    """As other_shots, with the edge of a shadow within 20 mm of each part's middle."""
-    for name, rest, up, turn, mm, k, rng in _anywhere(each, seed):
-        shade = Shade(rng.uniform(0, 2 * np.pi), rng.uniform(-20, 20))
-        yield shaded_shot(part_shape(name), rest, up, turn, mm, rig, shade if shaded else None, seed=seed + k)
-
-
-def shaded_training_shots(rig: StereoRig, seed: int, distance_mm: float = 560.0) -> list[Shot]:
-    """The six views of figure 5.22 with such a shadow on each."""
-    rng = np.random.default_rng(seed)
-    return [
-        shaded_shot(
-            part_shape(name), *_clearest(name, wanted, rig.baseline_mm, distance_mm), distance_mm, rig,
-            Shade(rng.uniform(0, 2 * np.pi), rng.uniform(-20, 20)), seed=seed,
-        )
-        for name, wanted in TRAINING
-    ]  # fmt: skip
 
 
 def box_shots(
@@ -186,18 +101,12 @@ def training_shots(rig: StereoRig, distance_mm: float = 560.0) -> list[Shot]:
 
 def other_shots(rig: StereoRig, each: int, seed: int = 5) -> Iterator[Shot]:
     """So many views of each part from anywhere: any rest, azimuth, 25 to 75 degrees up, 500 to 700 mm away."""
-    for name, rest, up, turn, mm, k, _ in _anywhere(each, seed):
-        yield shot(part_shape(name), rest, up, turn, mm, rig, seed + k)
-
-
-def _anywhere(each: int, seed: int) -> Iterator[tuple[str, int, float, float, float, int, np.random.Generator]]:
-    """Part, rest, elevation, azimuth (degrees), distance (mm), number of the view, and the generator of all of them."""
     rng = np.random.default_rng(seed)
     for name in dict.fromkeys(name for name, *_ in TRAINING):
         for k in range(each):
             rest = int(rng.integers(len(part_shape(name).rests)))
             up, turn, mm = rng.uniform(25, 75), rng.uniform(0, 360), rng.uniform(500, 700)
-            yield name, rest, up, turn, mm, k, rng
+            yield shot(part_shape(name), rest, up, turn, mm, rig, seed + k)
 
 
 def rig_of(baseline_mm: float, fixation_mm: float) -> StereoRig:

@@ -12,7 +12,6 @@ from daemon.arrays import Flags
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
 from daemon.vision.facets.corner_adjustment import settled
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
-from daemon.vision.facets.shades import join_shaded
 from daemon.vision.geometry import Baseline, StereoRig
 from daemon.vision.image import Outline, StereoImages, open_stereo
 from daemon.vision.settings import VisionSettings
@@ -42,8 +41,7 @@ def facets_seen(eyes: StereoImages, settings: VisionSettings) -> FacetView:
     """The facets that both eyes outline, of images already opened, which make nothing twice."""
     outlines = outlines_of(eyes, settings, in_one=False)
     chosen, refused = choose(find_candidates(outlines, eyes, settings), settings)
-    chosen, sets = _without_shades(chosen, eyes)
-    return _with_unmatched(_grouped(chosen, sets, refused, eyes, settings), outlines)
+    return _with_unmatched(_grouped(chosen, refused, eyes, settings), outlines)
 
 
 def with_lone_outlines(view: FacetView, eyes: StereoImages, settings: VisionSettings) -> FacetView:
@@ -59,18 +57,16 @@ def _with_unmatched(view: FacetView, outlines: Sequence[Sequence[Outline]]) -> F
 
 def _grouped(
     chosen: list[Candidate],
-    sets: list[Welded],
     refused: list[tuple[Candidate, str]],
     eyes: StereoImages,
     settings: VisionSettings,
 ) -> FacetView:
-    """The chosen candidates, welded in sets, as groups of facets, less those that a part stands on; these, and those
-    refused, with the reason."""
+    """The chosen candidates as groups of facets, less those that a part stands on; these, and those refused, with the
+    reason."""
     if settings.corner_detector != "line_fit":
         chosen = [_with_detected_corners(c, eyes, settings) for c in chosen]
-        sets = _welded(chosen)
     groups, under_parts = list[Group](), list[Candidate]()
-    for members, group in sets:
+    for members, group in _welded(chosen):
         whole = _settled(members, group, eyes.geometry, settings)
         under = lying_under(whole.facets)
         if not under:
@@ -88,16 +84,6 @@ def _grouped(
     )
     sigma, blur = _noise_at_parts(eyes, chosen)
     return FacetView(nearest_first(groups), rejected, *polygons, sigma, blur_px=blur)
-
-
-def _without_shades(candidates: list[Candidate], eyes: StereoImages) -> tuple[list[Candidate], list[Welded]]:
-    """Candidates, those joined that the edge of a shadow divides, and the sets in which they hang together."""
-    sets = _welded(candidates)
-    for members, group in sets:
-        joined = join_shaded(members, group.polyhedron, eyes)
-        if joined is not None:
-            return _without_shades(joined + [c for c in candidates if c not in members], eyes)
-    return candidates, sets
 
 
 def _welded(candidates: list[Candidate]) -> list[Welded]:

@@ -312,13 +312,6 @@ def fit_polygons(of_images: Sequence[tuple[MeasuredImage, Sequence[Outline]]]) -
     return fitted
 
 
-def fitted_from(sides: Sides, border_px: Array) -> Fitted:
-    """The polygon of sides (N) that were fitted already, each meeting the next; border_px (K, 2)."""
-    shape = rings([sides.start])
-    shape = shape.moved(met(shape, sides.start, sides.end))
-    return Fitted(Polygon(shape.corners, met_covariance(shape, sides), np.abs(sides.step), border_px), sides)
-
-
 def met_covariance(shape: Rings, sides: Sides) -> Array:
     """Covariance (M, 2, 2) px^2 of corners where the side before ends and the corner's own side starts."""
     chord = sides.end - sides.start

@@ -28,7 +28,6 @@ PICTURES: dict[str, Callable[[], str]] = {
     "compensation": pictures.compensation_table,
     "views": pictures.views_table,
     "taught_views": pictures.taught_views_table,
-    "shaded": pictures.shaded_table,
     "rounded": rounded.rounded_table,
 }
 TIMES: dict[str, Callable[[], str]] = {"rotation": pictures.rotation_table, "times": pictures.times_table}

@@ -8,17 +8,15 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from functools import cache
 from math import inf
-from unittest.mock import patch
 
 import numpy as np
 
 from daemon.arrays import Array
 from daemon.calibration.quick import Depth, Measured, Width, calibrate_quick
 from daemon.store.library import load_facets
-from daemon.vision.facets import reconstruct
 from daemon.vision.facets.reconstruct import find_facets
 from daemon.vision.geometry import Camera, StereoRig
 from daemon.vision.look import look
@@ -39,8 +37,6 @@ from tests.fakes.thesis_scenes import (
     corner_picture,
     other_shots,
     rig_of,
-    shaded_shots,
-    shaded_training_shots,
     training_shots,
 )
 
@@ -48,10 +44,6 @@ RUNS = 30
 EACH = 12
 """Other views shown of each part."""
 SAME_MM = 60.0
-WHOLE_MM = 4.0
-"""A facet whose corners are all this near those of a face is that face."""
-SHADE_SEED, SHADED_TEACHINGS = 21, 3
-"""Of shadows at which nothing was tuned; how often the six views are taught in shade."""
 DETECTORS: tuple[CornerDetector, ...] = ("line_fit", "mic", "median", "slope")
 FORMULAS: tuple[StereoFormula, ...] = ("exact", "thesis", "thesis_compensated")
 CORNERS_DEG = (60.0, 90.0, 110.0, 130.0, 145.0, 160.0, 165.0, 170.0)
@@ -229,37 +221,6 @@ def times_table() -> str:
         ["a look, images to named parts", "18 s", f"{1e3 * float(np.median(spent)):.0f} ms"],
     ]
     return table(["", "thesis, 166 MHz", "here"], rows)
-
-
-def shaded_table() -> str:
-    """Section 5.7, the virtual edge: faces measured, parts named and parts taught where a shadow divides faces."""
-    rows = []
-    for baseline in (60.0, 200.0):
-        rig = rig_of(baseline, AWAY_MM)
-        model = _taught(training_shots(rig), rig)
-        shown, others = list(shaded_shots(rig, EACH, SHADE_SEED)), list(other_shots(rig, EACH // 2))
-        shades = [shaded_training_shots(rig, SHADE_SEED + k) for k in range(SHADED_TEACHINGS)]
-        for joined, said in ((False, "two facets"), (True, "one facet")):
-            with nullcontext() if joined else patch.object(reconstruct, "join_shaded", lambda *_: None):
-                named = sum(_answer(shot, model, rig) == ANSWERS[0] for shot in shown)
-                whole = sum(_whole(shot, rig) for shot in shown)
-                taught = [_taught(views, rig) for views in shades]
-                again = sum(_answer(shot, m, rig) == ANSWERS[0] for m in taught for shot in others)
-            rows.append([
-                f"{baseline:g}", said, f"{whole} of {sum(len(shot.facets_mm) for shot in shown)}",
-                f"{named} of {len(shown)}", f"{again} of {len(others) * len(taught)}",
-            ])  # fmt: skip
-    return table(["baseline, mm", "a face that a shadow divides is", "faces measured whole", "shaded views named right",
-                   "views named right, taught in shade"], rows)  # fmt: skip
-
-
-def _whole(shot: Shot, rig: StereoRig) -> int:
-    """How many of the faces that both cameras see are one facet each."""
-    found = [f.corners_mm for g in find_facets(shot.left, shot.right, rig).groups for f in g.facets]
-    return sum(
-        any(len(f) == len(t) and np.linalg.norm(t[:, None] - f, axis=2).min(1).max() < WHOLE_MM for f in found)
-        for t in shot.facets_mm
-    )
 
 
 ANSWERS = ("named right", "left unnamed", "named wrong")
