@@ -6,13 +6,14 @@ Pure; the clock is an argument. What the steps do is said where they live.
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
 from daemon.vision.evidence import (
     all_accounted_for,
-    hole_evidence,
+    hole_nats,
     named_by_edges,
     verified_names,
     without_overlaps,
@@ -92,14 +93,16 @@ def look(
     if refines:
         refined = _verified(found, verified, by_edges, known, eyes)
         laid = [new.part for one, new in zip(found, refined, strict=True) if one in by_edges]
-        parts = snapped_to_support([one.part for one in refined], known, ground, laid)
+        parts = tuple(one.part for one in refined)
+        if ground is not None:
+            parts = snapped_to_support(parts, known, ground, laid)
     seconds["refine"] += now() - start
     pictures = eyes.left.grey, eyes.right.grey
-    if known.labels:
+    if known.labels and not all(part.named for part in parts):
         parts = with_causes(parts, guesses, pictures)
     ended = f"the budget of {full.budget_s:g} s (vision: budget_s) ended this look"
     seen = _notes(view, parts, model, pictures)
-    notes = (*view.notes, *seen, *depth_doubt(guesses), *(f"{ended}: {what}" for what in left_out))
+    notes = (*view.notes, *seen, *(depth_doubt(guesses) if guesses else ()), *(f"{ended}: {what}" for what in left_out))
     return Scene(parts, view.rejected, view, notes, seconds if clock else {}, guesses)
 
 
@@ -135,7 +138,8 @@ def _by_facets(
     seen = facets_seen(eyes, effort)
     start = now()
     view = seen if table is None else without_table(seen, table)
-    found = recognise(view.groups, known, hole_evidence(known, eyes))
+    holes = partial(hole_nats, eyes=eyes, tolerance_mm=known.parameters.tolerance_mm)
+    found = recognise(view.groups, known, holes)
     return _ByFacets(found, view, effort, now() - start)
 
 

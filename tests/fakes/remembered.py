@@ -10,8 +10,7 @@ import numpy as np
 from daemon.store.library import load_facets
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model import Model, empty_model, learn_solids, learn_view, type_facet
-from daemon.vision.recognition.fits import FacetHypothesis, fitted, lone_ways
-from daemon.vision.recognition.recall import recalled
+from daemon.vision.recognition.fits import FacetHypothesis, fitted, lone_ways, recalled
 from daemon.vision.settings import MemorySettings
 from tests.fakes.solids import CUBE, PENTAGONAL, PYRAMID, TRIANGULAR, Body, pose, view_of
 

@@ -19,7 +19,7 @@ from daemon.vision.evidence.edge_places import STEP, EdgePlaces, edge_places
 from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.evidence.off_faces import off_faces_px
 from daemon.vision.evidence.rivals import untaught_rival
-from daemon.vision.evidence.rounding_rivals import told_by_rounding
+from daemon.vision.evidence.rounding_rivals import any_rounded, told_by_rounding
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
@@ -87,7 +87,7 @@ def verified_names(found: Sequence[Recognised], model: Model, eyes: StereoImages
 
 
 def _checked(found: Recognised, model: Model, eyes: StereoImages) -> Recognised:
-    one = told_by_rounding(found, model, eyes)
+    one = told_by_rounding(found, model, eyes) if any_rounded(model) else found
     if not one.named:
         return one
     verdict = one.part.recognition

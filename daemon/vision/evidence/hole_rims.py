@@ -20,7 +20,6 @@ from daemon.arrays import Array
 from daemon.vision.geometry import Polyhedron, rough_fit
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model, correspondences, turns_but_for_holes
-from daemon.vision.recognition import PoseEvidence
 from daemon.vision.refine import RimSeen, rims_seen
 from daemon.vision.settings import TOLERANCE_MM
 
@@ -28,15 +27,6 @@ BY_RIM, HIDDEN_NATS, MOST_NATS = 0.7, -4.0, 5.0
 """What nats of a rim's edges weigh, and the least and the most they can come to: how seldom light hides a rim that is
 there, and how seldom one shows that is not. By 53 rims that are there and 143 that are not in rendered looks; of the
 former the least had 9 nats, of the latter the most -6. tests/bench/holes.py makes these and SHOWS again."""
-
-
-def hole_evidence(model: Model, eyes: StereoImages) -> PoseEvidence:
-    """hole_nats of a model's parts."""
-
-    def seen(label: str, pose: Array) -> float:
-        return hole_nats(model.metric[label].solid, pose, eyes, model.parameters.tolerance_mm)
-
-    return seen
 
 
 def hole_nats(solid: Polyhedron, pose: Array, eyes: StereoImages, tolerance_mm: float = TOLERANCE_MM) -> float:

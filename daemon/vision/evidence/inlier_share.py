@@ -11,7 +11,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import PlanarShape, Polyhedron, clear_of
-from daemon.vision.hypotheses import hull, pixels
+from daemon.vision.hypotheses import pixels
 from daemon.vision.image import StereoImages
 from daemon.vision.refine import ExpectedEdges, across
 
@@ -36,7 +36,7 @@ def edge_inlier_share(
     corners_px = pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)
     for view, expected, corners, nearer in zip(eyes.views, edges, corners_px, covered, strict=True):
         middle = (view.segments.start + view.segments.end) / 2
-        there = (hull(corners).depth(middle) > -ASIDE_PX) & clear_of(nearer, middle, ASIDE_PX)
+        there = (PlanarShape.hull(corners).depth(middle) > -ASIDE_PX) & clear_of(nearer, middle, ASIDE_PX)
         segments = view.segments.chosen(there)
         lengths = segments.lengths_px
         every += float(lengths.sum())

@@ -14,7 +14,6 @@ from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.evidence.edge_places import EdgePlaces
 from daemon.vision.geometry import PlanarShape, Polyhedron
-from daemon.vision.hypotheses import hull
 from daemon.vision.image import LEAST_SIGMAS, CameraImage, Segments, StereoImages, levels_across, peaks, slopes_across
 
 SHORT_PX, NEAR_PX = 4.0, 6.0
@@ -59,7 +58,7 @@ def _covers(solid: Polyhedron, pose: Array, eyes: StereoImages, one: int, hidden
         share = np.where(from_corner.all(1), count, (~from_corner).argmax(1))[:, None] / count
         far = px[corner] + share * (px[ends[edge, 1 - end]] - px[corner])
         if len(far) > 1:
-            found.append(hull(np.vstack([px[corner], far])))
+            found.append(PlanarShape.hull(np.vstack([px[corner], far])))
     return found
 
 

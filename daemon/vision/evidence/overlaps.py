@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.evidence.hole_rims import hole_evidence
+from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.geometry import PlanarShape, Polyhedron
-from daemon.vision.hypotheses import COVERED, silhouette
+from daemon.vision.hypotheses import COVERED
 from daemon.vision.image import CameraImage, StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import Recognised, joined, recognised
@@ -50,7 +51,8 @@ def without_overlaps(
 
     rest = [r for one in unnamed for r in _left_over(one, theirs, model)]
     before = (*named, *(r for r, _ in new))
-    known = joined((*before, *rest), model, hole_evidence(model, eyes))
+    holes = partial(hole_nats, eyes=eyes, tolerance_mm=model.parameters.tolerance_mm)
+    known = joined((*before, *rest), model, holes)
     kept = tuple(o for o in view.rejected if not any(_covers(r.group, o) for r, _ in new))
     return known, replace(view, groups=tuple(r.group for r in known), rejected=kept)
 
@@ -83,13 +85,15 @@ def all_accounted_for(found: Sequence[Recognised], view: FacetView, model: Model
 
 def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float:
     """Area, px², of strong edges of the left picture that lie on none of these shapes and do not lead out of it, as the
-    rim of a table does."""
+    rim of a table does; 0 where all together have less than LEFT_PX2."""
     scale = view.scale(SCALE)
     strong = (scale.strength > STRONG * scale.sigma).astype(np.uint8)
     for shape in taken:
         ring = [np.rint(shape.corners / SCALE).astype(np.int32)]
         cv2.fillPoly(strong, ring, 0)
         cv2.polylines(strong, ring, True, 0, 2 * BESIDE_PX // SCALE + 1)
+    if SCALE**2 * cv2.countNonZero(strong) < LEFT_PX2:
+        return 0.0
     _, _, boxes, _ = cv2.connectedComponentsWithStats(strong, connectivity=8)
     left, top, width, height, area = boxes[1:].T
     inside = (left > 0) & (top > 0) & (left + width < strong.shape[1]) & (top + height < strong.shape[0])
@@ -98,7 +102,8 @@ def _strong_beside_px2(taken: Sequence[PlanarShape], view: CameraImage) -> float
 
 def covered(one: Recognised, model: Model, eyes: StereoImages) -> PlanarShape:
     """What a named part covers in the left eye."""
-    return silhouette(model.metric[one.label].solid, one.part.cyclopean_from_part, eyes)
+    corners = frames.apply(one.part.cyclopean_from_part, model.metric[one.label].solid.corners_mm)
+    return PlanarShape.hull(eyes.left.eye.camera.project(corners))
 
 
 def _covers(group: Group, outline: Rejected) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.evidence.occlusion import hidden_of
 from daemon.vision.facets import triangulate
 from daemon.vision.geometry import PlanarShape, Polyhedron, SolidBatch
-from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support, silhouette
+from daemon.vision.hypotheses import COVERED, EdgeHypothesis, Search, lies_on_support
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.recognition import typed_as
@@ -45,18 +46,23 @@ those looks that were worth -2 and more without it, 288 of 295 true ones lay on 
 @dataclass(frozen=True, eq=False)
 class RegisteredPart:
     """A taught part laid onto both images at a pose (4, 4) cyclopean_from_part: what its edges show there; nats of
-    evidence and their share of what there could be; covers: what it covers in the left eye; tries: of how many at one
-    guess it is the best; rests: whether it lies on the table, where that is seen."""
+    evidence and their share of what there could be; left_px (K, 2): its corners in the left eye; tries: of how many at
+    one guess it is the best; rests: whether it lies on the table, where that is seen."""
 
     label: str
     solid: Polyhedron
     pose: Array
     seen: tuple[EdgeSamples, EdgeSamples]
     borne: EdgeEvidence
-    covers: PlanarShape
+    left_px: Array
     tries: float = 1.0
     rests: bool | None = None
     covered: tuple[Sequence[PlanarShape], Sequence[PlanarShape]] = ((), ())
+
+    @cached_property
+    def covers(self) -> PlanarShape:
+        """What it covers in the left eye."""
+        return PlanarShape.hull(self.left_px)
 
     @property
     def odds(self) -> float:
@@ -102,12 +108,12 @@ def registered_at(search: Search, likely: Sequence[EdgeHypothesis]) -> Iterator[
     solids, poses = [model.metric[one.label].solid for one in likely], np.stack([one.pose for one in likely])
     laid, tolerance = SolidBatch.of(solids), model.parameters.tolerance_mm
     seen = edge_samples_of(laid, eyes, poses, tolerance)
+    corners = laid.corners_mm @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3]
+    left_px = eyes.left.eye.camera.project(corners).reshape(*corners.shape[:2], 2)
     for k, (one, solid, pose) in enumerate(zip(likely, solids, poses, strict=True)):
         own = seen[0].only(k, laid), seen[1].only(k, laid)
         rests = None if ground is None else lies_on_support(ground, solid, pose)
-        yield RegisteredPart(
-            one.label, solid, pose, own, EdgeEvidence.of(own), silhouette(solid, pose, eyes), one.tries, rests
-        )
+        yield RegisteredPart(one.label, solid, pose, own, EdgeEvidence.of(own), left_px[k], one.tries, rests)
 
 
 class MeasuredPart(NamedTuple):

@@ -158,6 +158,12 @@ def _roundings_mm(solid: Polyhedron) -> float:
 
 
 @lru_cache(maxsize=4)
+def any_rounded(model: Model) -> bool:
+    """Whether a part was taught that has rounded corners."""
+    return any(squared(known.solid) is not known.solid for known in model.metric.values())
+
+
+@lru_cache(maxsize=4)
 def _squared(solids: tuple[Polyhedron, ...]) -> tuple[Polyhedron, ...]:
     """All that is taught with its corners sharp."""
     return tuple(map(squared, solids))

@@ -37,7 +37,16 @@ from daemon.vision.geometry.polygon import (
     sides_of,
     tidy,
 )
-from daemon.vision.geometry.polyhedron import Hole, OutlineArc, Polyhedron, exact, united, with_rings
+from daemon.vision.geometry.polyhedron import (
+    Hole,
+    OutlineArc,
+    Polyhedron,
+    SolidBatch,
+    exact,
+    thickness,
+    united,
+    with_rings,
+)
 from daemon.vision.geometry.rig import (
     Baseline,
     Camera,
@@ -48,16 +57,17 @@ from daemon.vision.geometry.rig import (
     disparity,
     moved_rig,
 )
-from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
 from daemon.vision.geometry.robust_least_squares import (
+    Fits,
     LeastSquaresFit,
     chi_square_limit,
     chi_square_tail,
+    fit_poses,
     robust_weight,
+    rough_fit,
     solve,
     whitener,
 )
-from daemon.vision.geometry.solid_batch import SolidBatch, thickness
 from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [

@@ -47,6 +47,11 @@ class PlanarShape:
         right, bottom = corners.max(0).tolist()
         return cls(points, (left, top, right, bottom), cv2.contourArea(points))
 
+    @classmethod
+    def hull(cls, points: Array) -> PlanarShape:
+        """The convex hull of points (N, 2) px."""
+        return cls.of(cv2.convexHull(points.astype(np.float32))[:, 0].astype(float))
+
     def common(self, other: PlanarShape) -> float:
         """Area in both; exact when both are convex."""
         a, b = self.box, other.box

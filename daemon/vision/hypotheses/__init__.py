@@ -2,7 +2,7 @@
 
 from daemon.vision.hypotheses.directional_edge_map import edge_distances, in_sizes, self_similarity
 from daemon.vision.hypotheses.junctions import indistinguishable_turns
-from daemon.vision.hypotheses.pose_batch import COVERED, hull, pixels, silhouette
+from daemon.vision.hypotheses.pose_batch import COVERED, pixels
 from daemon.vision.hypotheses.resting_poses import (
     SupportPlane,
     lies_on_support,
@@ -29,7 +29,6 @@ __all__ = [
     "Search",
     "SupportPlane",
     "edge_distances",
-    "hull",
     "hypotheses_from_facets",
     "hypotheses_from_junctions",
     "hypotheses_on_support",
@@ -40,7 +39,6 @@ __all__ = [
     "pixels",
     "prepare",
     "self_similarity",
-    "silhouette",
     "snapped_to_support",
     "snapped_where_it_lies",
 ]

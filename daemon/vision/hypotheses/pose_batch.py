@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron, SolidBatch
-from daemon.vision.image import StereoImages
+from daemon.vision.geometry import Baseline, SolidBatch
 from daemon.vision.model import Model
 
 COVERED = 0.2  # of the smaller area; more than that, and the two cannot both be there
@@ -89,13 +86,3 @@ def pixels(points: Array, geometry: Baseline) -> tuple[Array, Array]:
     """Where either eye sees points (N, 3) mm cyclopean: (N, 2) px each."""
     left, right = geometry.project(points)
     return geometry.left.pixels(left), geometry.right.pixels(right)
-
-
-def silhouette(solid: Polyhedron, pose: Array, eyes: StereoImages) -> PlanarShape:
-    """What a part at cyclopean_from_part (4, 4) covers in the left eye."""
-    return hull(pixels(frames.apply(pose, solid.corners_mm), eyes.geometry)[0])
-
-
-def hull(corners_px: Array) -> PlanarShape:
-    """What a part covers whose corners are seen at (K, 2) px."""
-    return PlanarShape.of(cv2.convexHull(corners_px.astype(np.float32))[:, 0].astype(float))

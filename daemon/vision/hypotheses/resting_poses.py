@@ -219,11 +219,11 @@ to have sunk in, which none has, so much that it is no table."""
 
 
 def snapped_to_support(
-    parts: Sequence[Part], model: Model, ground: SupportPlane | None, by_edges: Sequence[Part] = ()
+    parts: Sequence[Part], model: Model, ground: SupportPlane, by_edges: Sequence[Part] = ()
 ) -> tuple[Part, ...]:
     """The parts, the named ones that lie on a table which is seen where their edges and it together have them; those
     that edges named lie there already."""
-    if ground is None or not ground.seen:
+    if not ground.seen:
         return tuple(parts)
     done = [not part.named or any(part is other for other in by_edges) for part in parts]
     return tuple(part if there else _laid(part, model, ground) for part, there in zip(parts, done, strict=True))

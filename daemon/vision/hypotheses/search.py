@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
 from daemon.vision.hypotheses.circles import circles_seen, poses_from_circles, rims_of
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
-from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, hull, ideal, pixels, taught_solids
+from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, ideal, pixels, taught_solids
 from daemon.vision.hypotheses.resting_junctions import poses_on_support, resting_junctions_of
 from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_poses
 from daemon.vision.image import SegmentCorners, StereoImages, joined, ranks, segment_corners
@@ -92,6 +92,7 @@ class RankedHypotheses(NamedTuple):
     left_out: tuple[str, ...] = ()
 
 
+@lru_cache(maxsize=4)
 def prepare(model: Model) -> None:
     """Make what is made once of taught parts, and kept for all looks: .5 s of a thousand on a desktop's core."""
     shapes = taught_solids(model).shapes
@@ -206,7 +207,7 @@ def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> list[EdgeHypot
     kept, shapes = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
     posed, labels = guesses.posed, list(search.model.metric)
     for k, corners_px in islice(distinct(guesses, search.eyes), LOOKED_AT):
-        shape, against, label = hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
+        shape, against, label = PlanarShape.hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):

@@ -24,7 +24,6 @@ from daemon.vision.model.model import (
     learn_view,
     relearnt,
 )
-from daemon.vision.model.regularisation import regularise
 from daemon.vision.model.relations import FEATURES, MATRIX_SIZE, relational_view, types_of
 from daemon.vision.model.symmetry import EXACT_MM, mirror_images, symmetries, turns_but_for_holes, turns_onto_themselves
 
@@ -55,7 +54,6 @@ __all__ = [
     "learn_view",
     "merge_views",
     "mirror_images",
-    "regularise",
     "relational_view",
     "relearnt",
     "spread",

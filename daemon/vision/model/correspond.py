@@ -1,7 +1,7 @@
 """Which taught facet each seen facet may be: every numbering under which shared edges stay shared.
 
 In: two solids (corners only as indices). Out: correspondences of facets and corners. No lengths, no angles: those
-judge afterwards (geometry/rigid_fit.py).
+judge afterwards (geometry/robust_least_squares.py).
 """
 
 from collections import deque

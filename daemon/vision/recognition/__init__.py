@@ -1,7 +1,7 @@
 """A group of facets and a model -> label, pose, confidence; or unknown, with the reason. No image."""
 
 from daemon.vision.recognition.confidence import kinds_of
-from daemon.vision.recognition.fits import PoseEvidence, fitted, places_of
+from daemon.vision.recognition.fits import PoseEvidence, fitted, places_of, recalled
 from daemon.vision.recognition.group_recognition import (
     CandidatePose,
     Recognised,
@@ -14,7 +14,6 @@ from daemon.vision.recognition.group_recognition import (
     typed_as,
     without_name,
 )
-from daemon.vision.recognition.recall import recalled
 
 __all__ = [
     "CandidatePose",

@@ -14,19 +14,20 @@ import numpy as np
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.facets import merge_vertices
 from daemon.vision.geometry import newell_normal
-from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, regularise, type_number, types_of
+from daemon.vision.model import LARGEST_NUMBER, FacetLibrary, Model, type_number, types_of
 from daemon.vision.recognition.confidence import probability, weighed
 from daemon.vision.recognition.fits import (
     FacetHypothesis,
     PoseEvidence,
+    Recalled,
     equivalents,
     facet_poses,
     fitted,
     lone_ways,
     most_likely_corners,
+    recalled,
     with_evidence,
 )
-from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import UNKNOWN, Facet, Group, Part, Recognition
 
 LEAST_TAIL = 1e-4  # a right hypothesis may fit so badly only this rarely
@@ -135,7 +136,7 @@ def suspected(facet: Facet, model: Model) -> tuple[Index, Array]:
 def without_name(one: Recognised, why: str, confidence: float, model: Model) -> Recognised:
     """A named group without its name, in which one may no longer have more than a confidence."""
     verdict = _silent((one.label,), 1 - confidence, why, (one.label,))
-    return replace(one, part=_unknown_part(_typed(one.group, model).group, model, verdict))
+    return replace(one, part=_unknown_part(_typed(one.group, model).group, verdict))
 
 
 def standing(group: Group, model: Model) -> tuple[CandidatePose, ...]:
@@ -153,13 +154,13 @@ def recognise_group(group: Group, model: Model, evidence: PoseEvidence | None = 
     typed = _typed(group, model)
     seen = typed.group
     proposed, fits = _proposed(typed, model)
-    fits = with_evidence(fits, evidence)
+    fits = with_evidence(fits, evidence, model.metric)
     best = _best_by_label(fits)
     standing = [h for h in fits if _stands(h, seen)]
     chances = probability(seen.polyhedron, standing, model) if standing else {}
     verdict = _verdict(seen, best, proposed, chances, model)
     if verdict.label == UNKNOWN:
-        return _unknown_part(seen, model, verdict)
+        return _unknown_part(seen, verdict)
     winner = next(h for h in best if h.label == verdict.label)
     taught = model.metric[winner.label].solid
     facets = typed_as(seen.facets, (taught.types[g] for g in winner.facets), model.library)
@@ -281,9 +282,9 @@ def typed_as(facets: Iterable[Facet], kinds: Iterable[str], library: FacetLibrar
     )
 
 
-def _unknown_part(seen: Group, model: Model, verdict: Recognition) -> Part:
-    """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as regular as their types."""
-    corners = regularise(seen.polyhedron, model.library).corners_mm
+def _unknown_part(seen: Group, verdict: Recognition) -> Part:
+    """An unnamed part sits at its corners' centroid, with the camera's axes; its corners as they were measured."""
+    corners = seen.polyhedron.corners_mm
     pose = np.eye(4)
     pose[:3, 3] = corners.mean(0)
     covariance = np.diag([0.0, 0.0, 0.0, np.pi**2, np.pi**2, np.pi**2])

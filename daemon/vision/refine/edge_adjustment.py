@@ -224,7 +224,7 @@ def _adjusted(
             observed = [seen.only(k, laid) for seen in both]
             open_[k] = sum(int((seen.there & seen.edges.sharp).sum()) for seen in observed) >= FEWEST_EDGES
             if open_[k]:
-                rims = rim_places(shapes[k], poses[k], eyes, tolerance_mm)
+                rims = rim_places(shapes[k], poses[k], eyes, tolerance_mm) if shapes[k].holes else []
                 found[k] = one = adjusted(shapes[k], poses[k], observed, tolerance_mm, rims=rims)
                 open_[k] = np.linalg.norm(one.motion * ([1.0] * 3 + [LEVER_MM] * 3)) > SMALL_MM
                 poses[k] = one.pose

@@ -187,7 +187,8 @@ def fit_at(
         first = first or (left, right)
         if left.sides is None and right.sides is None:  # the lines led it out of both pictures
             return stays, first
-        final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rim_places(shape, pose, eyes, tolerance_mm))
+        rims = rim_places(shape, pose, eyes, tolerance_mm) if shape.holes else []
+        final = adjusted(shape, pose, (left, right), tolerance_mm, anchor, rims)
         pose = final.pose
         led = frames.difference(pose, anchor[0])
         if led @ PRIOR @ led > FARTHEST_CHI2:

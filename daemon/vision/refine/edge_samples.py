@@ -91,6 +91,8 @@ class EdgeSamples:
 
     def only(self, placement: int, laid: SolidBatch) -> EdgeSamples:
         """Those of one placement."""
+        if len(laid.shapes) == 1:
+            return self
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, laid.corners_of(placement))
         return EdgeSamples(edges, self.sigmas[own], self.surprise[own], self.there[own], self.visible[own])

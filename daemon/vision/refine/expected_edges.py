@@ -141,6 +141,8 @@ class EdgeObservation:
 
     def only(self, placement: int, laid: SolidBatch) -> EdgeObservation:
         """What was found of one placement's edges."""
+        if len(laid.shapes) == 1:
+            return self
         own = np.flatnonzero(self.edges.owner == placement)
         edges = self.edges.only(own, laid.corners_of(placement))
         sides = None if self.sides is None else self.sides.chosen(own)

@@ -15,7 +15,7 @@ from daemon.vision.evidence import by_edges
 from daemon.vision.evidence.photo_consistency import face_consistency
 from daemon.vision.evidence.rivals import LEAST_APART, ahead_of_sizes, cut_off
 from daemon.vision.geometry import StereoRig, exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solid

@@ -10,7 +10,7 @@ import pytest
 from daemon.vision.evidence.by_edges import USUAL_EXPLAINED
 from daemon.vision.evidence.inlier_share import edge_inlier_share
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.refine.expected_edges import expected
 from tests.fakes.painted import paint_pair

@@ -13,7 +13,7 @@ from daemon.arrays import Array
 from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import solid_drawn
 from daemon.vision.geometry import StereoRig, exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import learn_solids

@@ -12,7 +12,7 @@ from daemon.vision.evidence.counter_evidence import RIVAL_NATS
 from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.evidence.rivals import UntaughtRival, by_own_edges, untaught_rival, without_corner
 from daemon.vision.geometry import Polyhedron, exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.look import look
 from daemon.vision.refine.edge_samples import EdgeSamples, edge_samples_of

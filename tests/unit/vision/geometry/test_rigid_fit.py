@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.vision.geometry import rigid_fit
-from daemon.vision.geometry.rigid_fit import Fits, fit_poses, rough_fit
+from daemon.vision.geometry import robust_least_squares
+from daemon.vision.geometry.robust_least_squares import Fits, fit_poses, rough_fit
 
 CUBE = np.array([[x, y, z] for x in (-25.0, 25) for y in (-25.0, 25) for z in (-25.0, 25)])
 SEEN = CUBE[[0, 1, 2, 3, 4, 5, 6]]
@@ -72,7 +72,7 @@ def test_another_step_would_move_no_corner_by_a_micrometre(monkeypatch: pytest.M
     looks = [noisy(pose, rng) for _ in range(40)]
     true = frames.apply(pose, SEEN)
     for more in (0, 3):
-        monkeypatch.setattr(rigid_fit, "STEPS", rigid_fit.STEPS + more)
+        monkeypatch.setattr(robust_least_squares, "STEPS", robust_least_squares.STEPS + more)
         there.append([frames.apply(fit(true + 3 * (seen - true), doubt).poses[0], SEEN) for seen, doubt in looks])
     assert np.abs(np.array(there[0]) - np.array(there[1])).max() < 1e-3
 

@@ -9,7 +9,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses import junctions
 from daemon.vision.hypotheses.directional_edge_map import edge_distances
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions

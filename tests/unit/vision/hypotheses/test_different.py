@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import CELL_MM, ScoredPoses, distinct, thinned
 from tests.fakes.solids import KNOWN

@@ -11,7 +11,7 @@ import pytest
 from daemon import frames
 from daemon.vision.evidence.photo_consistency import ENOUGH, _on_face, face_consistency, print_apart_px
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses.directional_edge_map import (
     DirectionalEdgeMap,
     Rays,

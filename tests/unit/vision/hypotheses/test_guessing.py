@@ -7,7 +7,7 @@ import pytest
 
 from daemon import frames
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses import search
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.search import ScoredPoses

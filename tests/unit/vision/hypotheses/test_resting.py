@@ -11,7 +11,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses import resting_poses
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.hypotheses.resting_poses import (

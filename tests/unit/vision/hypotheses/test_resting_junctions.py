@@ -13,7 +13,7 @@ from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import Polyhedron, baseline, exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses import resting_junctions
 from daemon.vision.hypotheses.directional_edge_map import edge_distances
 from daemon.vision.hypotheses.junctions import CameraJunctions

@@ -10,7 +10,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.hypotheses.directional_edge_map import edge_distances, evidence
 from daemon.vision.hypotheses.junctions import angle, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import PoseBatch

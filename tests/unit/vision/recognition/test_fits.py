@@ -14,8 +14,7 @@ from daemon.vision.geometry.polyhedron import Polyhedron, exact
 from daemon.vision.model.correspond import spread_from
 from daemon.vision.model.merge import MetricModel
 from daemon.vision.model.symmetry import symmetries
-from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_poses
-from daemon.vision.recognition.recall import recalled
+from daemon.vision.recognition.fits import FacetHypothesis, equivalents, facet_poses, recalled
 from daemon.vision.settings import MemorySettings
 from tests.fakes.drawn import block
 from tests.fakes.remembered import hypotheses, remembered

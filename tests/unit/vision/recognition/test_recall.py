@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from daemon.vision.geometry.polyhedron import Polyhedron
 from daemon.vision.model import Model, empty_model, relational_view, types_of
+from daemon.vision.recognition.fits import Recalled, recalled
 from daemon.vision.recognition.group_recognition import recognise_group, standing
-from daemon.vision.recognition.recall import Recalled, recalled
 from daemon.vision.values import Group
 from tests.fakes import drawn
 from tests.fakes.remembered import LIBRARY, SIX_VIEWS, remembered, shown

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.vision.geometry.polyhedron import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch, exact
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose

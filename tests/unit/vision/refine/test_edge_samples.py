@@ -10,7 +10,7 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import exact
-from daemon.vision.geometry.solid_batch import SolidBatch
+from daemon.vision.geometry.polyhedron import SolidBatch
 from daemon.vision.image.stereo_images import StereoImages, open_stereo
 from daemon.vision.refine.edge_samples import EdgeEvidence, aligned_to_edges, edge_samples_of
 from tests.fakes.printed import print_pair, straight_rig
