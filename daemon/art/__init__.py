@@ -5,5 +5,3 @@ out. The rest of the ART family, for comparison, is in tests/bench/networks/.
 from daemon.art.art1 import ART1
 from daemon.art.errors import ArtError, InputError, ParameterError
 from daemon.art.relation_artmap import RelationalView, RelationARTMAP
-
-__all__ = ["ART1", "ArtError", "InputError", "ParameterError", "RelationARTMAP", "RelationalView"]

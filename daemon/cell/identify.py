@@ -13,10 +13,13 @@ from typing import Any
 
 from daemon.errors import FacetdError
 from drivers.val2 import first_contact
-from drivers.val2.contact_findings import Consult, ContactFindings, Exchange, Heard, Speed, Step, Tell, UnclearError
+from drivers.val2.contact_findings import Consult as Consult
+from drivers.val2.contact_findings import ContactFindings as ContactFindings
+from drivers.val2.contact_findings import Exchange, Heard, Speed, Step, Tell, UnclearError
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
-from drivers.val2.first_contact import BAUDS, BY_PENDANT
+from drivers.val2.first_contact import BAUDS as BAUDS
+from drivers.val2.first_contact import BY_PENDANT
 from drivers.val2.port import OpenPort, Port, SerialPort
 
 Write = Callable[[dict[str, Any]], None]
@@ -32,18 +35,6 @@ class StoppedByPersonError(FacetdError):
 EXPECTED: tuple[type[Exception], ...] = (UnclearError, StoppedByPersonError, LinkError)
 """Errors that end an identification."""
 serial_port: OpenPort = SerialPort
-__all__ = [
-    "BAUDS",
-    "EXPECTED",
-    "Consult",
-    "ContactFindings",
-    "Person",
-    "StoppedByPersonError",
-    "identify",
-    "read_transcript",
-    "replay",
-    "serial_port",
-]
 
 
 @dataclass(frozen=True)

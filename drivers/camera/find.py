@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.camera import v4l2
 from drivers.camera.controls import Control, list_controls
-from drivers.camera.node import LINUX, OpenNode, System
+from drivers.camera.node import LINUX, FileNode, Linux
 from drivers.camera.pair import CameraError
 
 
@@ -41,7 +41,7 @@ class Device:
     controls: tuple[Control, ...] = ()
 
 
-def camera_error(error: OSError, camera: str, path: str, system: System) -> CameraError:
+def camera_error(error: OSError, camera: str, path: str, system: Linux) -> CameraError:
     """The CameraError for an error of the kernel: what happened and what to do."""
     where = f"{camera} camera {path}"
     if error.errno in (errno.EACCES, errno.EPERM):
@@ -62,7 +62,7 @@ def camera_error(error: OSError, camera: str, path: str, system: System) -> Came
 
 
 @contextmanager
-def kernel_errors(camera: str, path: str, system: System) -> Iterator[None]:
+def kernel_errors(camera: str, path: str, system: Linux) -> Iterator[None]:
     """Raise errors of the kernel as CameraError."""
     try:
         yield
@@ -70,7 +70,7 @@ def kernel_errors(camera: str, path: str, system: System) -> Iterator[None]:
         raise camera_error(error, camera, path, system) from error
 
 
-def _rates(node: OpenNode, code: int, width: int, height: int) -> str:
+def _rates(node: FileNode, code: int, width: int, height: int) -> str:
     intervals = [
         i.values[0] for i in v4l2.enumerate_intervals(node, code, width, height) if i.type == v4l2.SIZE_DISCRETE
     ]
@@ -78,14 +78,14 @@ def _rates(node: OpenNode, code: int, width: int, height: int) -> str:
     return f" ({rates} fps)" if rates else ""
 
 
-def _size(node: OpenNode, code: int, size: v4l2.FrameSize) -> str:
+def _size(node: FileNode, code: int, size: v4l2.FrameSize) -> str:
     v = list(size.values)
     if size.type == v4l2.SIZE_DISCRETE:
         return f"{v[0]}x{v[1]}{_rates(node, code, v[0], v[1])}"
     return f"{v[0]}x{v[3]} to {v[1]}x{v[4]}"
 
 
-def offers(node: OpenNode) -> tuple[Offer, ...]:
+def offers(node: FileNode) -> tuple[Offer, ...]:
     """Every pixel format with its sizes. Raises OSError."""
     found = []
     for entry in v4l2.enumerate_formats(node):
@@ -97,7 +97,7 @@ def offers(node: OpenNode) -> tuple[Offer, ...]:
     return tuple(found)
 
 
-def examine(path: str, system: System, full: bool = True) -> Device | None:
+def examine(path: str, system: Linux, full: bool = True) -> Device | None:
     """The device at a node; None where it does not capture video. full: with formats and controls. Raises OSError."""
     node = system.open(path)
     try:
@@ -112,7 +112,7 @@ def examine(path: str, system: System, full: bool = True) -> Device | None:
         node.close()
 
 
-def list_devices(system: System, full: bool = True) -> tuple[list[Device], list[str]]:
+def list_devices(system: Linux, full: bool = True) -> tuple[list[Device], list[str]]:
     """Every node that captures video, and a line for each that could not be read."""
     devices, notes = [], []
     for path in system.nodes():
@@ -126,7 +126,7 @@ def list_devices(system: System, full: bool = True) -> tuple[list[Device], list[
     return devices, notes
 
 
-def device_rows(system: System = LINUX) -> tuple[list[dict[str, Any]], list[str]]:
+def device_rows(system: Linux = LINUX) -> tuple[list[dict[str, Any]], list[str]]:
     """Every capture device as a row for listings and machines, and a line for each node that cannot be read."""
     devices, notes = list_devices(system)
     rows = [
@@ -146,7 +146,7 @@ def _choices(devices: Iterable[Device], notes: Iterable[str], nodes: Sequence[st
     return "; ".join([*lines, *notes]) or idle
 
 
-def find(name: str, camera: str, system: System) -> str:
+def find(name: str, camera: str, system: Linux) -> str:
     """The node of a device name (see CameraSettings). Raises CameraError, which lists the devices there are."""
     path = system.resolve(f"/dev/video{name}" if name.isdigit() else name)
     if path is not None:

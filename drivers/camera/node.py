@@ -1,6 +1,5 @@
-"""Video device nodes of the operating system: list, open, map, wait. The only module here that touches /dev.
-
-Tests replace `LINUX` by a fake `System`.
+"""Video device nodes of the operating system: list, open, map, wait. The only module here that touches /dev. Tests
+replace `LINUX`.
 """
 
 import ctypes
@@ -10,45 +9,10 @@ import os
 import select
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
-
-from drivers.camera import v4l2
-
-
-class OpenNode(v4l2.Node, Protocol):
-    """An open device node."""
-
-    def map(self, offset: int, length: int) -> mmap.mmap:
-        """Map one driver buffer. Raises OSError."""
-
-    def close(self) -> None:
-        """Close; safe to call twice."""
-
-
-class System(Protocol):
-    """The operating system as the camera driver uses it."""
-
-    def nodes(self) -> list[str]:
-        """Paths of all video nodes, by number."""
-
-    def resolve(self, name: str) -> str | None:
-        """The node of an absolute path or link; None where there is none."""
-
-    def links(self, path: str) -> list[str]:
-        """Stable names (paths under /dev/v4l) of this node."""
-
-    def holders(self, path: str) -> list[str]:
-        """Programs that have the node open, as far as this process may see."""
-
-    def open(self, path: str) -> OpenNode:
-        """Open for capture. Raises OSError."""
-
-    def wait(self, nodes: Sequence[OpenNode], timeout_s: float) -> bool:
-        """Wait until one of the nodes has a frame or an error; False on timeout."""
 
 
 class FileNode:
-    """An open, non-blocking /dev/videoN."""
+    """An open, non-blocking /dev/videoN. Its methods raise OSError."""
 
     def __init__(self, path: str) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -85,6 +49,7 @@ class Linux:
         return [f"/dev/video{n}" for n in sorted(int(n) for n in numbers if n.isdigit())]
 
     def resolve(self, name: str) -> str | None:
+        """The node of an absolute path or link; None where there is none."""
         return os.path.realpath(name) if name.startswith("/") and os.path.exists(name) else None
 
     def links(self, path: str) -> list[str]:
@@ -106,11 +71,11 @@ class Linux:
         """Open for capture."""
         return FileNode(path)
 
-    def wait(self, nodes: Sequence[OpenNode], timeout_s: float) -> bool:
+    def wait(self, nodes: Sequence[FileNode], timeout_s: float) -> bool:
+        """Wait until one of the nodes has a frame or an error; False on timeout."""
         poll = select.poll()
         for node in nodes:
-            if isinstance(node, FileNode):
-                poll.register(node.fileno(), select.POLLIN | select.POLLPRI)
+            poll.register(node.fileno(), select.POLLIN | select.POLLPRI)
         return bool(poll.poll(max(0.0, timeout_s) * 1000.0))
 
 

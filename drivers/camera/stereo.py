@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.camera import stream
-from drivers.camera.node import LINUX, System
+from drivers.camera.node import LINUX, Linux
 from drivers.camera.pair import CameraError, EyeName, Frame, StereoCamera, StereoPair
 from drivers.camera.pairing import newest_pair, why_no_pair
 from drivers.camera.pixels import DamagedFrameError
@@ -38,7 +38,7 @@ class V4L2StereoCamera:
     """A StereoCamera (pair.py) of V4L2 devices. One caller at a time."""
 
     def __init__(
-        self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: System = LINUX
+        self, settings: CameraSettings, clock: Callable[[], float] = time.monotonic, system: Linux = LINUX
     ) -> None:
         self._settings, self._clock, self._system = settings, clock, system
         self._streams: tuple[CameraStream, ...] = ()

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from drivers.camera import controls, find, v4l2
-from drivers.camera.node import OpenNode, System
+from drivers.camera.node import FileNode, Linux
 from drivers.camera.pair import CameraError
 from drivers.camera.pairing import FrameExposure, exposure_of
 from drivers.camera.pixels import FORMATS, Image, Layout, read_grey, stride, whole_frame_bytes
@@ -44,7 +44,7 @@ class StreamTally:
 class CameraStream:
     """An open, streaming camera, made by `start`. Any method may raise CameraError; then call stop()."""
 
-    def __init__(self, name: str, path: str, node: OpenNode, system: System, clock: Callable[[], float]) -> None:
+    def __init__(self, name: str, path: str, node: FileNode, system: Linux, clock: Callable[[], float]) -> None:
         self.name, self.path, self.node = name, path, node
         self.card = ""
         self.tally = StreamTally()
@@ -191,7 +191,7 @@ class CameraStream:
         return find.kernel_errors(self.name, self.path, self._system)
 
 
-def start(name: str, device: str, settings: CameraSettings, system: System, clock: Callable[[], float]) -> CameraStream:
+def start(name: str, device: str, settings: CameraSettings, system: Linux, clock: Callable[[], float]) -> CameraStream:
     """Find, open and start one camera. Raises CameraError, with nothing left open."""
     path = find.find(device, name, system)
     with find.kernel_errors(name, path, system):

@@ -34,23 +34,6 @@ from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import LineSession, confirms
 from drivers.val2.wire import ControllerQuestion, LineEvent, Where
 
-__all__ = [
-    "ControllerAnswer",
-    "ControllerError",
-    "Dialect",
-    "Disturbed",
-    "Elsewhere",
-    "Garbled",
-    "Link",
-    "LinkError",
-    "NoAnswer",
-    "PortError",
-    "Preempted",
-    "Start",
-    "StopRefused",
-    "Where",
-]
-
 ABORT_ATTEMPTS = 5
 MOST_JUDGED = 3
 """Answers to the word that stops the arm, until one of them has none of the controller's own words in it."""

@@ -6,5 +6,3 @@ from drivers.simcell.controller.faults import Faults, LineFault, Mishap
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.manners import Manners
 from drivers.simcell.controller.server import PtyServer
-
-__all__ = ["Controller", "Faults", "LineFault", "Machine", "Manners", "Mishap", "PtyServer"]
