@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import InputError, ParameterError, within
 
 

@@ -17,8 +17,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Flags, Index, Single
+from daemon.arrays import Array, Flags, Index
 from daemon.art.errors import InputError, ParameterError, within
 
 MOST_STATES = 4096
@@ -193,7 +194,7 @@ class RelationARTMAP:
         return memory._and(recent), ended
 
     @cached_property
-    def _relations(self) -> tuple[Index, Single, Single]:
+    def _relations(self) -> tuple[Index, NDArray[np.float32], NDArray[np.float32]]:
         """Node and slots a, b (3, K) of every ordered pair that touches in a node; lower and upper ends (2 + 2 C, K) of
         its elements: categories of a and b, features of (a, b), features of (b, a)."""
         node, a, b = np.nonzero(self.upper[:, 0] > 0)

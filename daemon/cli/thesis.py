@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from daemon.errors import DONE, FacetdError, spelt
-from daemon.quantities import decimal, shown
+from daemon.quantities import decimal, within
 
 
 class SilhouetteError(FacetdError):
@@ -25,20 +25,12 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "silhouettes", help="ART 1 sorts outlines of dark objects on a light background (section 4.1)"
     )
     silhouettes.add_argument("pictures", type=Path, nargs="+", metavar="PICTURE", help="one object each, in this order")
-    silhouettes.add_argument("--vigilance", type=_share, default=0.4, help="0 to 1 (default 0.4, as the thesis)")
+    silhouettes.add_argument(
+        "--vigilance", type=within(decimal, 0.0, 1.0), default=0.4, help="0 to 1 (default 0.4, as the thesis)"
+    )
     silhouettes.add_argument("--show", action="store_true", help="print each pattern of 20 x 20 too")
     silhouettes.add_argument("--json", action="store_true", help="one line for machines")
     silhouettes.set_defaults(run=_silhouettes)
-
-
-def _share(text: str) -> float:
-    try:
-        value = decimal(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, found {shown(text)}")
-    return value
 
 
 def _silhouettes(args: argparse.Namespace) -> int:

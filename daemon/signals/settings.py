@@ -11,10 +11,7 @@ from daemon.store.yamlfile import Document
 
 Input = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset"]
 Output = Literal["busy", "part_done", "fault", "vacuum", "blow_off"]
-Role = Literal[
-    "permit_pick", "permit_place", "cycle_start", "part_present", "part_held", "reset", "busy", "part_done", "fault",
-    "vacuum", "blow_off",
-]  # fmt: skip
+Role = Literal[Input, Output]
 VALVES: tuple[str, ...] = ("vacuum", "blow_off")
 """Outputs that work a suction cup: they are switched with the gripper alone."""
 PLCRole = Literal["permit_pick", "permit_place", "cycle_start", "part_present", "reset"]

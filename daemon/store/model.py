@@ -178,14 +178,21 @@ def to_bytes(model: Model, *, trained: str = "", codes: dict[str, str] | None = 
         "trained": trained,
         "parameters": asdict(model.parameters),
         "matrix_size": model.artmap.slots,
-        "parts": list(model.labels),
+        "parts": model.labels,
         "codes": codes if codes is not None else _counted_codes(model.labels),
         "library": {**_library_header(model.library), "sha256": library_digest(model.library)},
-        "views": [_view_header(v) for v in model.views],
-        "metric": [
-            {"label": label, "solid": _solid_header(m.solid), "joined": list(m.joined)}
-            for label, m in model.metric.items()
+        "views": [
+            {
+                "label": v.label,
+                "sides": v.sides,
+                "node": v.node,
+                "slots": v.slots,
+                "source": v.source,
+                "solid": None if v.solid is None else _solid_header(v.solid),
+            }
+            for v in model.views
         ],
+        "metric": [{"label": k, "solid": _solid_header(m.solid), "joined": m.joined} for k, m in model.metric.items()],
     }
     header = spelt_throughout(header)  # sources are files' names, which need not be UTF-8
     header["sha256"] = _checksum(header, arrays)
@@ -241,9 +248,9 @@ def _arrays(model: Model) -> Arrays:
 
 
 def _solid_header(solid: Polyhedron) -> dict[str, Any]:
-    header: dict[str, Any] = {"facets": [list(f) for f in solid.facets], "types": list(solid.types)}
+    header: dict[str, Any] = {"facets": solid.facets, "types": solid.types}
     if solid.smooth:
-        header["smooth"] = sorted(map(list, solid.smooth))
+        header["smooth"] = sorted(solid.smooth)
     if len(solid.covers):
         header["covers"] = solid.covers.round(4).tolist()
     if solid.holes:
@@ -251,17 +258,6 @@ def _solid_header(solid: Polyhedron) -> dict[str, Any]:
     if solid.arcs:
         header["arcs"] = [{"facet": one.facet, "points_mm": one.points_mm.round(4).tolist()} for one in solid.arcs]
     return header
-
-
-def _view_header(view: TaughtView) -> dict[str, Any]:
-    return {
-        "label": view.label,
-        "sides": list(view.sides),
-        "node": view.node,
-        "slots": list(view.slots),
-        "source": view.source,
-        "solid": None if view.solid is None else _solid_header(view.solid),
-    }
 
 
 def _library_header(library: FacetLibrary) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from daemon.art.errors import InputError
 from tests.bench.networks.fuzzy_art import FuzzyART
 from tests.bench.networks.fuzzy_artmap import FuzzyARTMAP

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from daemon.art.errors import InputError
 
 FINEST_GRID_BITS = 44

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from tests.bench.networks.levels import MOST_LEVELS, LevelTerms, Samples
 
 # Intermediate (samples, nodes) tables are worked through in pieces of about this many elements, to stay in cache.

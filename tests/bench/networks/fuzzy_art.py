@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from tests.bench.networks.fuzzy_artmap import FuzzyARTMAP
 from tests.bench.networks.grouping import ANY, Grouping
 from tests.bench.networks.search import Uncommitted

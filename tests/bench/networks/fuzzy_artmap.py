@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import ParameterError, within
 from tests.bench.networks.coding import as_unit_samples, code, grid_step
 from tests.bench.networks.errors import NotTrainedError

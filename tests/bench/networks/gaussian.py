@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import ParameterError, within
 from tests.bench.networks.errors import one_of
 from tests.bench.networks.search import UNCOMMITTED, MatchTracking

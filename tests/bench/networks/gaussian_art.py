@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import ParameterError
 from tests.bench.networks.coding import as_samples, refuse_first
 from tests.bench.networks.errors import NotTrainedError, one_of

@@ -5,7 +5,7 @@ Its map field then agrees always, and vigilance alone decides which samples go t
 
 from typing import Any, Generic, Protocol, Self, TypeVar
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from tests.bench.networks.coding import as_samples
 from tests.bench.networks.winners import Answers
 

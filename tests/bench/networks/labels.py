@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Index
+from daemon.arrays import Index
 from daemon.art.errors import InputError
 
 

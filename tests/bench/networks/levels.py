@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 
 # A feature of more distinct values than this is not worth a table of them.
 MOST_LEVELS = 32

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 
 Scalar = TypeVar("Scalar", np.float64, np.int64)
 

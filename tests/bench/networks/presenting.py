@@ -7,7 +7,7 @@ time, to the last bit, whatever the block length."""
 
 import numpy as np
 
-from daemon.art.arrays import Index
+from daemon.arrays import Index
 from tests.bench.networks.fuzzy import LEAST, choice, learnt, matches, overlap_with_one, overlaps, sums
 from tests.bench.networks.levels import LevelTerms, Samples
 from tests.bench.networks.nodes import Nodes

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from daemon.art.errors import ParameterError, within
 from tests.bench.networks.errors import one_of
 from tests.bench.networks.nodes import Nodes

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from tests.bench.networks.fuzzy import choice, matches, overlaps, sums
 from tests.bench.networks.levels import Samples
 from tests.bench.networks.nodes import Nodes

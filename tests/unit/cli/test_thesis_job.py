@@ -47,4 +47,4 @@ def test_a_picture_in_which_nothing_stands_out_is_named(tmp_path: Path, capsys: 
 def test_a_vigilance_is_a_share(tmp_path: Path, vigilance: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         ctl.main(["thesis", "silhouettes", pictures(tmp_path)[0], f"--vigilance={vigilance}"])
-    assert "expected a number from 0 to 1" in capsys.readouterr().err
+    assert "expected 0 to 1" in capsys.readouterr().err

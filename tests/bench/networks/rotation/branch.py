@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 
 # Partial numberings extended together.
 TOGETHER = 64

@@ -13,7 +13,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from tests.bench.networks.rotation.gains import element_gain
 from tests.bench.networks.rotation.matrices import Ends, TaughtMatrices, both
 

@@ -7,7 +7,7 @@ coding loses max(0, x - v) of what the empty slot had.
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from tests.bench.networks.rotation.matrices import Ends, TaughtMatrices, both
 from tests.bench.networks.rotation.numberings import Numberings
 

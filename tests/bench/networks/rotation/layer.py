@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import within
 from tests.bench.networks.errors import one_of
 from tests.bench.networks.fuzzy import choice

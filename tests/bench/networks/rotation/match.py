@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from tests.bench.networks.rotation.matrices import TaughtMatrices, as_relation, as_taught, both, occupied
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 from daemon.art.errors import InputError
 from tests.bench.networks.coding import grid_step, on_grid
 

@@ -10,7 +10,7 @@ from math import perm
 
 import numpy as np
 
-from daemon.art.arrays import Array, Index
+from daemon.arrays import Array, Index
 
 # Longest table kept; beyond it numberings are searched by branch and bound.
 LONGEST_TABLE = 5040

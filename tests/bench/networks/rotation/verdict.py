@@ -3,7 +3,7 @@
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
-from daemon.art.arrays import Array
+from daemon.arrays import Array
 from tests.bench.networks.rotation.layer import LayerRecall
 
 
