@@ -104,6 +104,12 @@ class CellBelief:
         return self.holding is not None and not self.holding.value and self.holding.source is not BeliefSource.COMMANDED
 
     @property
+    def may_hold(self) -> bool:
+        """Whether a part may be in the gripper as far as anybody knows: nobody looked since it was last known to be
+        open, or it is not known at all, or one is in it."""
+        return self.holding is None or self.holding.value or self.holding.source is BeliefSource.ASSUMED
+
+    @property
     def capsules(self) -> tuple[Capsule, ...]:
         """What is guarded of a part that is, or may be, in the gripper."""
         return () if self.load is None else self.load.value

@@ -163,7 +163,10 @@ def capsule_around(points_mm: Array, name: str) -> Capsule:
     return Capsule(name, "tool", point_of(start), point_of(end), radius)
 
 
-def held_anyhow(parts_mm: Iterable[Array], name: str, back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:
+PERHAPS_HELD = "what may be in the gripper"
+
+
+def held_anyhow(parts_mm: Iterable[Array], back_mm: float, tip_mm: float, width_mm: float) -> Capsule | None:
     """What holds any of the parts, corners (N, 3) each, wherever and however it is gripped; None where there are none.
 
     The gripper touches a part within half of width_mm of a line from back_mm behind the tool centre point to tip_mm
@@ -172,7 +175,7 @@ def held_anyhow(parts_mm: Iterable[Array], name: str, back_mm: float, tip_mm: fl
     longest = [float(np.linalg.norm(part[:, None] - part, axis=-1).max()) for part in parts_mm]
     if not longest:
         return None
-    return Capsule(name, "tool", (0.0, 0.0, -back_mm), (0.0, 0.0, tip_mm), max(longest) + width_mm / 2)
+    return Capsule(PERHAPS_HELD, "tool", (0.0, 0.0, -back_mm), (0.0, 0.0, tip_mm), max(longest) + width_mm / 2)
 
 
 def point_of(place: Array) -> Point:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from daemon import frames
-from daemon.arm.body import ArmBody, Capsule, KeepOut, Point, above_mm, body_of
+from daemon.arm.body import PERHAPS_HELD, ArmBody, Capsule, KeepOut, Point, above_mm, body_of
 from daemon.arm.collision_shapes import ARM, BODY_MM
 from daemon.arrays import Array
 from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
@@ -154,7 +154,8 @@ def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | Non
         if not np.isnan(body.level_mm[worst]):
             return f"the {body.names[worst]} would be {-gaps[worst]:.1f} mm below what it is to rest on"
         lowest = gaps[worst] + limits.clearance_mm
-        return f"the tool would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
+        what = PERHAPS_HELD if body.names[worst] == PERHAPS_HELD else "the tool"
+        return f"{what} would be {lowest:.1f} mm above the table, {limits.clearance_mm:g} is the least"
     return None
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, VoidingEvent
-from daemon.arm.body import CarriedCapsule
+from daemon.arm.body import PERHAPS_HELD, CarriedCapsule
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
@@ -183,8 +183,9 @@ class Mover:
 
     @property
     def bounds(self) -> Limits:
-        """The limits with what is, or may be, in the gripper: guarded as the gripper is."""
-        load = self.belief.capsules
+        """The limits with what is, or may be, in the gripper: guarded as the gripper is. A dry run works no gripper and
+        moves nothing: it goes on as if one that counts as empty were."""
+        load = () if self.dry and self.belief.holds_part is False else self.belief.capsules
         return replace(self.limits, capsules=self.limits.capsules + load) if load else self.limits
 
     def _bounds(self, command: MoveCommand) -> Limits:
@@ -454,6 +455,9 @@ class Mover:
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
         """Logged, and to be raised."""
+        if PERHAPS_HELD in refusal.text:
+            remedy = "look at the gripper: where it is empty say `holding no`, or open it (`hand open`)"
+            refusal = replace(refusal, text=f"{refusal.text}; {remedy}")
         self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
         return MoveRefusedError(refusal)
 

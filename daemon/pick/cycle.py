@@ -184,7 +184,7 @@ class PickCycle:
     def use(self, recogniser: PartRecogniser | None) -> None:
         """Take another recogniser or model into use, from the next pick on (None: picking is refused). What may be in
         the gripper may be a part of the model that was in use until now."""
-        if self.belief.holds_part is not False:
+        if self.belief.may_hold:
             self._assume_the_longest()
         self.recogniser = recogniser
         self.use_places(self.placing)
@@ -500,12 +500,13 @@ class PickCycle:
 
     def guard_the_hand(self) -> None:
         """What may be in the hand, and nobody saw how, is guarded any way round from now on: as large as the longest of
-        the parts known, also one that was taught since, wherever it is held. Raises RefusedError where no part is
-        known: any could be in the hand."""
-        if self.belief.holds_part is False:
+        the parts known, also one that was taught since, wherever it is held. So is a gripper that only counts as empty:
+        a pendant may have closed it on a part. Raises RefusedError where nothing is known of it and no part is taught:
+        any could be in the hand."""
+        if not self.belief.may_hold:
             return
         self._assume_the_longest()
-        if not self.belief.capsules:
+        if self.belief.holds_part is not False and not self.belief.capsules:
             raise RefusedError(
                 "a part may be in the gripper, and none is taught, so that facetd does not know how large it may be: "
                 "open the gripper (`hand open`), or look, and where it is empty say `holding no`"
@@ -517,9 +518,7 @@ class PickCycle:
         if load is not None and load.source is not BeliefSource.ASSUMED:  # facetd grasped it, and knows how it lies
             return
         shapes = [] if recogniser is None else [recogniser.shape(label) for label in recogniser.labels]
-        held = held_anyhow(
-            [shape.corners_mm for shape in shapes if shape is not None], "what may be in the hand", *gripper.held_about
-        )
+        held = held_anyhow([shape.corners_mm for shape in shapes if shape is not None], *gripper.held_about)
         loads = self.belief.capsules + (() if held is None else (held,))
         if loads:
             self.beliefs.learn(BeliefSource.ASSUMED, load=(max(loads, key=lambda load: load.radius_mm),))

@@ -63,7 +63,7 @@ class LineSession:
         self.stop_typed = False
         """Whether the word that stops the arm went out, and nothing was heard since."""
         self._unreported: Disturbed | None = None
-        """What somebody did to the port while nobody had the line, for whoever has the next turn."""
+        """What somebody did to the port or on the line that nobody heard of yet, for whoever has the next turn."""
         self._cut_off = False
         """Whether who had the line lost it to that: what they had half typed may still stand in it."""
         self.recoveries = 0
@@ -122,9 +122,9 @@ class LineSession:
             talk.check()
             try:
                 self._refuse_unheard(answers_question)
-            except (Disturbed, NoAnswer):
+            except (Disturbed, NoAnswer) as found:
                 if self._reader.pending:  # half a line: it would be refused for ever, and stand before the next of ours
-                    with suppress(NoAnswer):
+                    with suppress(NoAnswer), self._kept(found):
                         await self.find_prompt(talk)
                 raise
             if self._cut_off:
@@ -324,9 +324,20 @@ class LineSession:
         typed."""
         try:
             self._refuse_others([problem.heard])
-        except Disturbed:
-            with suppress(NoAnswer, ControllerError):
+        except Disturbed as found:
+            with suppress(NoAnswer, ControllerError), self._kept(found):
                 await self.recover(talk, problem)
+            raise
+
+    @contextmanager
+    def _kept(self, found: LinkError) -> Iterator[None]:
+        """Context: the line is cleared behind what was found. A stop may cut that off, and who found it would tell
+        nobody that others type on the line: the next turn does."""
+        try:
+            yield
+        except (Preempted, asyncio.CancelledError):
+            if isinstance(found, Disturbed):
+                self._unreported = found
             raise
 
     def _unanswered(self) -> ControllerError:

@@ -36,8 +36,9 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
-from daemon import service
+from daemon import frames, service
 from daemon.arm.belief import Beliefs
+from daemon.arm.body import within_mm
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell import sections
@@ -818,10 +819,14 @@ class Story:
             controller.machine.drive_by_pendant(joints)
 
     def close_by_pendant(self) -> None:
-        """A person holds a cube into the gripper, and closes it on that by the teach pendant."""
+        """A person holds a cube into the gripper where there is room for it, and closes it on that by the teach
+        pendant."""
         tool = self.cell.world_from_tool()
-        if self.cell.world.held is None:
-            self.cell.world.put("cube", tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0]))
+        held_out = tool @ rigid(turn([1, 0, 0], np.pi), [0.0, 0.0, 0.0])
+        corners = frames.apply(held_out, self.cell.world.shape("cube").hull.vertices)
+        in_post = (within_mm(corners, POST["low_mm"], POST["high_mm"]) > 0.0).all(axis=1).any()
+        if self.cell.world.held is None and not in_post:
+            self.cell.world.put("cube", held_out)
             self.cell.world.close_hand(tool)
             self.cell.controller.machine.hand_closed = True
 

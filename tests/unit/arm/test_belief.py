@@ -261,3 +261,21 @@ def test_what_the_supervisor_hears_of_voids_all_that_the_controller_may_have_oth
     supervisor = supervised()
     asyncio.run(event(supervisor))
     assert unknown(supervisor.mover.belief) == CONTROLLER | ({"turned"} if event is reconnected else set())
+
+
+@pytest.mark.parametrize(
+    ("holding", "source", "may"),
+    [
+        (False, BeliefSource.ASSUMED, True),
+        (False, BeliefSource.OPERATOR, False),
+        (False, BeliefSource.COMMANDED, False),
+        (True, BeliefSource.OBSERVED, True),
+        (None, BeliefSource.OPERATOR, True),
+    ],
+)
+def test_a_gripper_may_hold_a_part_where_it_only_counts_as_empty(
+    holding: bool | None, source: BeliefSource, may: bool
+) -> None:
+    beliefs = Beliefs(lambda: 0.0, lambda *_, **__: None)
+    beliefs.learn(source, holding=holding)
+    assert beliefs.now.may_hold is may

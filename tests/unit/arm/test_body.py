@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.arm.body import (
+    PERHAPS_HELD,
     Capsule,
     FixtureBox,
     KeepOut,
@@ -257,9 +258,9 @@ def test_the_capsule_around_a_part_holds_every_corner_and_no_less_than_it_must(p
 
 def test_what_may_be_held_anyhow_is_as_large_as_the_longest_of_the_parts_is_long_all_along_the_pads():
     rod, cube = np.array([[0.0, 0, 0], [0, 0, 90], [0, 5, 40]]), 20.0 * np.eye(3)
-    held = held_anyhow([cube, rod], "held", back_mm=50.0, tip_mm=10.0, width_mm=15.0)
-    assert held == Capsule("held", "tool", (0, 0, -50), (0, 0, 10), 97.5)
-    assert held_anyhow([], "held", 50.0, 10.0, 15.0) is None
+    held = held_anyhow([cube, rod], back_mm=50.0, tip_mm=10.0, width_mm=15.0)
+    assert held == Capsule(PERHAPS_HELD, "tool", (0, 0, -50), (0, 0, 10), 97.5)
+    assert held_anyhow([], 50.0, 10.0, 15.0) is None
 
 
 @given(st.integers(0, 10**6))
@@ -267,7 +268,7 @@ def test_a_part_is_within_what_may_be_held_however_it_is_gripped(seed):
     """At any point of it, turned in any way: only the tips, or a corner far back, may be between the pads."""
     rng = np.random.default_rng(seed)
     part = rng.uniform(-60, 60, (8, 3))
-    held = held_anyhow([part], "held", back_mm=50.0, tip_mm=10.0, width_mm=15.0)
+    held = held_anyhow([part], back_mm=50.0, tip_mm=10.0, width_mm=15.0)
     weights = rng.dirichlet(np.ones(8))
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     between = np.array([rng.uniform(-7.5, 7.5), 0.0, rng.uniform(-50.0, 10.0)])

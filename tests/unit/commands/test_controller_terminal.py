@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from daemon.arm import capsule_around
 from daemon.arm.belief import BeliefSource
+from daemon.arm.body import PERHAPS_HELD
 from daemon.cell.arm_on_link import ArmOnLink
 from daemon.cell.no_arm import CellError
 from daemon.commands.controller_terminal import SPOIL, Typist, shown
@@ -117,7 +118,7 @@ def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_s
     typed(context, b"DO CLOSEI\r", b"y")
     context.cycle.recogniser = TruthRecogniser(World(np.random.default_rng(0)))
     context.cycle.guard_the_hand()
-    assert [capsule.name for capsule in context.cycle.supervisor.mover.belief.capsules] == ["what may be in the hand"]
+    assert [capsule.name for capsule in context.cycle.supervisor.mover.belief.capsules] == [PERHAPS_HELD]
 
 
 @pytest.mark.parametrize("line", [b"DO FLIP", b"d lef", b"DO BEL", b"DO R"])

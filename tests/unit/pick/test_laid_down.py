@@ -32,6 +32,7 @@ class Turned:
         self.fake, self.folder, self.slides = one_part(), folder, np.eye(4) if slides is None else slides
         self.place = nest(equivalents=False, tolerance_mm=4.0, tolerance_deg=4.0)
         self.cycle: PickCycle = cycle_of(self.fake)
+        self.cycle.holding(False)
         self.cycle.use_places(PlaceTable(CellPlaces(places=(self.place,)), PlaceStatuses(folder)))
         self.held_as = np.eye(4)
         self.let_go: list[np.ndarray] = []

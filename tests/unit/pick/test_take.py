@@ -174,6 +174,7 @@ def test_what_was_taught_since_may_be_in_the_hand_as_well():
     cycle = cycle_of(one_part())
     by_length = sorted(parts.TAUGHT, key=lambda label: np.linalg.norm(np.ptp(shape_of(label).corners_mm, axis=0)))
     radii = []
+    cycle.holding(False)
     cycle.use(None)
     cycle.beliefs.learn(BeliefSource.COMMANDED, holding=None)
     for labels in (by_length[:1], by_length, by_length[:1]):

@@ -382,6 +382,35 @@ def test_once_a_stop_was_answered_a_line_of_others_is_noticed_though_the_prompt_
     lived(story())
 
 
+@pytest.mark.parametrize("stopped", [True, False])
+def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_found_it(stopped: bool) -> None:
+    """As he took back what they had half typed; what he had found was told to nobody."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.session.talk.line_may_hold_rest = False
+        wire.hear(b"SPEED 100\r\n.DO DR")
+        finding = asyncio.ensure_future(waits_for_a_line(wire.session))
+        await asyncio.sleep(0.1)
+        assert wire.sent == b"\x15"
+        if stopped:
+            async with wire.session.preemption() as talk:
+                wire.answers = [(0.001, b"ABORT"), (0.2, b"\r\n.")]
+                await talk.ask("ABORT", (), 1.0)
+        else:
+            finding.cancel()
+        with pytest.raises((Preempted, asyncio.CancelledError)):
+            await finding
+        with pytest.raises(Disturbed, match="SPEED 100"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+        wire.answers = [(0.001, PROMPT)]
+        async with wire.session.turn():
+            pass
+
+    lived(story())
+
+
 def test_of_much_noise_a_message_quotes_a_little() -> None:
     """3 kB of it made a fault of many lines, repeated at each command."""
 
