@@ -167,12 +167,12 @@ def _proven(
             return taken, found, (f"{len(laid) - k} of {len(laid)} guesses were not tried",)
         if any(one.overlaps(other) for other in taken):
             continue
-        confidence = _confidence(one, search, tests)
-        if confidence < LEAST_CONFIDENCE:
+        odds = _log_odds(one, search, tests)
+        if _probability(odds) < LEAST_CONFIDENCE:
             continue
         taken.append(one)
         holes = by_holes(one.label, one.pose, search.model, eyes)
-        confidence = _probability(np.log(confidence / (1 - confidence)) + min(holes.nats, 0.0))
+        confidence = _probability(odds + min(holes.nats, 0.0))
         if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
             continue
         if holes.pose is not one.pose:
@@ -246,25 +246,25 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImag
             yield one
 
 
-def _confidence(one: RegisteredPart, search: Search, tests: int) -> float:
-    """How likely a laid part is there, of so many guesses of which each could have come so far by chance; 0 where that
-    is not enough for a name."""
+def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
+    """Log odds of a laid part's being there, of so many guesses of which each could have come so far by chance; minus
+    infinity where they are not enough for a name."""
     odds = one.odds - np.log(tests)
     further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
     if _probability(odds + MOST_EXPLAINED + further) < LEAST_CONFIDENCE:
-        return 0.0
+        return -np.inf
     beside = 0.0
     if further:
         nats = hole_nats(one.solid, one.pose, search.eyes, search.model.parameters.tolerance_mm)
         beside = max(nats - MOST_NATS, 0.0)
     if facets_shown(one.solid, search.eyes, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
-        return 0.0
+        return -np.inf
     odds += beside
     for term, yet in _for_and_against(one, search):
         odds += term
         if _probability(odds + yet) < LEAST_CONFIDENCE:
-            return 0.0
-    return _probability(odds)
+            return -np.inf
+    return odds
 
 
 def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[float, float]]:
