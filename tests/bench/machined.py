@@ -105,15 +105,20 @@ def taught() -> Model:
 
 def simulated(seeds: int) -> Iterator[Look]:
     """Each part as many times, in the simulated cell."""
-    rig = true_rig(cell())
-    for label, one in drawings().items():
-        shape = shown_shape(label, one)
-        assert shape.surface is not None
+    for label in drawings():
         for seed in range(1, 2 * seeds, 2):
-            photo = photograph(shape, np.random.default_rng([*label.encode(), seed]))
-            shift = frames.rigid(np.eye(3), (shape.surface.corners_mm - one.surface.corners_mm).mean(0) - one.origin_mm)
-            table = "plain" if photo.table is None else "patterned"
-            yield Look(label, photo.cyclopean_from_part @ shift, photo.left, photo.right, rig, table)
+            yield simulated_look(label, seed)
+
+
+def simulated_look(label: str, seed: int) -> Look:
+    """One part alone on the simulated cell's table."""
+    one = drawings()[label]
+    shape = shown_shape(label, one)
+    assert shape.surface is not None
+    photo = photograph(shape, np.random.default_rng([*label.encode(), seed]))
+    shift = frames.rigid(np.eye(3), (shape.surface.corners_mm - one.surface.corners_mm).mean(0) - one.origin_mm)
+    table = "plain" if photo.table is None else "patterned"
+    return Look(label, photo.cyclopean_from_part @ shift, photo.left, photo.right, true_rig(cell()), table)
 
 
 def in_folder(folder: Path) -> Iterator[Look]:
@@ -133,7 +138,7 @@ def named(one: Look) -> tuple[str, float]:
         return "silent", 0.0
     if any(part.recognition.label != one.label for part in found):
         return "WRONG", 0.0
-    solid, true = taught().metric[one.label].solid, one.pose @ _drawing_from_part(one.label)
+    solid, true = taught().metric[one.label].solid, one.pose @ drawing_from_part(one.label)
     eyes, pose = open_stereo(one.left, one.right, one.rig), found[0].cyclopean_from_part
     unseen = hole_nats(solid, pose, eyes) > hole_nats(solid, true, eyes) - NATS
     turns = turns_but_for_holes(solid) if unseen else np.eye(4)[None]
@@ -149,7 +154,7 @@ def _own_turns(label: str) -> Array:
 
 
 @cache
-def _drawing_from_part(label: str) -> Array:
+def drawing_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of its drawing."""
     one, own = drawings()[label], taught().metric[label].solid
     there = one.solid.corners_mm + one.origin_mm

@@ -49,6 +49,7 @@ from daemon.vision.hypotheses import (
     perturbed_poses,
     self_similarity,
     snapped_where_it_lies,
+    turns_about_axis,
 )
 from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
@@ -88,6 +89,8 @@ Twelve in all, from odds of -9 on, gave the same names in heaps and took 13 ms m
 HOLES_APART = 3.0
 """Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
 for a turn of it that is none."""
+MOST_TURNS = 3
+"""Turns of a round part about its axis that are registered, of those that are tried."""
 SURE_NATS = 8.0
 """By so many more than one hole can have, holes prove what a second facet would."""
 NEAREST = 0.4
@@ -171,6 +174,7 @@ def _proven(
         if _probability(odds) < LEAST_CONFIDENCE:
             continue
         taken.append(one)
+        one = _best_turn(one, search)
         holes = by_holes(one.label, one.pose, search.model, eyes)
         confidence = _probability(odds + min(holes.nats, 0.0))
         if holes.apart < HOLES_APART or confidence < LEAST_CONFIDENCE:
@@ -186,6 +190,22 @@ def _proven(
                 same = [other for other in laid if other.label == one.label and other.overlaps(one)]
                 found.append(placed(one, measured, confidence, same, search))
     return taken, found, ()
+
+
+def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
+    """A round part in the turn about its axis for which its edges and holes speak most: its arcs are much the same in
+    all. It is no surer for having been turned."""
+    turns = turns_about_axis(one.solid)
+    if len(turns) == 1:
+        return one
+    tolerance = search.model.parameters.tolerance_mm
+
+    def nats(other: RegisteredPart) -> float:
+        return other.odds + hole_nats(other.solid, other.pose, search.eyes, tolerance)
+
+    laid = registered_at(search, [EdgeHypothesis(one.label, one.pose @ turn, one.tries) for turn in turns])
+    likely = [EdgeHypothesis(own.label, own.pose, own.tries) for own in sorted(laid, key=nats)[-MOST_TURNS:]]
+    return max([one, *registered_near(search, likely)], key=nats)
 
 
 def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: Search) -> bool:
@@ -249,7 +269,7 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImag
 def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
     """Log odds of a laid part's being there, of so many guesses of which each could have come so far by chance; minus
     infinity where they are not enough for a name."""
-    odds = one.odds - np.log(tests)
+    odds = one.odds - float(np.log(tests))
     further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
     if _probability(odds + MOST_EXPLAINED + further) < LEAST_CONFIDENCE:
         return -np.inf

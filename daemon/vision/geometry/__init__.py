@@ -38,6 +38,7 @@ from daemon.vision.geometry.polygon import (
     tidy,
 )
 from daemon.vision.geometry.polyhedron import (
+    PARALLEL,
     Hole,
     OutlineArc,
     Polyhedron,
@@ -72,6 +73,7 @@ from daemon.vision.geometry.visibility import FACING, hidden, visible_from
 
 __all__ = [
     "FACING",
+    "PARALLEL",
     "Baseline",
     "Camera",
     "Fits",

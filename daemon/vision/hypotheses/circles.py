@@ -18,6 +18,7 @@ from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidB
 from daemon.vision.hypotheses.junctions import FARTHEST_MM, NEAREST_MM
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import Ellipse, StereoImages
+from daemon.vision.model import symmetries
 
 ROW_PX = 3.0
 """By how much the upper and the lower ends of one circle's ellipses may differ in height."""
@@ -29,6 +30,8 @@ STEPS, SMALL = 8, 1e-4
 RADII_MM = 1.0, 60.0
 OF_RADIUS, RADIUS_MM = 0.06, 0.4
 """By how much the radius of a seen circle may differ from a taught one."""
+WITHIN_RIM = 1.1
+"""By so many radii of its widest rim a solid may reach from the axis of that and look nearly alike in every turn."""
 ON_CIRCLE_MM = 0.05
 FEWEST_ROUND = 7
 TURN = np.radians(5.0)
@@ -214,6 +217,23 @@ def poses_from_circles(seen: Sequence[Circle], solids: SolidBatch) -> tuple[Pose
     if not poses:
         return PoseBatch(solids, np.zeros(0, np.intp), np.zeros((0, 4, 4))), np.zeros(0)
     return PoseBatch(solids, np.concatenate(part), np.concatenate(poses)), np.concatenate(nats)
+
+
+@lru_cache(maxsize=1024)
+def turns_about_axis(solid: Polyhedron) -> Array:
+    """(T, 4, 4) motions that turn a solid about the axis of its widest rim, TURN apart, none first, up to one of its
+    symmetries; none alone of a solid that reaches out of that rim: its other turns look different."""
+    widest = max(rims_of(solid), key=lambda rim: rim.radius_mm, default=None)
+    if widest is None:
+        return np.eye(4)[None]
+    axes = frames.rigid(_axes(widest.normal), widest.centre_mm)
+    from_axis = frames.apply(frames.inverse(axes), solid.corners_mm)
+    if np.hypot(*from_axis[:, :2].T).max() > WITHIN_RIM * widest.radius_mm:
+        return np.eye(4)[None]
+    own = frames.inverse(axes) @ symmetries(solid).motions @ axes
+    alike = np.count_nonzero((own[:, 2, 2] > 1 - SMALL) & (np.linalg.norm(own[:, :3, 3], axis=1) < ONE_MM))
+    turns = about_z(TURN)
+    return np.asarray(axes @ frames.rigid(turns[: len(turns) // alike], np.zeros(3)) @ frames.inverse(axes))
 
 
 def _met(poses: Array, solid: Polyhedron, seen: Sequence[Circle]) -> Array:

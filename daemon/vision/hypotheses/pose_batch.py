@@ -32,6 +32,11 @@ class PoseBatch:
         """Some of them."""
         return PoseBatch(self.solids, self.part[which], self.poses[which])
 
+    def and_also(self, others: PoseBatch) -> PoseBatch:
+        """These and others of the same solids."""
+        poses = np.concatenate([self.poses, others.poses])
+        return PoseBatch(self.solids, np.append(self.part, others.part), poses)
+
     def corners_mm(self, geometry: Baseline) -> Image32:
         """(G, K, 3) from the middle between the eyes, in axes of the baseline."""
         turn = geometry.cyclopean_from_baseline.T

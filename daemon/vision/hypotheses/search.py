@@ -119,17 +119,15 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
     if spent() > SEARCHED:
         return RankedHypotheses([], 1, ("where taught parts could be was not looked for",))
     solids, geometry = taught_solids(search.model), search.eyes.geometry
-    guesses, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
-    posed = PoseBatch(solids, guesses.part, guesses.poses)
-    if search.uncluttered:
-        more, nats = _by_circles(search)
-        more_hinges = np.zeros((len(nats), 2, 3))
-    else:
-        more, more_hinges = _by_facets(search)
-        nats = np.zeros(len(more.part))
-    tests, further = tests + len(more.part), np.concatenate([np.zeros(len(posed.part)), nats])
-    posed = PoseBatch(solids, np.append(posed.part, more.part), np.concatenate([posed.poses, more.poses]))
-    hinges = np.concatenate([hinges, more_hinges])
+    posed, hinges, tests = poses_from_junctions(meet(left, right, geometry), geometry, search.maps, solids)
+    more, nats = _by_circles(search)
+    more_hinges = np.zeros((len(nats), 2, 3))
+    if not search.uncluttered:
+        others, other_hinges = _by_facets(search)
+        more, more_hinges = more.and_also(others), np.concatenate([more_hinges, other_hinges])
+    tests, further = tests + len(more.part), np.zeros(len(posed.part) + len(more.part))
+    further[len(posed.part) : len(posed.part) + len(nats)] = nats
+    posed, hinges = posed.and_also(more), np.concatenate([hinges, more_hinges])
     return _likeliest(search, *_laid_down(search, posed, hinges), tests, spent, further)
 
 

@@ -1,0 +1,62 @@
+"""Round parts and others with curved surfaces: the turn about an axis, and edges that such parts do not show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daemon.arrays import Array
+from daemon.vision.evidence.counter_evidence import missing_share
+from daemon.vision.evidence.edge_places import edge_places
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.hypotheses import turns_about_axis
+from daemon.vision.hypotheses.resting_poses import resting_planes
+from daemon.vision.image import open_stereo
+from tests.bench.machined import Look, drawing_from_part, named, simulated_look, taught
+
+
+def solid(label: str) -> Polyhedron:
+    return taught().metric[label].solid
+
+
+def true_pose(one: Look) -> Array:
+    return one.pose @ drawing_from_part(one.label)
+
+
+@pytest.mark.parametrize(("label", "seed"), [("flange", 0), ("flange", 4), ("knob", 10)])
+def test_a_round_part_lies_in_the_turn_about_its_axis_that_its_holes_and_flats_have(label: str, seed: int) -> None:
+    """Arcs are much the same in every turn: bolt holes were 20 mm off, flats 7 mm."""
+    assert named(simulated_look(label, seed))[0] == "right"
+
+
+def test_only_what_stays_within_its_widest_rim_is_turned() -> None:
+    steps = {label: len(turns_about_axis(solid(label))) for label in ("flange", "knob", "lever", "t_nut")}
+    assert steps == {"flange": 18, "knob": 36, "lever": 1, "t_nut": 1}
+    turns = turns_about_axis(solid("flange"))
+    assert turns[0] == pytest.approx(np.eye(4))
+    far = np.linalg.norm(solid("flange").corners_mm, axis=1).max()
+    moved = [np.abs((turn[:3, :3] - np.eye(3)) @ [far, 0, 0]).max() for turn in turns[1:]]
+    assert min(moved) > 2.0
+
+
+@pytest.mark.parametrize(("label", "seed"), [("knob", 14), ("lever", 0)])
+def test_round_parts_are_named_on_patterned_tables(label: str, seed: int) -> None:
+    """Circles were asked for on plain tables alone."""
+    one = simulated_look(label, seed)
+    assert one.table == "patterned"
+    assert named(one)[0] == "right"
+
+
+@pytest.mark.parametrize(("label", "seed"), [("flange", 2), ("flange", 6), ("flange", 22)])
+def test_the_far_rim_of_a_boss_and_rims_of_a_wall_seen_thin_are_not_missing(label: str, seed: int) -> None:
+    """Before a face that looks the same way a rim is as bright as what is behind it; and where a wall turns away, its
+    other rim lies in the band beside."""
+    one = simulated_look(label, seed)
+    both = edge_places(solid(label), true_pose(one), open_stereo(one.left, one.right, one.rig))
+    assert missing_share(both) < 0.01
+
+
+def test_a_lever_rests_on_its_boss_and_its_far_end() -> None:
+    """It has 50 corners. On its facets alone it would lie on none but its sides."""
+    normals = resting_planes(solid("lever"))[:, :3]
+    assert (np.abs(normals @ solid("lever").normals.T).max(1) < 0.99).any()
