@@ -25,7 +25,7 @@ from drivers import puma560
 from drivers.val2 import commands
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
-from drivers.val2.link import Link, Start, Then
+from drivers.val2.link import Link, MoveStart, NextMove
 from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
@@ -107,7 +107,7 @@ class ArmOnLink:
     ) -> Reading:
         """One move; returns the reading at rest, at the target or not. Raises LinkError, and what starts raises."""
         location = location_from_matrix(world_from_tool, self._o_deg)
-        start = Start(speed_pct, lambda where: starts(self._reading(where)))
+        start = MoveStart(speed_pct, lambda where: starts(self._reading(where)))
         with self._line_taken(), _refusals():
             await (self.link.move_straight if straight else self.link.move)(location, timeout_s, start)
             try:
@@ -117,11 +117,11 @@ class ArmOnLink:
                     raise
                 return self._reading(elsewhere.where)
 
-    def _ahead(self, then: MoveCommand | None, here: Location) -> Then | None:
-        """The next move as it will be told from here."""
+    def _ahead(self, then: MoveCommand | None, here: Location) -> NextMove | None:
+        """The next move, its location as the arm at `here` needs it."""
         if then is None:
             return None
-        return Then(location_from_matrix(then.world_from_tool, here.o_deg), then.straight, then.speed_pct)
+        return NextMove(location_from_matrix(then.world_from_tool, here.o_deg), then.straight, then.speed_pct)
 
     async def hand(self, closed: bool) -> None:
         """CLOSEI or OPENI."""

@@ -39,17 +39,16 @@ MOST_JUDGED = 3
 """Answers to the word that stops the arm, until one of them has none of the controller's own words in it."""
 TINY_DEG = 1e-9
 """Of the difference of two printed numbers."""
-TOLD_S = 0.05
-"""How old what was told before a move, and where the arm was then, may be when its line is typed: no longer than the
-shortest of the lines that would tell it anew, so that a motion of somebody else's has hardly more time to fall between
-that WHERE and the move."""
+PREAMBLE_S = 0.05
+"""How old the preamble of a move may be when its line is typed: no longer than the shortest line of a new preamble
+takes, so that a motion of somebody else's has hardly more time to fall between its WHERE and the move."""
 BRAKES_S = 0.5
 """Of an arm whose power went, until they hold it."""
 
 
 @dataclass(frozen=True)
-class Start:
-    """What is told and asked in the turn in which a motion begins. agrees: called with where the arm is, right before
+class MoveStart:
+    """What is sent and checked in the turn in which a motion begins. agrees: called with where the arm is, right before
     the line that moves it; raises where that must not go."""
 
     speed_pct: float
@@ -57,7 +56,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Then:
+class NextMove:
     """A move that is to follow another at once."""
 
     location: Location
@@ -66,8 +65,9 @@ class Then:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What was told before a move, that move's lines, and what was found then. traffic: the line's behind it."""
+class Preamble:
+    """What was sent before a move: speed, the move's lines but the last; and the WHERE that ended it. traffic: the
+    line's count behind it."""
 
     lines: tuple[str, ...]
     speed_pct: float
@@ -99,13 +99,13 @@ class Link:
         self._open_port = open_port
         self._session: LineSession | None = None
         self._aborting: asyncio.Task[Where | None] | None = None
-        self._told: Told | None = None
-        """As the move before came to its end."""
+        self._preamble: Preamble | None = None
+        """Sent ahead, as the move before came to its end."""
         self._announced_s: float | None = None
         """When a move that was to follow at once was waited for."""
         self._follows_s = 0.0
-        """How long the last such move took to follow: on a slow computer, or where it was held, longer than what is
-        told ahead would be of use."""
+        """How long the last such move took to follow: on a slow computer, or where it was held, longer than a
+        preamble sent ahead is valid."""
         self.permit: LinePermit = Unconditional()
         """Asked before a line that moves is ended, at each try; where motion is withheld, the line is taken back."""
         self.disturbed: Callable[[], None] = nothing
@@ -124,7 +124,7 @@ class Link:
     async def open(self) -> None:
         """Claim the port and find the controller's prompt, or the question it asks at power-up (see `question`).
 
-        An arm that is still at work on what somebody before us told it (a program that was killed) is stopped.
+        An arm that still carries out a command of somebody before us (a program that was killed) is stopped.
         """
         self._let_go()
         self._session = LineSession(
@@ -152,7 +152,7 @@ class Link:
     def _let_go(self) -> None:
         self._unsee_the_stop()
         self.permit.stop_took_s = 0.0
-        self.program_may_run, self._told = False, None
+        self.program_may_run, self._preamble = False, None
         if self._session is not None:
             self._session.close()
             self._session = None
@@ -235,13 +235,13 @@ class Link:
 
     # Moving
 
-    async def move(self, location: Location, timeout_s: float | None = None, start: Start | None = None) -> None:
+    async def move(self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None) -> None:
         """Start a joint-interpolated move; rest() waits for its end. start: None where speed and place of the arm do
         not matter. Raises ControllerError, and what start's agrees raises: nothing has moved then."""
         await self._begin(self._lines(location, straight=False), timeout_s, start)
 
     async def move_straight(
-        self, location: Location, timeout_s: float | None = None, start: Start | None = None
+        self, location: Location, timeout_s: float | None = None, start: MoveStart | None = None
     ) -> None:
         """Start a straight-line move; otherwise as move."""
         await self._begin(self._lines(location, straight=True), timeout_s, start)
@@ -275,26 +275,26 @@ class Link:
         async with session.turn() as talk:
             return session.accept(await session.ask(talk, text, (), self.dialect.answer_s)).of_text
 
-    async def rest(self, location: Location, timeout_s: float | None = None, then: Then | None = None) -> Where:
+    async def rest(self, location: Location, timeout_s: float | None = None, then: NextMove | None = None) -> Where:
         """Wait until the arm is at rest at location: the controller says so, and two readings agree with it; or it says
         so by the prompt to BREAK, and one reading is the very place, to what two may differ by.
 
-        then: the move that is to follow at once. What is told before it is told before that one reading, which is then
-        also the one that it begins with, where its line is typed within TOLD_S and nothing else was on the line. Raises
+        then: the move that is to follow at once. Its preamble is sent before that one reading, which is then also the
+        one that it begins with, where its line is typed within PREAMBLE_S and nothing else was on the line. Raises
         Elsewhere when it came to rest somewhere else, NoAnswer when it is not at rest in time.
         """
         wait_s = timeout_s or self.dialect.motion_s
         deadline_s = self.clock() + wait_s
-        ahead = then if self._follows_s <= TOLD_S else None
+        ahead = then if self._follows_s <= PREAMBLE_S else None
         await self._break(wait_s)
         before: Where | None = None
         if self.dialect.break_after_move:
-            before = await (self.where() if ahead is None else self._told_ahead(ahead))
+            before = await (self.where() if ahead is None else self._preamble_ahead(ahead))
             off_mm, off_deg = apart(before.location, location)
             if off_mm <= self.dialect.same_place_mm and off_deg <= self.dialect.same_place_deg:
                 self._announced_s = None if then is None else self.clock()
                 return before
-        self._told = None
+        self._preamble = None
         elsewhere_since_s: float | None = None
         while True:
             where = await self.still(max(0.1, deadline_s - self.clock()), before=before)
@@ -320,7 +320,7 @@ class Link:
         the controller is at its power-up questions: it was switched off, and nothing moves.
 
         Raises StopRefused at once where the controller does not take the word, NoAnswer and others where rest was not
-        seen after some tries: the arm may move then, and is to be told again.
+        seen after some tries: the arm may move then: abort again.
         """
         if self._aborting is None or self._aborting.done():
             self._aborting = asyncio.create_task(self._abort(self._open_session))
@@ -352,7 +352,7 @@ class Link:
         """To the prompt, with the arm at rest, or to a power-up question: nothing moves then. Raises NoAnswer.
 
         A controller that says something and gives no prompt may have an arm at work; where nothing is echoed, one that
-        says nothing may as well: it is told to stop before it is asked again.
+        says nothing may as well: facetd stops it before it asks again.
         """
         try:
             await session.prompt_on_opening()
@@ -392,17 +392,17 @@ class Link:
         variable = self.dialect.variable if self.dialect.straight_through_variable else None
         return commands.straight_move(location, variable, self.dialect.unit_mm)
 
-    async def _told_ahead(self, then: Then) -> Where:
-        """All that is told before a move, as the one before it has ended."""
+    async def _preamble_ahead(self, then: NextMove) -> Where:
+        """Send the preamble of a move as the one before it has ended."""
         session, lines = self._open_session, self._lines(then.location, then.straight)
         async with session.turn() as talk:
-            where = await self._tell(talk, lines[:-1], then.speed_pct)
-            self._told = Told(lines, then.speed_pct, where, self.clock(), session.traffic)
+            where = await self._send_preamble(talk, lines[:-1], then.speed_pct)
+            self._preamble = Preamble(lines, then.speed_pct, where, self.clock(), session.traffic)
         return where
 
-    async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: Start | None) -> None:
-        """One motion, in one turn of the line. Where its line was spoiled as it was typed, all is told and asked again:
-        nothing that was said before is taken to stand."""
+    async def _begin(self, lines: Sequence[str], timeout_s: float | None, start: MoveStart | None) -> None:
+        """One motion, in one turn of the line. Where its line was spoiled as it was typed, the whole preamble is sent
+        again: no answer from before counts."""
         session = self._open_session
         if self._announced_s is not None:
             self._follows_s, self._announced_s = self.clock() - self._announced_s, None
@@ -413,30 +413,31 @@ class Link:
                 (),
                 timeout_s or self._move_answer_s,
                 moves=True,
-                first=lambda: self._told_before(talk, lines, start),
+                first=lambda: self._before_move(talk, lines, start),
             )
             session.accept(answer)
 
-    async def _told_before(self, talk: Conversation, lines: Sequence[str], start: Start | None) -> None:
-        """Raises Garbled, where noise falls in each time; what start's agrees raises."""
-        session, told, self._told = self._open_session, self._told, None
+    async def _before_move(self, talk: Conversation, lines: Sequence[str], start: MoveStart | None) -> None:
+        """Send the preamble, unless it was sent ahead and is valid. Raises Garbled, where noise falls in each time, and
+        what start.agrees raises."""
+        session, ahead, self._preamble = self._open_session, self._preamble, None
         if start is None:
             for line in lines[:-1]:
                 session.accept(await session.ask(talk, line, (), self.dialect.answer_s))
             return
-        if told is not None and self._holds(told, lines, start):
-            where = told.where
+        if ahead is not None and self._is_valid(ahead, lines, start):
+            where = ahead.where
         else:
-            where = await self._tell(talk, lines[:-1], start.speed_pct)
+            where = await self._send_preamble(talk, lines[:-1], start.speed_pct)
         start.agrees(where)
 
-    def _holds(self, told: Told, lines: Sequence[str], start: Start) -> bool:
-        """Whether what was told as the move before ended is what this one needs, just now, and nothing else was sent or
-        heard since."""
-        same = (told.lines, told.speed_pct, told.traffic) == (tuple(lines), start.speed_pct, self._open_session.traffic)
-        return same and self.clock() - told.at_s <= TOLD_S
+    def _is_valid(self, ahead: Preamble, lines: Sequence[str], start: MoveStart) -> bool:
+        """Whether a preamble sent ahead is the one of this move, is recent, and nothing was sent or heard since."""
+        wanted = tuple(lines), start.speed_pct, self._open_session.traffic
+        same = (ahead.lines, ahead.speed_pct, ahead.traffic) == wanted
+        return same and self.clock() - ahead.at_s <= PREAMBLE_S
 
-    async def _tell(self, talk: Conversation, lines: Sequence[str], speed_pct: float) -> Where:
+    async def _send_preamble(self, talk: Conversation, lines: Sequence[str], speed_pct: float) -> Where:
         """Speed, location, and last where the arm is: between that and the line which moves nothing else is typed.
         Raises Garbled, where noise falls in each time."""
         session, answer_s = self._open_session, self.dialect.answer_s
@@ -450,7 +451,7 @@ class Link:
             where = await self._where(talk)
             if session.recoveries == before:
                 return where
-        raise Garbled("noise on the line: what is told before a move did not come through in one piece")
+        raise Garbled("noise on the line: speed and location before a move did not get through in one piece")
 
     async def _carry_out(
         self,
@@ -592,7 +593,7 @@ class Link:
 
 
 def nothing() -> None:
-    """Nobody is to be told."""
+    """Do nothing."""
 
 
 def _heard_of(aborting: asyncio.Task[Where | None]) -> None:

@@ -25,7 +25,7 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, PtyServer
 from drivers.val2 import commands
 from drivers.val2.conversation import ControllerAnswer, Conversation
-from drivers.val2.link import Dialect, Link, Start, Then
+from drivers.val2.link import Dialect, Link, MoveStart, NextMove
 from drivers.val2.location import Location
 from drivers.val2.wire import Where
 from tests.fakes.memory_line import MemoryLine
@@ -91,7 +91,7 @@ async def rest_to_last_byte(link: Link, records: list[dict[str, Any]], place: Lo
     """Seconds from an arm at rest until its next move was typed to the last byte."""
     before, began_s = len(records), link.clock()
     move = link.move_straight if straight else link.move
-    await move(place, start=Start(50.0, lambda where: None))
+    await move(place, start=MoveStart(50.0, lambda where: None))
     await link.rest(place)
     sent = [record for record in records[before:] if record["way"] == "out"]
     line = next(k for k, record in enumerate(sent) if record["bytes"].startswith("DO MOVE"))
@@ -120,13 +120,13 @@ def server_rests_s(server: PtyServer) -> float:
         return controller.arm.rests_s
 
 
-async def never_ahead(link: Link, then: Then) -> Where:
-    """In place of telling ahead: WHERE alone."""
+async def never_ahead(link: Link, then: NextMove) -> Where:
+    """In place of a preamble ahead: WHERE alone."""
     return await link.where()
 
 
-async def _unasked(link: Link, talk: Conversation, lines: Any, start: Start | None) -> None:
-    """In place of all that is told before a move: what a link says that believes what it knows."""
+async def _unasked(link: Link, talk: Conversation, lines: Any, start: MoveStart | None) -> None:
+    """In place of the preamble: what a link sends that believes what it knows."""
     session, known = link._open_session, getattr(link, "speed_believed", None)
     if start is not None and known != start.speed_pct:
         await session.ask(talk, commands.speed(start.speed_pct), (), link.dialect.answer_s)
@@ -135,7 +135,7 @@ async def _unasked(link: Link, talk: Conversation, lines: Any, start: Start | No
         await session.ask(talk, line, (), link.dialect.answer_s)
 
 
-async def _two_readings(link: Link, _: Location, timeout_s: float | None = None, then: Then | None = None) -> Where:
+async def _two_readings(link: Link, _: Location, timeout_s: float | None = None, then: NextMove | None = None) -> Where:
     """In place of one reading at the very place: two that agree."""
     await link._break(timeout_s or link.dialect.motion_s)
     return await link.still(timeout_s or link.dialect.motion_s)
@@ -143,8 +143,8 @@ async def _two_readings(link: Link, _: Location, timeout_s: float | None = None,
 
 WAYS: dict[str, dict[str, Any]] = {
     "as it is": {},
-    "nothing told ahead": {"_told_ahead": never_ahead},
-    "nothing asked, speed believed": {"_told_before": _unasked, "rest": _two_readings},
+    "no preamble ahead": {"_preamble_ahead": never_ahead},
+    "nothing asked, speed believed": {"_before_move": _unasked, "rest": _two_readings},
 }
 """How a pick's moves are told; the last as it was before an arm was asked."""
 

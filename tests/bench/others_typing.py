@@ -18,7 +18,7 @@ from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, LineFault
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Disturbed, LinkError
-from drivers.val2.link import Link, Start
+from drivers.val2.link import Link, MoveStart
 from drivers.val2.location import Location
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import paced
@@ -69,7 +69,7 @@ async def story(act: Act, seed: int) -> str:
     came = "nothing"
     try:
         for place in (FAR, NEAR):
-            await link.move_straight(place, start=Start(50.0, lambda where: None))
+            await link.move_straight(place, start=MoveStart(50.0, lambda where: None))
             await link.rest(place)
     except LinkError as error:
         came = "noticed" if isinstance(error, Disturbed) else type(error).__name__

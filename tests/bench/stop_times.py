@@ -23,7 +23,7 @@ from drivers.simcell.controller import Controller, Manners
 from drivers.simcell.history import StopRecord
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import LinkError
-from drivers.val2.link import Link, Start
+from drivers.val2.link import Link, MoveStart
 from drivers.val2.location import Location
 from tests.fakes.memory_line import MemoryLine
 from tests.fakes.paced_line import paced
@@ -57,7 +57,7 @@ async def stopped_after(manners: Manners, dialect: Dialect, wait_s: float) -> tu
 
     async def there() -> None:
         with contextlib.suppress(LinkError):
-            await link.move(FAR, start=Start(PERCENT, lambda where: None))
+            await link.move(FAR, start=MoveStart(PERCENT, lambda where: None))
             await link.rest(FAR)
 
     moving = asyncio.create_task(there())

@@ -23,7 +23,7 @@ from drivers.val2.errors import (
     Preempted,
     StopRefused,
 )
-from drivers.val2.link import TOLD_S, Link, Start, Then, Where
+from drivers.val2.link import PREAMBLE_S, Link, MoveStart, NextMove, Where
 from drivers.val2.location import Location
 from tests.fakes.in_time import lived
 
@@ -73,7 +73,7 @@ class Scripted:
 
 GOAL = Location(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TRANS = "TRANS(500.00,0.00,0.00,0.000,0.000,0.000)"
-START = Start(40.0, lambda where: None)
+START = MoveStart(40.0, lambda where: None)
 
 
 def linked(port: Scripted, **settings: Any) -> Link:
@@ -802,7 +802,7 @@ def test_of_a_move_whose_place_is_not_where_it_was_to_start_no_line_that_moves_i
         raise Elsewhere(f"at x {where.location.x_mm:g}")
 
     for move in (Link.move, Link.move_straight):
-        came, lines, _ = told(lambda link, move=move: move(link, GOAL, start=Start(40.0, elsewhere)), usual)
+        came, lines, _ = told(lambda link, move=move: move(link, GOAL, start=MoveStart(40.0, elsewhere)), usual)
         assert str(came) == "at x 500"
         assert lines[-1] == "WHERE"
 
@@ -836,7 +836,7 @@ def test_a_move_of_which_a_line_was_spoiled_as_it_was_typed_is_told_from_its_spe
 
 
 THERE = Location(510.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-THEN = Then(THERE, straight=True, speed_pct=40.0)
+THEN = NextMove(THERE, straight=True, speed_pct=40.0)
 AHEAD = ["DO SPEED 100 ALWAYS", "SPEED 40", "DO SET GOAL=TRANS(510.00,0.00,0.00,0.000,0.000,0.000)", "WHERE"]
 
 
@@ -856,7 +856,7 @@ def followed(
         del port.lines[:]
         await between(link, port)
         try:
-            await link.move_straight(THERE, start=Start(40.0, lambda where: asked.append(where.location.x_mm)))
+            await link.move_straight(THERE, start=MoveStart(40.0, lambda where: asked.append(where.location.x_mm)))
         except Disturbed as disturbed:
             came = disturbed
         return port.lines, asked, came
@@ -874,7 +874,7 @@ def test_the_reading_that_ends_a_move_begins_the_next_where_that_follows_at_once
     assert (lines, asked) == (["DO MOVES GOAL"], [500.0])
 
 
-def test_what_is_told_ahead_is_told_before_the_reading() -> None:
+def test_a_preamble_sent_ahead_goes_before_the_reading() -> None:
     async def story() -> list[str]:
         port = Scripted(usual)
         link = linked(port)
@@ -890,7 +890,7 @@ def test_what_is_told_ahead_is_told_before_the_reading() -> None:
 @pytest.mark.parametrize(
     "between",
     [
-        lambda link, _: asyncio.sleep(2 * TOLD_S),
+        lambda link, _: asyncio.sleep(2 * PREAMBLE_S),
         lambda link, _: link.speed(40.0),
         lambda link, _: link.where(),
         lambda link, _: link.prove_stop(),
@@ -921,7 +921,7 @@ def test_of_another_move_than_the_one_announced_all_is_told() -> None:
         await link.move_straight(GOAL, start=START)
         await link.rest(GOAL, then=THEN)
         del port.lines[:]
-        await link.move_straight(place, start=Start(speed_pct, lambda where: None))
+        await link.move_straight(place, start=MoveStart(speed_pct, lambda where: None))
         return port.lines
 
     assert lived(story(THERE, 40.0)) == ["DO MOVES GOAL"]
@@ -951,15 +951,15 @@ def test_where_the_arm_is_not_at_the_very_place_the_reading_begins_no_move() -> 
     assert lines == [*AHEAD, "DO MOVES GOAL"]
 
 
-def test_where_moves_do_not_follow_at_once_nothing_is_told_ahead_until_they_do() -> None:
+def test_where_moves_do_not_follow_at_once_no_preamble_is_sent_ahead_until_they_do() -> None:
     async def story() -> list[list[str]]:
         port, typed = Scripted(usual), []
         link = linked(port)
         await link.open()
-        for wait_s in (2 * TOLD_S, 0.0, 0.0):
+        for wait_s in (2 * PREAMBLE_S, 0.0, 0.0):
             await link.move_straight(GOAL, start=START)
             del port.lines[:]
-            await link.rest(GOAL, then=Then(GOAL, straight=True, speed_pct=40.0))
+            await link.rest(GOAL, then=NextMove(GOAL, straight=True, speed_pct=40.0))
             typed.append(list(port.lines))
             await asyncio.sleep(wait_s)
         return typed
