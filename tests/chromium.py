@@ -19,6 +19,15 @@ FLAGS = (
 )
 
 
+def ready(browser: Any) -> None:
+    """Wait until the page shows its data."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 60).until(
+        lambda one: one.execute_script("return document.documentElement.dataset.ready") == "yes"
+    )
+
+
 def chromium() -> Any | None:
     """A selenium driver, its console kept; to be `quit`. None where selenium, chromium or chromedriver is missing."""
     driver = shutil.which("chromedriver")

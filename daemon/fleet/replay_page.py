@@ -8,7 +8,7 @@ from daemon.events.records import Record, record_of
 from daemon.fleet.replay_results import Json, kinds_of
 from daemon.fleet.store import Store, StoreError, open_store
 from daemon.review.digest import LookStep
-from daemon.review.page import PICTURE_BUDGET, embedded, jpeg_of, render
+from daemon.review.page import PAGE_BYTES, embedded, jpeg_of, render
 from daemon.review.pagedata import stop_json
 from daemon.store.outside import FileError, open_below
 from daemon.store.runs import RUN
@@ -29,7 +29,7 @@ def write_replay_page(
     rows, pictures, spent = [], {}, 0
     for number, one in enumerate(found[:SHOWN]):
         row: Json = {k: v for k, v in one.items() if k != "now"} | {"looks": None}
-        record, images = _recorded(one, folders) if spent < PICTURE_BUDGET else (None, {})
+        record, images = _recorded(one, folders) if spent < PAGE_BYTES else (None, {})
         if record is not None:
             row["looks"] = [
                 stop_json(LookStep(None, "", r, None, ())) for r in (record, record | {"scene": one["now"]})

@@ -32,6 +32,8 @@ TITLES = {
     "epipolar": "epipolar error",
 }
 AXES = ("pitch", "roll", "vergence")
+MOST_POINTS = 2000
+"""Most points of a line in the page: of more looks, each point is the worst of several."""
 
 Json = dict[str, Any]
 
@@ -59,9 +61,21 @@ class Strip:
             ends = (self.limit * NEAR, self.limit) if self.above else (-self.limit / NEAR, -self.limit)
             value = worst if self.above else -worst
             near = 2 if value > ends[1] else int(value > ends[0] and self.limit > 0)
-        plain = {k: [None if v is None else float(f"{v:.4g}") for v in line] for k, line in self.lines.items()}
-        return {"name": self.name, "unit": self.unit, "limit": self.limit, "above": self.above, "s": self.s,
-                "lines": plain, "worst": worst, "near": near}  # fmt: skip
+        each = -(-len(self.s) // MOST_POINTS) or 1
+        plain = {k: [None if v is None else float(f"{v:.4g}") for v in line] for k, line in self._fewer(each).items()}
+        return {"name": self.name, "unit": self.unit, "limit": self.limit, "above": self.above, "s": self.s[::each],
+                "each": each, "lines": plain, "worst": worst, "near": near}  # fmt: skip
+
+    def _fewer(self, each: int) -> dict[str, list[float | None]]:
+        """The worst of each so many values of every line."""
+        worst = max if self.above else min
+        return {
+            name: [
+                worst((v for v in line[begin : begin + each] if v is not None), default=None)
+                for begin in range(0, len(line), each)
+            ]
+            for name, line in self.lines.items()
+        }
 
 
 def strips(run: Digest) -> list[Json]:

@@ -1,6 +1,7 @@
 """Write the HTML page of a run: one file with data, images and the script that shows them; no network needed."""
 
 import base64
+import gzip
 import html
 import json
 from collections.abc import Container, Iterable
@@ -8,6 +9,7 @@ from datetime import datetime, timedelta
 from importlib import resources
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 
@@ -15,15 +17,20 @@ from daemon.errors import spelt
 from daemon.review.brief import read_runs_with_picks
 from daemon.review.compare import kept_differences
 from daemon.review.digest import Digest, digest
-from daemon.review.pagedata import page_data, shown_of
+from daemon.review.pagedata import page_data
 from daemon.review.production import compared, production
 from daemon.store.files import being_written, write_atomically
-from daemon.store.outside import FileError
+from daemon.store.outside import FileError, open_below
 from daemon.store.pictures import read_grey
 from daemon.store.runs import RunError, check_wire, list_runs, read_run
 
-PICTURE_BUDGET = 24_000_000
-"""Most bytes of images in a page, so that it opens fast. Failed cycles come first, then the newest."""
+PAGE_BYTES = 4_800_000
+"""Most bytes of a page beside its program, so that it opens fast and can be sent. Failed cycles have their looks and
+images first, then the newest."""
+DETAIL_BYTES = 6_000_000
+"""Of them, what a page shows of cycles once they are opened, before it is compressed to about a fourth."""
+LINK_BYTES = 50
+"""About what naming an image takes."""
 JPEG_QUALITY = 72
 WEEK = timedelta(days=7)
 
@@ -46,8 +53,11 @@ def write_page(folder: Path, out: Path, against: Path | None = None) -> Path:
             "paces": sorted({other.times_life, run.times_life}),
             "differences": kept_differences(against, other, folder, run),
         }
-    pictures, left_out = _pictures(folder, shown_of(run))
-    data["pictures_left_out"] = left_out
+    cycles = {cycle.number: cycle for cycle in run.cycles}
+    looks = [s.look for number in _pack_details(data) for s in cycles[number].stops]
+    looks += [r for r in run.outside if r["kind"] == "look"]
+    room = PAGE_BYTES - len(_embedded(data))
+    pictures, data["pictures_left_out"] = _pictures(folder, looks, room, out.parent == folder)
     page = render("page", data, pictures).encode()
     if out.parent == folder and not folder.is_dir():
         raise RunError(f"{folder}: the run was removed while its page was made")
@@ -116,23 +126,41 @@ def _embedded(value: Any) -> str:
     return json.dumps(value, separators=(",", ":")).replace("</", "<\\/")
 
 
-def _pictures(folder: Path, run: Digest) -> tuple[dict[str, str], int]:
-    """The images within the budget, `<seq>-<camera>` -> data URI, and the number of images left out."""
+def _pack_details(data: dict[str, Any]) -> list[int]:
+    """Move what is shown of a cycle once it is opened, and the looks outside of cycles, into `details`, compressed.
+    Cycles for which there is no room stay without. Returns the numbers of the others, most interesting first."""
+    rows, packed, left = data["cycles"], dict[str, Any](), DETAIL_BYTES
+    well = [row for row in rows if row["outcome"] in ("picked", "empty")]
+    for row in [*(row for row in rows if row["outcome"] not in ("picked", "empty")), *reversed(well)]:
+        details = {name: row.pop(name) for name in ("stops", "decisions")}
+        left -= len(json.dumps(details, separators=(",", ":")))
+        if left >= 0:
+            packed[str(row["n"])] = details
+    data["details_left_out"] = len(rows) - len(packed)
+    plain = json.dumps({"cycles": packed, "outside": data.pop("outside")}, separators=(",", ":"))
+    data["details"] = base64.b64encode(gzip.compress(plain.encode(), mtime=0)).decode()
+    return [int(number) for number in packed]
+
+
+def _pictures(folder: Path, looks: Iterable[dict[str, Any]], room: int, beside: bool) -> tuple[dict[str, str], int]:
+    """The images of looks, `<seq>-<camera>` -> data URI while there is room (bytes), and how many are left out. beside:
+    the page lies in the run's folder, and shows the others from their files."""
     chosen: dict[str, str] = {}
-    spent = left_out = 0
-    for look in _by_interest(run):
-        for camera, name in (look.get("images") or {}).items():
-            if spent >= PICTURE_BUDGET:
-                left_out += 1
-                continue
-            try:
-                content = jpeg_of(folder, name)
-            except FileError:
-                left_out += 1
-                continue
-            chosen[f"{look['seq']}-{camera}"] = embedded(content)
-            spent += len(content)
-    return chosen, left_out
+    files = [(look["seq"], look.get("images") or {}) for look in looks]
+    images = [(f"{seq}-{camera}", name) for seq, of in files for camera, name in of.items()]
+    room -= LINK_BYTES * len(images)
+    for key, name in images:
+        try:
+            picture = embedded(jpeg_of(folder, name)) if room > 0 else ""
+            room -= len(picture)
+            if room > 0:
+                chosen[key] = picture
+            elif beside:
+                with open_below(folder, name):
+                    chosen[key] = quote(name)
+        except FileError:
+            continue
+    return chosen, len(images) - len(chosen)
 
 
 def jpeg_of(folder: Path, name: str) -> bytes:
@@ -144,12 +172,3 @@ def jpeg_of(folder: Path, name: str) -> bytes:
 def embedded(jpeg: bytes) -> str:
     """A JPEG as a data URI."""
     return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
-
-
-def _by_interest(run: Digest) -> Iterable[dict[str, Any]]:
-    """The looks of failed cycles, then of the others, newest first, then those outside of cycles."""
-    failed = [c for c in run.cycles if c.outcome not in ("picked", "empty")]
-    rest = [c for c in reversed(run.cycles) if c.outcome in ("picked", "empty")]
-    for cycle in [*failed, *rest]:
-        yield from (s.look for s in cycle.stops)
-    yield from (r for r in run.outside if r["kind"] == "look")

@@ -22,14 +22,14 @@ from daemon.review.set_downs import places_json
 from daemon.review.why import causes, in_plain_words
 from daemon.store.place_status import PlaceStatus
 
-MOST_CYCLES = 1000
-"""Most cycles shown, the newest ones; figures and measures cover all."""
+MOST_CYCLES = MOST_EVENTS = 1000
+"""Most cycles and events shown, the newest ones; figures and measures cover all."""
 Json = dict[str, Any]
 
 
 def page_data(digest: Digest) -> Json:
     """All data of the page except images."""
-    start, done = digest.start or {}, production([digest])
+    start, done, happened = digest.start or {}, production([digest]), events(digest)
     return {
         "run": digest.name,
         "started": digest.records[0].get("t") if digest.records else None,
@@ -53,7 +53,8 @@ def page_data(digest: Digest) -> Json:
         "cycles_left_out": max(0, len(digest.cycles) - MOST_CYCLES),
         "outside": [stop_json(s) for s in stops_of([r for r in digest.outside if r["kind"] == "look"])],
         "places": places_json(digest, shown_of(digest)),
-        "events": events(digest),
+        "events": happened[-MOST_EVENTS:],
+        "events_left_out": max(0, len(happened) - MOST_EVENTS),
         "states": {SHOWN.get(name, name): s for name, s in median_state_seconds(digest.cycles).items()},
     }
 
@@ -85,6 +86,7 @@ def cycle_json(cycle: Cycle, all_of_run: Sequence[Cycle], going: bool) -> Json:
             | {"w": round(c.weight, 2), "e": c.evidence, "at": c.at}
             for c in found
         ],
+        "mms": [_short(s.estimate.get("predicted_mm")) for s in cycle.stops if s.estimate],
         "decisions": [_decided(r) for r in cycle.of("decision", "laid_down")],
         "stops": [stop_json(s) for s in cycle.stops],
     }

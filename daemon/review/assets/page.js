@@ -1,7 +1,8 @@
 // Shows a run from the data in the page. Nothing is fetched.
 "use strict";
-(() => {
-const data = JSON.parse(by("data").textContent);
+(async () => {
+const data = JSON.parse(by("data").textContent), details = await unpacked(data.details);
+for (const cycle of data.cycles) Object.assign(cycle, details.cycles[cycle.n] || { stops: [], decisions: [], bare: true });
 let pictures = null;                                  // parsed when the first look is opened
 const offset = data.utc_offset_s, zone = known(offset) ? "the cell's time" : "UTC";
 const done = data.production, failed = done.tried - done.picked - done.released;
@@ -28,6 +29,8 @@ by("summary").append(...[
 ].filter(Boolean));
 const warnings = [...data.skipped];
 if (data.cycles_left_out) warnings.push(`${plural(data.cycles_left_out, "earlier cycle")} not in this page: facetctl export --csv ${data.run} lists them all (figures and measures are of all)`);
+if (data.details_left_out) warnings.push(`${plural(data.details_left_out, "cycle")} here without looks, so that the page stays small: facetctl review ${data.run} --cycle N shows one`);
+if (data.events_left_out) warnings.push(`${plural(data.events_left_out, "earlier event")} not in this page`);
 if (data.pictures_left_out) warnings.push(`${plural(data.pictures_left_out, "picture")} not in this page (they are in the run folder)`);
 if (data.against && data.against.paces.length > 1) warnings.push(`The two runs had different paces (${data.against.paces.map(atPace).join(", ")}): their times cannot be compared.`);
 by("warnings").append(...warnings.map((w) => el("p", { class: "warn" }, w)));
@@ -140,7 +143,7 @@ by("strips").addEventListener("wheel", (e) => {
 }, { passive: false });
 show(0, all);
 const calm = data.strips.filter((s) => s.near === 0 && known(s.limit)).length;
-by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it. Click a bar or a look to open it with its images. Zoom with Ctrl and the wheel, move with Shift and the wheel.`));
+by("night").append(el("p", { class: "dim" }, `${calm === data.strips.filter((s) => known(s.limit)).length ? "No measure came near its limit. " : ""}Click the name of a measure to plot it.${Math.max(1, ...data.strips.map((s) => s.each)) > 1 ? " Of so many looks each point is the worst of several." : ""} Click a bar or a look to open it with its images. Zoom with Ctrl and the wheel, move with Shift and the wheel.`));
 const atPointer = (e) => {                            // what was there at the moment under the pointer
   const track = bars.getBoundingClientRect(), part = (e.clientX - track.left) / track.width;
   if (part < 0 || part > 1) { cursor.hidden = true; return; }
@@ -222,9 +225,9 @@ function open(number_, look = null) {
     el("h2", {}, `Cycle ${cycle.n}: ${cycle.label || "no part"} `, el("span", { class: `o ${cycle.outcome.replace(" ", "-")}` }, cycle.outcome)),
     el("p", { class: "dim" }, time(cycle.t, offset), `, ${duration(cycle.s)}, ${plural(cycle.looks, "look")} at the part${cycle.eyes && cycle.eyes !== "both" ? ` (cameras: ${cycle.eyes})` : ""}. ${cycle.why || ""}`),
     ...cycle.causes.map((c, k) => el("div", { class: `cause${k ? " less" : ""}` }, el("b", {}, c.name), k ? " (perhaps)" : "", `: ${c.e}`, el("br"), el("small", {}, c.r))),
-    el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
+    cycle.bare ? null : el("div", { class: "stops" }, el("button", { type: "button", id: "previous", onclick: step(-1) }, "‹"), ...buttons,
       el("button", { type: "button", id: "next", onclick: step(1) }, "next ›")), body,
-    el("p", { class: "dim" }, "Arm and parts in 3-D, joints, tool and speed over time: ", el("code", {}, `facetctl review ${data.run} --cycle ${cycle.n}`)),
+    el("p", { class: "dim" }, cycle.bare ? "Its looks and decisions are not in this page. " : "", "Arm and parts in 3-D, joints, tool and speed over time: ", el("code", {}, `facetctl review ${data.run} --cycle ${cycle.n}`)),
     cycle.decisions.length ? el("details", { open: cycle.decisions.length < 8 }, el("summary", {}, plural(cycle.decisions.length, "decision")), el("ul", {}, ...cycle.decisions.map((d) => el("li", {}, el("b", {}, d.text), ` — ${d.why || ""}`)))) : null].filter(Boolean));
   if (cycle.stops.length) choose(look ?? telling(cycle));
   place.scrollIntoView({ behavior: "auto", block: "start" });
@@ -237,8 +240,8 @@ function telling(cycle) {
 }
 document.addEventListener("keydown", (e) => {
   if (e.target.tagName === "INPUT" || opened === null) return;
-  if (e.key === "ArrowRight") by("next").click();
-  if (e.key === "ArrowLeft") by("previous").click();
+  if (e.key === "ArrowRight") by("next")?.click();
+  if (e.key === "ArrowLeft") by("previous")?.click();
 });
 
 function lookView(stop) {
@@ -307,15 +310,15 @@ const inAll = (parts) => {
   const named = ([label, n]) => (label !== "unknown" ? (n > 1 ? `${n} × ${label}` : label) : n > 1 ? `${n} unidentified parts` : "an unidentified part");
   return Object.entries(count).map(named).join(", ") || "nothing seen";
 };
-by("other-list").append(...data.outside.map((stop) => {
+by("other-list").append(...details.outside.map((stop) => {
   const box = el("details", {}, el("summary", {}, time(stop.t, offset), ` ${stop.purpose}: ${stop.pictures_only ? "pictures only" : inAll(stop.parts)}`));
   box.addEventListener("toggle", () => { if (box.open && box.children.length === 1) box.append(lookView(stop)); });
   return box;
 }));
-if (!data.outside.length) by("other-list").append(el("p", { class: "dim" }, "none"));
+if (!details.outside.length) by("other-list").append(el("p", { class: "dim" }, "none"));
 
 // ---- plots
-const approached = data.cycles.filter((c) => c.stops.some((s) => s.estimate)).map((c) => c.stops.filter((s) => s.estimate).map((s) => s.estimate.mm));
+const approached = data.cycles.map((c) => c.mms).filter((mms) => mms.length);
 const most = Math.max(0, ...approached.map((c) => c.length)), limit = (data.strips.find((s) => s.name === "error at the grasp") || {}).limit;
 const atLook = Array.from({ length: most }, (_, i) => approached.filter((c) => c.length > i).map((c) => c[i]).sort((a, b) => a - b));
 const quantile = (sorted, q) => sorted[Math.min(sorted.length - 1, Math.floor(q * sorted.length))];

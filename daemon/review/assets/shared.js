@@ -81,6 +81,10 @@ const theme = () => {
 };
 
 // ---- a look: both eyes with what was found drawn in. source(eye): where its picture is, or null
+async function unpacked(text) {                         // JSON that was compressed by gzip, as base64
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return JSON.parse(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text());
+}
 function eyes(look, source) {
   const box = el("div", { class: "eyes" }, eyeView(look, "left", "l", source("left")), eyeView(look, "right", "r", source("right")));
   box.addEventListener("click", () => large(look, source));
@@ -97,6 +101,7 @@ function eyeView(look, eye, key, source) {
   if (!source) { box.append(el("div", { class: "none" }, `${eye}: the image is not in this page`)); return box; }
   const image = el("img", { src: source, alt: `${eye} camera` });
   const layer = svg("svg");
+  image.addEventListener("error", () => box.replaceChildren(el("div", { class: "none" }, `${eye}: the image is in the run's folder, and not beside this page`)));
   image.addEventListener("load", () => layer.setAttribute("viewBox", `-0.5 -0.5 ${image.naturalWidth} ${image.naturalHeight}`));
   const outline = (points, name) => layer.append(svg("polygon", { points: points.map((p) => p.join(",")).join(" "), class: name }));
   const middle = (points) => [points.reduce((s, p) => s + p[0], 0) / points.length, points.reduce((s, p) => s + p[1], 0) / points.length];

@@ -12,6 +12,7 @@ import pytest
 from daemon import ctl
 from daemon.review.page import read_digest
 from tests.fakes.made_run import MadeRun
+from tests.fakes.waiting import until
 
 
 def test_runs_are_tabled_and_laid_side_by_side(
@@ -50,7 +51,7 @@ def test_a_week_of_runs_is_one_page_and_each_point_leads_to_its_run(tmp_path: Pa
     assert browser.find_element("id", "verdict").text == "5 of 6 picked in 3 runs. Causes of stops: part slipped."
     assert "Success by part" in browser.find_element("id", "trends").text
     browser.find_elements("css selector", "#trends svg circle.leads")[1].click()
-    assert browser.find_element("id", "verdict").text.startswith("1 of 2 picked")
+    until(lambda: browser.find_element("id", "verdict").text.startswith("1 of 2 picked"))
     assert browser.get_log("browser") == []
 
 

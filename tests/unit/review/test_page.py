@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import os
 import re
@@ -52,6 +54,15 @@ def data_of(page: str) -> Any:
     return json.loads(page.split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
 
 
+def details_of(data: Any) -> Any:
+    return json.loads(gzip.decompress(base64.b64decode(data["details"])))
+
+
+def pictures_of(page: str) -> dict[str, str]:
+    found: dict[str, str] = json.loads(page.split('id="pictures">')[1].split("</script>")[0])
+    return found
+
+
 def test_a_run_that_is_being_written_is_still_going_and_one_that_was_killed_is_not(made: MadeRun) -> None:
     made.pick()
     made.write("cycle_start", cycle=2, target=None)
@@ -100,13 +111,45 @@ def test_texts_of_a_run_cannot_break_out_of_the_page(made: MadeRun) -> None:
 def test_pictures_of_failures_come_first_when_not_all_fit(made: MadeRun, monkeypatch: pytest.MonkeyPatch) -> None:
     for k in range(6):
         made.pick("missed" if k == 2 else "picked")
-    monkeypatch.setattr("daemon.review.page.PICTURE_BUDGET", 1500)
-    text = write_page(made.close(), made.folder / "page.html").read_text()
-    pictures = json.loads(text.split('id="pictures">')[1].split("</script>")[0])
+    folder = made.close()
+    whole = data_of(write_page(folder, made.folder.parent / "page.html").read_text())
+    assert whole["pictures_left_out"] == 0
+    monkeypatch.setattr("daemon.review.page.PAGE_BYTES", len(json.dumps(whole)) + 2500)
+    text = write_page(folder, made.folder.parent / "page.html").read_text()
+    pictures = pictures_of(text)
     failed = read_digest(made.folder).cycles[2].stops[0].look["seq"]
     assert f"{failed}-left" in pictures
-    data = json.loads(text.split('id="data">')[1].split("</script>")[0].replace("<\\/", "</"))
-    assert data["pictures_left_out"] > 0
+    assert data_of(text)["pictures_left_out"] == 36 - len(pictures) > 0
+    beside = pictures_of(write_page(folder, folder / "page.html").read_text())
+    assert len(beside) == 36
+    linked = {picture for picture in beside.values() if not picture.startswith("data:")}
+    assert all((folder / name).is_file() for name in linked), "a page in the run's folder shows the files"
+    assert len(linked) >= 36 - len(pictures)
+
+
+def test_details_of_failures_come_first_when_not_all_fit(made: MadeRun, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k in range(6):
+        made.pick("missed" if k == 2 else "picked")
+    folder = made.close()
+    data = data_of(write_page(folder, folder / "page.html").read_text())
+    one = len(json.dumps(details_of(data)["cycles"]["1"], separators=(",", ":")))
+    assert (sorted(details_of(data)["cycles"]), data["details_left_out"]) == (list("123456"), 0)
+    monkeypatch.setattr("daemon.review.page.DETAIL_BYTES", int(2.5 * one))
+    data = data_of(write_page(folder, folder / "page.html").read_text())
+    assert sorted(details_of(data)["cycles"]) == ["3", "6"], "the failure, then the newest"
+    assert data["details_left_out"] == 4
+    assert [len(row["mms"]) for row in data["cycles"]] == [2] * 6, "figures are of all"
+
+
+def test_a_file_outside_of_the_run_that_its_records_name_as_an_image_is_not_linked(
+    made: MadeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daemon.review.page.PAGE_BYTES", 0)
+    made.pick()
+    made.write("look", purpose="console", images={"left": "http://elsewhere/x.png", "right": "../../../etc/hostname"})
+    text = write_page(made.close(), made.folder / "page.html").read_text()
+    assert "elsewhere" not in text
+    assert "hostname" not in text
 
 
 def test_a_page_is_called_by_its_run_or_its_title_or_nothing() -> None:

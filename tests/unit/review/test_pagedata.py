@@ -8,7 +8,7 @@ import pytest
 
 from daemon.review import pagedata
 from daemon.review.digest import Digest, digest, duration_s, short_hash
-from daemon.review.measures import strips
+from daemon.review.measures import Strip, strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import (
     cycle_json,
@@ -151,7 +151,7 @@ def test_one_row_of_the_table_of_cycles(run: Digest) -> None:
     assert {k: v for k, v in row.items() if k not in ("causes", "stops")} == {
         "n": 7, "t": "2026-01-02T03:04:03.000Z", "label": "cube", "outcome": "picked", "looks": 1, "eyes": "both, left",
         "s": 6.5, "mm": 0.7, "deg": 0.2, "true_mm": 0.52, "true_deg": 0.12, "why": "gone",
-        "decisions": [{"text": "pick cube", "why": "surest"}],
+        "decisions": [{"text": "pick cube", "why": "surest"}], "mms": [0.78],
     }  # fmt: skip
     assert len(row["stops"]) == 2
     assert cycle_json(second, run.cycles, going=False)["outcome"] == "unfinished"
@@ -354,3 +354,17 @@ def test_a_part_laid_down_between_two_grasps_is_among_a_picks_decisions() -> Non
         ("laid_down", "laid on the table: set"),
         ("laid_down", "laid on the table: off"),
     ]
+
+
+@pytest.mark.parametrize(("above", "worst"), [(True, 9.0), (False, -9.0)])
+def test_of_very_many_looks_each_point_of_a_measure_is_the_worst_of_several(above: bool, worst: float) -> None:
+    line: list[float | None] = [1.0, None] * 3000
+    line[4321] = worst
+    shown = Strip("contrast", "grey levels", 5.0, above, [float(k) for k in range(6000)], {"left": line}).json()
+    points = shown["lines"]["left"]
+    assert (shown["each"], len(shown["s"]), len(points)) == (3, 2000, 2000)
+    assert points[4321 // 3] == worst
+    assert shown["s"][4321 // 3] == 4320.0
+    assert set(points) == {1.0, worst}
+    few = Strip("contrast", "grey levels", 5.0, above, [0.0, 1.0], {"left": [None, 2.0]}).json()
+    assert (few["each"], few["lines"]) == (1, {"left": [None, 2.0]})

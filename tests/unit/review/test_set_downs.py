@@ -10,6 +10,7 @@ import pytest
 from daemon.review.page import read_digest, write_page
 from daemon.review.set_downs import last_of_each, placing_figures, set_downs
 from daemon.review.week import week_data
+from tests.chromium import ready
 from tests.fakes.made_run import MadeRun, part
 
 OUTLINE = [[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [0.0, 50.0]]
@@ -99,6 +100,7 @@ def test_places_are_drawn_on_the_page_and_fit_a_phone(browser: Any, made: MadeRu
     for width in (1400, 400):
         browser.set_window_size(width, 1000)
         browser.get(f"file://{out}")
+        ready(browser)
         drawn = browser.find_elements("css selector", "#places g.place")
         assert [each.get_attribute("class") for each in drawn] == [
             "place right", "place wrong", "place wrong", "place unsure",
