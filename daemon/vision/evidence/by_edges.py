@@ -184,7 +184,7 @@ def _proven(
         rivals = (other for other in laid if other.label != one.label and other.overlaps(one))
         ahead = all(_ahead_of(one, other, holes.nats, search) for other in rivals)
         if ahead and _proven_if_cut_off(one, confidence, search):
-            measured = measured_at(one.solid, one.pose, eyes, search.model)
+            measured = measured_at(one.solid, one.pose, eyes, search.model, one.seen)
             tolerance = search.model.parameters.tolerance_mm
             if other_size_nats(one.solid, measured.fit.cyclopean_from_part, measured.edges, tolerance) < OTHER_SIZE:
                 same = [other for other in laid if other.label == one.label and other.overlaps(one)]

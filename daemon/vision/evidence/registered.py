@@ -126,9 +126,12 @@ class MeasuredPart(NamedTuple):
     edges: tuple[EdgeObservation, EdgeObservation]
 
 
-def measured_at(solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model) -> MeasuredPart:
-    """A part measured that is near a pose (4, 4) cyclopean_from_part."""
-    fit, observed = fit_at(solid, eyes, pose, model.parameters.tolerance_mm)
+def measured_at(
+    solid: Polyhedron, pose: Array, eyes: StereoImages, model: Model, samples: Sequence[EdgeSamples] = ()
+) -> MeasuredPart:
+    """A part measured that is near a pose (4, 4) cyclopean_from_part; samples: what stretches show at the pose, where
+    that was asked already."""
+    fit, observed = fit_at(solid, eyes, pose, model.parameters.tolerance_mm, samples)
     laid = facets_laid(solid, observed)
     facets = triangulate([(one.left, one.right) for one in laid], eyes.geometry)
     numbers = [one.index for one in laid]

@@ -32,21 +32,15 @@ def settled(members: list[Candidate], group: Group, geometry: Baseline) -> Group
     left = pulls([c.left.sides for c in members], ends, weight, geometry.left)
     right = pulls([c.right.sides for c in members], ends, weight, geometry.right)
     adjusted = settle(solid.corners_mm, left, right, [c for c in corners if len(c) > 3], geometry)
-    redrawn = (_redrawn(f, c, adjusted, geometry) for f, c in zip(group.facets, corners, strict=True))
-    return Group(tuple(redrawn), group.rings)
-
-
-def _redrawn(facet: Facet, corners: Index, solid: AdjustedCorners, geometry: Baseline) -> Facet:
-    points = solid.corners_mm[corners]
-    left, right = geometry.project(points)
-    return Facet(
-        points,
-        solid.covariance_mm2[corners],
-        geometry.left.pixels(left),
-        geometry.right.pixels(right),
-        facet.epipolar_px,
-        facet.planarity_mm,
+    ideal = geometry.project(adjusted.corners_mm)
+    left_px, right_px = (eye.pixels(px) for eye, px in zip((geometry.left, geometry.right), ideal, strict=True))
+    redrawn = (
+        Facet(
+            adjusted.corners_mm[c], adjusted.covariance_mm2[c], left_px[c], right_px[c], f.epipolar_px, f.planarity_mm
+        )
+        for f, c in zip(group.facets, corners, strict=True)
     )
+    return Group(tuple(redrawn), group.rings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from daemon.arrays import Flags
 from daemon.vision.facets.candidates import Candidate, choose, find_candidates, outlines_of, triangulate
 from daemon.vision.facets.corner_adjustment import settled
 from daemon.vision.facets.grouping import connected, lying_under, merge_vertices, nearest_first
-from daemon.vision.geometry import Baseline, StereoRig
+from daemon.vision.geometry import Baseline, StereoRig, rings
 from daemon.vision.image import Outline, StereoImages, open_stereo
 from daemon.vision.settings import VisionSettings
 from daemon.vision.thesis import by_formula, converging, find_corners
@@ -146,7 +146,10 @@ def _by_formula(facets: Iterable[Facet], rig: StereoRig, settings: VisionSetting
 
 def _unmatched(outlines: Sequence[Outline], used: tuple[Polygon, ...], eye: str) -> tuple[Rejected, ...]:
     """Outlines well away from every polygon that was used."""
-    middles = np.array([o.corners.mean(0) for o in outlines]).reshape(-1, 1, 2)
+    if not outlines:
+        return ()
+    shape = rings([o.corners for o in outlines])
+    middles = (shape.sums(shape.corners) / shape.count[:, None])[:, None]
     low = np.array([p.corners_px.min(0) for p in used]).reshape(-1, 2)
     high = np.array([p.corners_px.max(0) for p in used]).reshape(-1, 2)
     beyond: Flags = np.asarray(((middles <= low) | (middles >= high)).any(2))

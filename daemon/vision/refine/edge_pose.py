@@ -171,15 +171,17 @@ def fit_of(found: Located) -> Fit | None:
 
 
 def fit_at(
-    shape: Polyhedron, eyes: StereoImages, pose: Array, tolerance_mm: float
+    shape: Polyhedron, eyes: StereoImages, pose: Array, tolerance_mm: float, samples: Sequence[EdgeSamples] = ()
 ) -> tuple[Fit, tuple[EdgeObservation, EdgeObservation]]:
     """Where the edges of a part have it that is at a pose (4, 4) cyclopean_from_part to a px or so, as settled() has
-    it; and those edges. Print beside edges leads lines astray, from one measurement to the next all the way to another
-    minimum; of stretches by themselves most stay on their edges, so that these hold the part where they have it. A part
-    that its lines lead farther than PRIOR allows, or out of both pictures, stays at the pose."""
+    it; and those edges. samples: what stretches show at the pose, where that was asked already.
+
+    Print beside edges leads lines astray, from one measurement to the next all the way to another minimum; of stretches
+    by themselves most stay on their edges, so that these hold the part where they have it. A part that its lines lead
+    farther than PRIOR allows, or out of both pictures, stays at the pose."""
     laid = SolidBatch.of([shape])
-    anchor = pose, sum((seen.information(STRETCH_PX) for seen in edge_samples_of(laid, eyes, pose[None], tolerance_mm)),
-                       np.zeros((6, 6)))  # fmt: skip
+    known = samples or edge_samples_of(laid, eyes, pose[None], tolerance_mm)
+    anchor = pose, sum((seen.information(STRETCH_PX) for seen in known), np.zeros((6, 6)))
     stays = Fit(pose, BY_PRIOR, 0.0, 0)
     first: tuple[EdgeObservation, EdgeObservation] | None = None
     for _ in range(AGAIN):
