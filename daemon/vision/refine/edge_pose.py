@@ -29,6 +29,7 @@ from daemon.vision.refine.expected_edges import (
     moved,
     nothing_found,
     off_places,
+    visible_stretches,
 )
 from daemon.vision.refine.following import Fit
 from daemon.vision.refine.rim_samples import rim_places
@@ -54,6 +55,8 @@ AGAIN = 8
 FARTHEST_CHI2 = chi_square_limit(6, 1e-3)
 """How far lines may lead a part from where stretches have it, by the covariance that it has there beforehand: one of
 which some edges only stay in view may be led along these."""
+STRETCHES, LEAST_IN_VIEW = 8, 0.5
+"""In how many places along an edge it is asked whether the part itself hides it, and how much of it must be in view."""
 SEARCH_DEG = 3.0
 PASSES = 5
 LEAST_OUTLINE = 0.75
@@ -130,8 +133,18 @@ def locate(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float) 
 def _expected(
     laid: SolidBatch, eyes: StereoImages, poses: Array, tolerance_mm: float = TOLERANCE_MM
 ) -> tuple[ExpectedEdges, ExpectedEdges]:
-    """What the left and the right camera should see of one placement."""
-    return expected(laid, eyes, poses, np.ones(1, bool), tolerance_mm)
+    """What the left and the right camera should see of one placement: the edges that the part itself does not hide."""
+    both = expected(laid, eyes, poses, np.ones(1, bool), tolerance_mm)
+    if laid.shapes[0].convex:
+        return both
+    left, right = (
+        edges.only(
+            np.flatnonzero(visible_stretches(laid, edges, poses, eye_mm, STRETCHES).mean(axis=1) > LEAST_IN_VIEW),
+            laid.corners_of(0),
+        )
+        for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True)
+    )
+    return left, right
 
 
 def fit_edges(shape: Polyhedron, eyes: StereoImages, near: Array, reach_mm: float = 5.0) -> Fit | None:

@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import SolidBatch, hidden, robust_weight, solve
+from daemon.vision.geometry import SolidBatch, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, peak_places, peaks, ranks, stretch_slopes
-from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved
+from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved, visible_stretches
 
 REACH_PX = 8
 """How far across its edge each stretch is looked at."""
@@ -129,24 +128,9 @@ def edge_samples_of(
     found, first = [], 0
     for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True):
         here = slice(first, first := first + len(edges.start))
-        visible = _visible(laid, edges, poses, eye_mm, sigmas.shape[1])
+        visible = visible_stretches(laid, edges, poses, eye_mm, sigmas.shape[1])
         found.append(EdgeSamples(edges, sigmas[here], surprise[here], near[here] > 0, visible))
     return found
-
-
-def _visible(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
-    """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
-    seen = np.ones((len(edges.start), count), bool)
-    shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
-    for k, solid in enumerate(laid.shapes):
-        own = np.flatnonzero(edges.owner == k)
-        if solid.convex or not len(own):
-            continue
-        a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
-        points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
-        eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
-        seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
-    return seen
 
 
 def _slopes(

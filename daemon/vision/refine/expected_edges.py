@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import Camera, SolidBatch, onto_circles, outward, sides_of, thickness
+from daemon.vision.geometry import Camera, SolidBatch, hidden, onto_circles, outward, sides_of, thickness
 from daemon.vision.image import Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
@@ -211,6 +211,21 @@ def expected(
 
     of_left = int(np.count_nonzero(eye == 0))
     return of_camera(slice(of_left), px[0]), of_camera(slice(of_left, None), px[1])
+
+
+def visible_stretches(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
+    """(E, S) which of so many stretches of each edge the part itself does not hide from an eye at eye_mm (3,)."""
+    seen = np.ones((len(edges.start), count), bool)
+    shares, corners_mm = (np.arange(count) + 0.5) / count, laid.corners_mm.reshape(-1, 3)
+    for k, solid in enumerate(laid.shapes):
+        own = np.flatnonzero(edges.owner == k)
+        if solid.convex or not len(own):
+            continue
+        a, b = (corners_mm[edges.ends[own, end]] for end in (0, 1))
+        points = a[:, None] + shares[None, :, None] * (b - a)[:, None]
+        eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
+        seen[own] = ~hidden(solid, points.reshape(-1, 3), eye).reshape(-1, count)
+    return seen
 
 
 def _on_arcs(chords: Array, circles: Array, share: Array) -> Array:

@@ -11,6 +11,7 @@ from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose
 from daemon.vision.refine.edge_pose import fit_at, fit_edges, locate
 from tests.fakes import painted
+from tests.fakes.drawn import prism
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
 from tests.fakes.solids import KNOWN, Body, pose
@@ -136,6 +137,23 @@ def test_a_part_is_located_where_it_lies_and_neither_elsewhere_nor_as_another() 
     starts = [frames.perturb(STANDS, motion) for motion in (A_LITTLE, A_LITTLE, AWAY, -A_LITTLE)]
     found = [locate(shape, eyes, start, 2.0) for shape, start in zip(LAID, starts, strict=True)]
     assert [one is not None for one in found] == [True, False, False, True]
+
+
+CHANNEL = [(0, 0), (60, 0), (60, 40), (45, 40), (45, 15), (15, 15), (15, 40), (0, 40)]
+
+
+@pytest.mark.parametrize("view", [(-0.79, 0.55, 0.27), (0.90, 0.06, -0.44), (-0.95, -0.31, 0.01), (0.69, 0.53, -0.50)])
+def test_edges_of_a_hollow_part_that_it_hides_itself_are_not_missed(view) -> None:
+    corners, rings = prism(CHANNEL, 40.0)
+    shape, where = exact(corners - corners.mean(axis=0), rings), pose(np.array(view), 0.3, 300.0)
+    farthest_first = np.argsort(-np.linalg.norm(frames.apply(where, shape.centres_mm), axis=1))
+    shape = exact(shape.corners_mm, [rings[k] for k in farthest_first])
+    eyes = open_stereo(*paint_pair([(shape, where)], np.random.default_rng(1)), rig())
+    fit = fit_edges(shape, eyes, frames.perturb(where, A_LITTLE))
+    assert fit is not None
+    error_mm, error_deg = error(fit, where, shape)
+    assert error_mm < 0.4
+    assert error_deg < 0.2
 
 
 def test_a_part_out_of_view_is_not_located() -> None:
