@@ -32,7 +32,7 @@ from daemon.pick.place_goals import (
     set_down_of,
     ways_to,
 )
-from daemon.pick.plan import MOST_GOALS, Destination, NoPlan, approach_poses, is_over, last_stretch
+from daemon.pick.plan import MOST_GOALS, Destination, NoPlan, approach_poses, is_over, last_stretch, stable_sides
 from daemon.pick.seen import in_both_images
 from daemon.pick.settings import Settings
 from daemon.pick.table_room import Beside, beside_of, free_spots
@@ -54,6 +54,8 @@ AS_LAID_MM, AS_LAID_DEG = 10.0, 10.0
 SHOWS_COUNT, ALONG_EDGE, RIM_PX = 2.0, np.linspace(0.1, 0.9, 5), 5.0
 """How much it counts that a part shows in the gripper: one that does not is not measured there, and cannot be set down;
 where along its edges, and how far inside of the pictures."""
+ROUND_MM = 0.1
+"""A face of the convex hull that a curved surface bulges out of by more is no side to lie on."""
 MOST_TABLES = 32
 
 
@@ -96,12 +98,17 @@ def _grasp_table(shape: Polyhedron, gripper: Gripper, error_mm: float) -> GraspT
 
 def resting(shape: Polyhedron) -> Array:
     """(S, 4, 4) how a part of one material can lie on a table at z = 0, the middle of what it rests on at the origin:
-    on each face of its convex hull that its mass centre is above. Raises ValueError where the corners span no
-    volume."""
+    on each of its own sides, and each face of its convex hull, that its mass centre is above; on nothing round. Raises
+    ValueError where the corners span no volume."""
     ground, mass = hull(shape.corners_mm), centre_of_mass(felt(shape))
-    upright = frames.rigid(UPSIDE_DOWN, np.zeros(3))
-    found = [upright @ laid for side, laid in enumerate(ground.laid_flat) if is_over(mass, ground, side)]
-    return np.reshape(found, (-1, 4, 4))
+    round_mm = np.concatenate([shape.covers.reshape(-1, 3), *(arc.points_mm for arc in shape.arcs)])
+    found = [shape.laid_flat[side] for side in stable_sides(shape)]
+    for side, laid in enumerate(ground.laid_flat):
+        beyond_mm = frames.apply(laid, round_mm)[:, 2].max(initial=0.0)
+        known = any(laid[2, :3] @ other[2, :3] > np.cos(NEARLY_FLAT_RAD) for other in found)
+        if not known and beyond_mm < ROUND_MM and is_over(mass, ground, side):
+            found.append(laid)
+    return np.reshape(frames.rigid(UPSIDE_DOWN, np.zeros(3)) @ np.reshape(found, (-1, 4, 4)), (-1, 4, 4))
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,9 @@ MEETING_MM = 2.0
 NEAR_RAD = 0.25
 LEAST_SIZE_MM2, SAME_PLANE = 20.0, float(np.cos(np.radians(6.0)))
 """Twice the area of three corners that give a plane, and the cosine above which two planes are one."""
-LEAST_SLOPE, LEG_FACES = 1e-6, 0.9
-"""The least that a face faces the fingers by to be met at all, and the least by which two are the sides of a leg."""
+LEAST_SLOPE, LEG_FACES, LEGS_APART_MM = 1e-6, 0.9, 3.0
+"""The least that a face faces the fingers by to be met at all, and the least by which two are the sides of a leg; how
+far two legs are apart."""
 SWEPT_MM = 80.0
 """How long the last stretch is, on which neighbours must leave room."""
 SLIPS_DEG = 45.0
@@ -164,9 +165,14 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
 
 
 def felt(shape: Polyhedron) -> Polyhedron:
-    """What two flat fingers feel of a part: itself where every side of it is known, else the convex hull of the corners
-    that are. Raises ValueError where those span no volume."""
-    return hull(shape.corners_mm) if len(shape.facets) < 4 or shape.open_edges else shape
+    """What two flat fingers feel of a part: itself where every side of it is known, flat or, from a drawing, curved;
+    else the convex hull of the corners that are known. Raises ValueError where those span no volume."""
+    curved = shape.covers.reshape(-1, 3)
+    if shape.open_edges and not (shape.smooth or shape.arcs or shape.holes or len(curved)):
+        return hull(shape.corners_mm)
+    sides = np.arange(len(curved)).reshape(-1, 4) + len(shape.corners_mm)
+    whole = exact(np.concatenate([shape.corners_mm, curved]), [*shape.facets, *sides])
+    return whole if len(whole.facets) >= 4 else hull(shape.corners_mm)
 
 
 def hull(corners_mm: Array, flat_mm: float = 1.5) -> Polyhedron:
@@ -213,13 +219,14 @@ def centre_of_mass(solid: Polyhedron) -> Array:
     return np.asarray(middle + volumes @ spread.sum(axis=1) / (4.0 * volumes.sum()))
 
 
-def closing_directions(solid: Polyhedron) -> list[Array]:
-    """Horizontal unit directions (3,) worth closing along, in the solid's frame, whose z is up.
+def closing_directions(solid: Polyhedron, flat: int) -> list[Array]:
+    """Horizontal unit directions (3,) worth closing along, in the solid's frame, whose z is up. flat: so many of its
+    faces, the first ones, are no strips of something round.
 
     Each side face's normal, evenly between two faces that look away from each other, and along and across the longest
     edge (D'Souza, section 6.1).
     """
-    seeds = [a - b for a, b in combinations(solid.normals, 2) if a @ b < -0.3]
+    seeds = [a - b for a, b in combinations(solid.normals[:flat], 2) if a @ b < -0.3]
     seeds += [n for n in solid.normals if abs(n[2]) < 0.95]
     here, after, _ = solid.steps
     sides = solid.corners_mm[after] - solid.corners_mm[here]
@@ -227,10 +234,10 @@ def closing_directions(solid: Polyhedron) -> list[Array]:
     seeds += [longest, np.cross(UP, longest)]
     found: list[Array] = []
     for seed in seeds:
-        flat = seed * (1.0, 1.0, 0.0)
-        size = float(np.linalg.norm(flat))
-        if size > 1e-6 and not any(abs(float(flat @ d)) / size > np.cos(np.radians(4.0)) for d in found):
-            found.append(flat / size)
+        level = seed * (1.0, 1.0, 0.0)
+        size = float(np.linalg.norm(level))
+        if size > 1e-6 and not any(abs(float(level @ d)) / size > np.cos(np.radians(4.0)) for d in found):
+            found.append(level / size)
     return found
 
 
@@ -247,20 +254,22 @@ class Contact:
 
 
 class _Sides(NamedTuple):
-    """A solid as the fingers meet it: outlines (F, K, 3), filled up with their last corners; outward normals (F, 3)."""
+    """A solid as the fingers meet it: outlines (F, K, 3), filled up with their last corners; outward normals (F, 3);
+    flat: so many of them, the first ones, are no strips of something round."""
 
     outlines: Array
     normals: Array
+    flat: int
 
     def seen_from(self, rotation: Array, origin: Array) -> _Sides:
         """The same in a frame with these axes (3, 3) in columns and this origin (3,)."""
-        return _Sides((self.outlines - origin) @ rotation, self.normals @ rotation)
+        return _Sides((self.outlines - origin) @ rotation, self.normals @ rotation, self.flat)
 
 
-def _sides(solid: Polyhedron) -> _Sides:
+def _sides(solid: Polyhedron, flat: int) -> _Sides:
     longest = max(map(len, solid.facets))
     filled = np.array([[*ring, *ring[-1:] * (longest - len(ring))] for ring in solid.facets])
-    return _Sides(solid.corners_mm[filled], solid.normals)
+    return _Sides(solid.corners_mm[filled], solid.normals, flat)
 
 
 class _FingerLines(NamedTuple):
@@ -318,9 +327,9 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
     met = (top.max(axis=0) > -np.inf) & (bottom.min(axis=0) < np.inf)
     if met.sum() < 4 or gripper.tip_mm - lines.base[met, 1].min() < LEAST_BITE_MM:
         return None
-    upper = _touch(top[:, met], lines.base[met], sides.normals, up, 1.0)
-    lower = _touch(-bottom[:, met], lines.base[met], sides.normals, up, -1.0)
-    if not (upper.flat or lower.flat):
+    upper = _touch(top[:, met], lines.base[met], sides, up, 1.0)
+    lower = _touch(-bottom[:, met], lines.base[met], sides, up, -1.0)
+    if not (upper.flat or lower.flat or (upper.rounded and lower.rounded)):
         return None
     high_mm, low_mm = float(top.max()), float(bottom.min())
     middle, out = (high_mm + low_mm) / 2, half + gripper.finger_thick_mm
@@ -335,35 +344,37 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
 @dataclass(frozen=True, eq=False)
 class _Touch:
     """One finger's contact: degrees the closing direction is off the normals there; whether a face lies along the
-    finger (seen from above); bounds (2,) of x and z it extends over."""
+    finger (seen from above), a flat one, or a strip of something round; bounds (2,) of x and z it extends over."""
 
     slip_deg: float
     flat: bool
+    rounded: bool
     low: Array
     high: Array
 
 
-def _touch(reach: Array, base: Array, normals: Array, up: Array, sign: float) -> _Touch:
+def _touch(reach: Array, base: Array, sides: _Sides, up: Array, sign: float) -> _Touch:
     """reach (F, L): how far along sign * y each line gets to each side it leaves the solid by."""
     farthest = reach.max(axis=0)
     most = farthest.max()
     faces = np.unique(reach.argmax(axis=0)[farthest > most - MEETING_MM])
-    closing = np.array([0.0, sign, 0.0])
-    level = normals[faces] - np.outer(normals[faces] @ up, up)
+    closing, normals = np.array([0.0, sign, 0.0]), sides.normals[faces]
+    level = normals - np.outer(normals @ up, up)
     along = level @ closing > np.cos(np.radians(ALONG_DEG)) * np.maximum(np.linalg.norm(level, axis=1), 0.3)
     spots = base[farthest > most - TOUCHING_MM]
-    return _Touch(_off_cone_deg(closing, normals[faces]), bool(along.any()), spots.min(axis=0), spots.max(axis=0))
+    flat = faces < sides.flat
+    slip_deg, low, high = _off_cone_deg(closing, normals), spots.min(axis=0), spots.max(axis=0)
+    return _Touch(slip_deg, bool((along & flat).any()), bool((along & ~flat).any()), low, high)
 
 
 def _off_cone_deg(direction: Array, normals: Array) -> float:
     """Degrees between a unit direction and the nearest in the cone spanned by one or two of the (N, 3) unit normals."""
-    best = float((normals @ direction).max())
-    for a, b in combinations(normals, 2):
-        pair = np.column_stack([a, b])
-        weights = np.linalg.lstsq(pair, direction, rcond=None)[0]
-        if np.all(weights > 0):
-            best = max(best, float(np.linalg.norm(pair @ weights)))
-    return float(np.degrees(np.arccos(np.clip(best, -1.0, 1.0))))
+    near = normals @ direction
+    alike = normals @ normals.T
+    weights = (near[:, None] - alike * near) / np.maximum(1.0 - alike**2, 1e-9)  # of the first of each two of them
+    spans = (alike**2 < 1.0 - 1e-9) & (weights > 0) & (weights.T > 0)
+    between = np.where(spans, np.sqrt(np.maximum(weights * near[:, None] + weights.T * near, 0.0)), -1.0)
+    return float(np.degrees(np.arccos(np.clip(max(near.max(), between.max()), -1.0, 1.0))))
 
 
 def grasps(
@@ -383,10 +394,11 @@ def grasps(
     """
     solid = felt(shape)
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
-    mass, sides = centre_of_mass(solid), _sides(solid)
-    found: list[FingerGrasp] = []
-    for along in closing_directions(solid):
-        middles = [mass, *_legs(solid, along, gripper)]
+    curved = len(shape.covers) if len(solid.facets) == len(shape.facets) + len(shape.covers) else 0
+    mass, flat = centre_of_mass(solid), len(solid.facets) - curved
+    sides, found = _sides(solid, flat), list[FingerGrasp]()
+    for along in closing_directions(solid, flat):
+        middles = _legs(solid, along, mass, gripper)
         for closing, tilt_deg in product((along, -along), gripper.tilts_deg):
             rotation = tool_rotation(np.cross(closing, UP), float(np.radians(tilt_deg)))
             if near is not None and float((rotation * near).sum()) < 1.0 + 2.0 * np.cos(NEAR_RAD):
@@ -399,18 +411,21 @@ def grasps(
     return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
 
 
-def _legs(solid: Polyhedron, along: Array, gripper: TwoFingers) -> list[Array]:
-    """(3,) middles between sides that look away from each other along the closing direction: where a part that is not
-    convex has a leg to be held by."""
+def _legs(solid: Polyhedron, along: Array, mass: Array, gripper: TwoFingers) -> list[Array]:
+    """The mass centre (3,), and middles (3,) between sides that look away from each other along the closing direction:
+    where a part that is not convex has a leg to be held by. Each line along that direction once."""
+    found = [mass]
     heights = solid.normals @ solid.corners_mm.T - np.einsum("fi,fi->f", solid.normals, solid.centres_mm)[:, None]
     if heights.max() < MEETING_MM:
-        return []
-    facing, legs = solid.normals @ along, []
+        return found
+    facing = solid.normals @ along
     for a, b in product(np.flatnonzero(facing > LEG_FACES), np.flatnonzero(facing < -LEG_FACES)):
-        gap = solid.centres_mm[a] - solid.centres_mm[b]
+        gap, middle = solid.centres_mm[a] - solid.centres_mm[b], (solid.centres_mm[a] + solid.centres_mm[b]) / 2
         if 0.0 < float(gap @ along) < gripper.opening_mm:
-            legs.append((solid.centres_mm[a] + solid.centres_mm[b]) / 2)
-    return legs
+            away = np.cross(np.reshape(found, (-1, 3)) - middle, along)
+            if (np.linalg.norm(away, axis=1) > LEGS_APART_MM).all():
+                found.append(middle)
+    return found
 
 
 def _placed(

@@ -14,6 +14,7 @@ from daemon.pick.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.pick.viewpoints import view_worth
+from tests.bench import machined
 from tests.fakes.fake_cell import HEAD_DOWN, ON_HAND, World, build, joints, rig, shape_of
 from tests.fakes.regrasps import START, goal_on, pairs_by_brute_force, start_on
 from tests.unit.pick.test_plan import everywhere
@@ -56,6 +57,11 @@ def test_a_part_rests_level_on_each_face_below_its_mass(label):
         heights = frames.apply(pose, shape.corners_mm)[:, 2]
         assert heights.min() == pytest.approx(0.0, abs=0.01)
         assert (heights < 0.1).sum() >= 3
+
+
+@pytest.mark.parametrize(("label", "sides"), [("knob", 2), ("flange", 2), ("clevis", 5), ("bracket", 5)])
+def test_a_drawn_part_rests_on_nothing_round(label, sides):
+    assert len(resting(machined.drawings()[label].solid)) == sides
 
 
 @pytest.mark.parametrize("label", ["cube", "triangular_prism", "pentagonal_prism"])

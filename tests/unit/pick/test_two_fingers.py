@@ -1,5 +1,7 @@
 """Grasps from corners alone: they hold, clear the table, fit the opening, look down, and mind neighbours."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -24,8 +26,10 @@ from drivers.simcell.drawn import drawn_shape
 from drivers.simcell.gripper import close_on
 from drivers.simcell.parts import TAUGHT, part_shape
 from drivers.simcell.truth import load_truth
+from tests.bench import machined
 from tests.fakes.drawn import prism
 from tests.fakes.fake_cell import shape_of
+from tests.fakes.machined import shown_shape
 
 GRIPPER = TwoFingers()
 MIDDLE = np.array([520.0, 0.0, -300.0])
@@ -154,6 +158,21 @@ def test_a_part_with_hollows_is_taken_by_a_leg_and_not_by_its_hull(name):
         assert grip.held, (rest, grip.why)
 
 
+@pytest.mark.parametrize("label", ["bracket", "clevis", "filleted_block", "pillow_block"])
+def test_a_drawn_part_is_taken_by_its_flat_sides_and_not_where_it_is_hollow_or_round(label):
+    drawn = machined.drawings()[label]
+    shape = shown_shape(label, drawn)
+    shift = shape.hull.vertices.min(axis=0) - drawn.solid.corners_mm.min(axis=0)
+    solid = replace(drawn.solid, corners_mm=drawn.solid.corners_mm + shift, covers=drawn.solid.covers + shift)
+    for rest, down in enumerate(shape.rests):
+        world_from_part = frames.rigid(frames.rotation_from_vector(np.array([0, 0, 0.7 * rest])), MIDDLE) @ down
+        for grasp in grasps(solid, world_from_part, -300.0, GRIPPER)[:10]:
+            tool_from_world = frames.inverse(grasp.world_from_tool)
+            grip = close_on(shape, tool_from_world @ world_from_part, tool_from_world[:3, 2], TRUTH)
+            assert grip.held, (rest, grip.why)
+            assert abs(grip.turn_deg) < 4.0, "it turns no more than two directions are apart"
+
+
 def test_the_centre_of_mass_of_two_joined_blocks_is_where_their_weights_say():
     corners, rings = prism([(0, 0), (60, 0), (60, 20), (20, 20), (20, 60), (0, 60)], 30.0)
     expected = (np.array([30, 10, 15]) * 60 * 20 + np.array([10, 40, 15]) * 20 * 40) / (60 * 20 + 20 * 40)
@@ -180,7 +199,7 @@ def test_no_grasp_takes_a_part_so_far_from_its_middle_that_it_would_swing():
 def test_the_fingers_may_close_along_and_across_the_longest_edge():
     solid = hull(np.array([[0.0, 0.0, 0.0], [60.0, 10.0, 0.0], [10.0, 40.0, 0.0], [20.0, 15.0, 30.0]]))
     longest = np.array([60.0, 10.0, 0.0]) / np.hypot(60.0, 10.0)
-    found = np.array(closing_directions(solid))
+    found = np.array(closing_directions(solid, len(solid.facets)))
     for wanted in (longest, np.cross([0.0, 0.0, 1.0], longest)):
         assert np.abs(found @ wanted).max() > np.cos(np.radians(4.0))
 
@@ -287,7 +306,8 @@ def test_fewer_than_four_corners_span_no_solid(count):
 
 @given(st.sampled_from(TAUGHT))
 def test_closing_directions_are_level_of_length_one_and_no_two_alike(label):
-    found = np.array(closing_directions(hull(part_shape(label).hull.vertices)))
+    solid = hull(part_shape(label).hull.vertices)
+    found = np.array(closing_directions(solid, len(solid.facets)))
     assert (found[:, 2] == 0.0).all()
     assert np.linalg.norm(found, axis=1) == pytest.approx(1.0)
     alike = np.abs(found @ found.T) - np.eye(len(found))
