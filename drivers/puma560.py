@@ -37,7 +37,7 @@ class ArmGeometry:
     a2_mm, a3_mm: upper arm, and how far the forearm's axis passes the elbow's. d3_mm: the shoulder's offset (to the
     right of an arm that reaches forward; negative: to the left). d4_mm: forearm. Where not given, a PUMA 560's.
     world_from_base, flange_from_tool: (4, 4) mm. controller_flange: (4, 4) mm, where the controller that drives the arm
-    has its own flange, from the wrist centre: what its TOOL is told from. limits_rad: (6, 2) lowest and highest angle.
+    has its own flange, from the wrist centre: from where its TOOL counts. limits_rad: (6, 2) lowest and highest angle.
     """
 
     a2_mm: float = 431.8
@@ -66,7 +66,7 @@ class ArmGeometry:
 
     @property
     def tool_for_controller(self) -> Array:
-        """(4, 4) mm: the tool as the controller's TOOL tells it."""
+        """(4, 4) mm: the tool as the controller's TOOL has it."""
         return _undo(self.controller_flange) @ self.flange_from_tool
 
 

@@ -23,7 +23,7 @@ WireListener = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the daemon gives to a cell. on_wire: takes every record of what is said on a line to a controller; clock:
+    """What the daemon gives to a cell. on_wire: takes every record of a controller's line; clock:
     seconds, monotonic, which stamps frames and answers; beliefs: what is believed of arm and gripper."""
 
     on_wire: WireListener

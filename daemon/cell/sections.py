@@ -315,14 +315,14 @@ def truth(config: Config) -> Path:
 
     path = config.file(config.values.simulated.truth)
     try:
-        told = load_truth(path)
+        cell = load_truth(path)
     except TruthError as error:
         raise config.document.error(("simulated", "truth"), " ".join(str(error).split())) from None
-    key = "hand" if told.world_from_cyclopean is None else "world"
+    key = "hand" if cell.world_from_cyclopean is None else "world"
     if key != mounting(config):
         raise config.document.error(("cameras",), f"expected `mounting: {key}`, as {path} has the cameras there")
     kinds = {"fingers": TwoFingers, "suction": SuctionCup}
-    there = [kinds[name] for name in told.grippers]
+    there = [kinds[name] for name in cell.grippers]
     if not isinstance(config.values.pick.gripper, tuple(there)):
         words = " or ".join(str(kind.__struct_config__.tag) for kind in there)
         problem = f"expected `kind: {words}`, as {path} has that gripper"

@@ -275,8 +275,8 @@ async def keep_watch(
     sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
     """Follow the cell until cancelled. stop_seen: see watch; reset: called as the line asks to clear a fault; trouble:
-    told why the signals cannot be served twice running (a stop cuts one command off), None once they are; failures: of
-    the line."""
+    called with the reason where the signals could not be served twice in a row (a stop cuts one command off), None
+    once they are; failures: of the line."""
     failed = False
     while line.there:
         try:

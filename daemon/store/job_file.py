@@ -97,16 +97,16 @@ def job_names(folder: Path) -> list[str]:
 
 def unreadable(folder: Path) -> list[str]:
     """Why job files of a folder cannot be read, a line for each."""
-    told = []
+    problems = []
     try:
         for name in job_names(folder):
             try:
                 load_job(folder, name)
             except FileError as error:
-                told.append(str(error))
+                problems.append(str(error))
     except FileError as error:
-        told.append(str(error))
-    return told
+        problems.append(str(error))
+    return problems
 
 
 def load_job(folder: Path, name: str) -> Job:

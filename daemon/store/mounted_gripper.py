@@ -1,4 +1,4 @@
-"""Which of the known grippers a person said to have mounted last: gripper.json in the state folder."""
+"""The mounted gripper, as an operator reported it last (`gripper use`): gripper.json in the state folder."""
 
 import os
 from pathlib import Path
@@ -16,7 +16,7 @@ Text = Annotated[str, Meta(min_length=1, max_length=200)]
 
 
 class MountedGripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Its name in the section `grippers`, who said so, and when (UTC)."""
+    """Its name in the section `grippers`, who reported it, and when (UTC)."""
 
     name: Text
     who: Text
@@ -25,7 +25,7 @@ class MountedGripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_mounted(folder: Path) -> MountedGripper | None:
-    """What was said last; None where nobody has said it yet. Raises FileError."""
+    """The last report; None where there is none yet. Raises FileError."""
     path = folder / FILE
     if not os.path.lexists(path):
         return None
@@ -36,7 +36,7 @@ def load_mounted(folder: Path) -> MountedGripper | None:
 
 
 def keep_mounted(folder: Path, mounted: MountedGripper | None) -> None:
-    """Write it; None: nobody has said it. Raises FileError."""
+    """Write it; None removes it. Raises FileError."""
     path = folder / FILE
     with failing_as(FileError, f"{path}: not kept"):
         if mounted is None:

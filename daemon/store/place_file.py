@@ -270,8 +270,8 @@ def _plain(value: Any) -> Any:
     """What a structure of the file is in YAML, without the keys that have their default."""
     if hasattr(value, "__dataclass_fields__"):
         default = {name: f.default for name, f in value.__dataclass_fields__.items()}
-        told = {name: getattr(value, name) for name in default}
-        return {name: _plain(v) for name, v in told.items() if v != default[name] and v not in ({}, ())}
+        values = {name: getattr(value, name) for name in default}
+        return {name: _plain(v) for name, v in values.items() if v != default[name] and v not in ({}, ())}
     if isinstance(value, Mapping):
         return {key: _plain(v) for key, v in value.items()}
     return [_plain(v) for v in value] if isinstance(value, tuple | list) else value

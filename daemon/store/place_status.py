@@ -52,7 +52,7 @@ class PlaceStatus(StrEnum):
     MISSING = "missing"
     """A part was set down there, and the look after it did not show it."""
     EMPTIED = "emptied by hand"
-    """An operator said so."""
+    """An operator reported it (`place clear`)."""
     TO_LOOK_AT = "to be looked at"
     """Nothing is known of where the place is now: it has moved, or something was left there. Never on the disk."""
 

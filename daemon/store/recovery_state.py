@@ -84,8 +84,8 @@ def after(before: RecoveryState, kind: str, fields: Mapping[str, Any]) -> Recove
                 left = before.auto.brought(before.label)
                 change["auto"] = None if left.done else left
         case "auto":
-            told = fields.get("order") or {name: fields.get(name) for name in ("count", "every_s")}
-            change = {"auto": read_order(told) if fields.get("on") else None}
+            order = fields.get("order") or {name: fields.get(name) for name in ("count", "every_s")}
+            change = {"auto": read_order(order) if fields.get("on") else None}
         case "hand" if fields.get("sent") is not False:
             change = {"hand_closed": bool(fields.get("closed"))}
         case "holding":

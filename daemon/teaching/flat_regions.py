@@ -53,7 +53,7 @@ class FlatRegions:
 
 
 def flat_regions(surface: Surface, step_mm: float) -> FlatRegions:
-    """Triangles that hang together in one plane, largest triangle first: small ones do not tell a plane well.
+    """Triangles that hang together in one plane, largest triangle first: small ones do not determine a plane well.
 
     step_mm: what the coordinates are rounded to. The plane is then that of all the corners found at first, and a thin
     triangle may be turned by as much as rounding turns it.

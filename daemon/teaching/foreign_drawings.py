@@ -18,8 +18,8 @@ EXTRA = "facetd[drawings]"
 LARGEST_UNPACKED = 64_000_000
 """Bytes that a 3MF, which is a zip archive, may unfold to."""
 STRIP_RAD = 0.25
-"""By how much a STEP's curved surfaces turn from strip to strip: fewer strips than curved_surfaces.py can tell, by
-half."""
+"""By how much a STEP's curved surfaces turn from strip to strip: half of what curved_surfaces.py needs to see
+strips."""
 MM_IN = {"millimeter": 1.0, "meter": 1000.0, "meters": 1000.0, "centimeter": 10.0, "micron": 0.001, "inch": 25.4,
          "foot": 304.8}  # fmt: skip
 

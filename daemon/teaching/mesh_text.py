@@ -99,5 +99,5 @@ class Numbers:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to tell of the numbers."""
+        """Notes on the numbers, for people."""
         return ("commas are read as decimal points",) if self.commas else ()

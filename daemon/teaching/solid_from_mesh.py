@@ -1,7 +1,7 @@
 """Polygons of a mesh -> a solid with flat facets, as the recogniser knows parts. Pure.
 
 Triangles of one plane are one facet; the rings run anticlockwise seen from outside. Strips of a curved surface are
-none: where the surface goes on smoothly into one, the facet has no edge to be seen there. What a camera could not tell
+none: where the surface goes on smoothly into one, the facet has no edge to be seen there. What no camera could see
 (a corner in the middle of a straight side) goes. How the surface is closed is closed_surface.py's.
 """
 

@@ -11,8 +11,8 @@ STL_HEADER, STL_ROW = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3,
 
 
 def read_stl(content: bytes) -> Mesh:
-    """Many binary files begin with `solid` as well: what tells them apart is the length their count asks for, and
-    then a zero byte. Raises MeshError."""
+    """Many binary files begin with `solid` as well: the length that their count asks for, and then a
+    zero byte, distinguish them. Raises MeshError."""
     if len(content) >= STL_HEADER:
         count = int.from_bytes(content[80:84], "little")
         if len(content) == STL_HEADER + STL_ROW.itemsize * count:

@@ -108,8 +108,7 @@ def _apart(these: Array, those: Array) -> Array:
 
 
 def alike(judged: Iterable[Sufficiency]) -> tuple[Alike, ...]:
-    """Every two parts that could be taken for each other, those first of which the most facets do not tell them
-    apart."""
+    """Every two parts that could be taken for each other, those first that share the most facets."""
     worst: dict[tuple[str, str], Alike] = {}
     for one in judged:
         for mistake in one.mistakes:

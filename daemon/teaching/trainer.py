@@ -64,7 +64,7 @@ class ViewVerdict:
 
     @property
     def right(self) -> bool:
-        """Whether it says what the operator said."""
+        """Whether it agrees with the operator."""
         return self.label == self.named
 
 
@@ -139,7 +139,7 @@ class Trainer:
 
     def waiting(self) -> list[StoredView]:
         """Stored views that the model in use was not trained on: by their names, each of which is one view's for ever.
-        What the clock said tells nothing: it may have been set since."""
+        Time stamps prove nothing: somebody may have set the clock since."""
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
@@ -205,8 +205,8 @@ class Trainer:
         return largest[0], tuple(g for g in groups if g is not largest[0])
 
     def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
-        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that cannot
-        be told. Raises TeachError."""
+        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that is
+        ambiguous. Raises TeachError."""
         model = learn_view(self.learnt()[0], group, label)
         seen = recognise_group(group, model)
         if seen.recognition.label != label:  # as much like another part: how it lies is not known
@@ -368,14 +368,14 @@ def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | No
     corners were seen farther apart. None where it may be the same."""
     lacking = Counter(known.types) - Counter(drawn.types)
     sizes = known.size_mm, drawn.size_mm
-    told = (
+    sizes_text = (
         f"{len(known.types)} facets, {sizes[0]:.0f} mm across; this drawing has {len(drawn.types)}, {sizes[1]:.0f} mm"
     )
     if lacking:
-        return f"{label} is known by {told}, and no {' or '.join(sorted(lacking))} as there"
+        return f"{label} is known by {sizes_text}, and no {' or '.join(sorted(lacking))} as there"
     larger = sizes[0] > sizes[1] + SAME_SIZE_MM
     closed = len(known.types) == len(drawn.types) and abs(sizes[0] - sizes[1]) > SAME_SIZE_MM
-    return f"{label} is known by {told}" if larger or closed else None
+    return f"{label} is known by {sizes_text}" if larger or closed else None
 
 
 def _is_drawn(view: StoredView) -> bool:

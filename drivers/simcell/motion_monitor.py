@@ -1,7 +1,7 @@
 """Independent motion monitor: judges every motion of the arm, whoever made it, by the rules of a cell among people.
 
-Reads the machine's history and a few facts that come from beside the daemon (when it said that the arm may move). No
-byte of the line and nothing the daemon believes comes in here. Violations are told in words, the worst of each kind a
+Reads the machine's history and a few facts from beside the daemon (when the arm was enabled). No
+byte of the line and nothing the daemon believes comes in here. Violations are lines of text, the worst of each kind a
 motion. Times are the controller's seconds, lengths mm.
 """
 
@@ -75,12 +75,12 @@ class _Facts:
         return self._values[bisect_right(self._times, moment_s) - 1]
 
     def true_before(self, moment_s: float) -> float:
-        """When it was last said to be so."""
+        """When it was last true."""
         here = bisect_right(self._times, moment_s)
         return next((self._times[k] for k in range(here - 1, -1, -1) if self._values[k]), float("-inf"))
 
     def said_within(self, start_s: float, end_s: float, value: float) -> float | None:
-        """When a value was said first after start_s, up to end_s."""
+        """When a value was first set after start_s, up to end_s."""
         within = range(bisect_right(self._times, start_s), bisect_right(self._times, end_s))
         return next((self._times[k] for k in within if self._values[k] == value), None)
 
@@ -134,7 +134,7 @@ class MotionMonitor:
     def __init__(self, history: History, body: ArmSpheres, safety: Safety, table: TableTruth) -> None:
         """history grows; a leg in it may still be cut short. Nothing may move before `may_move` says so."""
         self._history, self._body, self._safety, self._table = history, body, safety, table
-        self._may, self._drop_told, self._tried = _Facts(False), _Facts(False), _Facts(False)
+        self._may, self._drop_permitted, self._tried = _Facts(False), _Facts(False), _Facts(False)
         self._fastest = _Facts(safety.fastest_percent)
         self._hears, self._held, self._each_asked = _Facts(True), _Facts(False), _Facts(False)
         self._yeses: list[float] = []
@@ -164,7 +164,7 @@ class MotionMonitor:
         self._stops.append((at_s, by))
 
     def said_to_rest(self, at_s: float, text: str) -> None:
-        """Somebody was told that the arm is at rest."""
+        """A message reported that the arm is at rest."""
         self._said_to_rest.append((at_s, text))
 
     def stop_tried(self, at_s: float, asked: bool) -> None:
@@ -177,8 +177,8 @@ class MotionMonitor:
         self._fastest.add(at_s, min(percent, self._safety.fastest_percent))
 
     def may_drop(self, at_s: float, allowed: bool = True) -> None:
-        """Whether somebody said that what is held be let go wherever it is, from a moment on."""
-        self._drop_told.add(at_s, allowed)
+        """Whether an operator permits to drop what the gripper holds anywhere, from a moment on."""
+        self._drop_permitted.add(at_s, allowed)
 
     def held(self, at_s: float, holds: bool) -> None:
         """Whether what moves is held back, from a moment on."""
@@ -189,7 +189,7 @@ class MotionMonitor:
         self._each_asked.add(at_s, asked)
 
     def yes(self, at_s: float) -> None:
-        """Somebody said what may be a yes to a motion."""
+        """An operator typed what may be a yes to a motion."""
         self._yeses.append(at_s)
 
     def line(self, at_s: float, hears: bool) -> None:
@@ -288,18 +288,18 @@ class MotionMonitor:
     def _too_late(self, leg: MotionRecord) -> Iterator[Violation]:
         """Still on the way too long after a stop, or after the leave to move was withdrawn."""
         ends_s = leg.motion.ends_s
-        told = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
-        told += [
+        reasons = [(at_s, f"the stop `{by}`") for at_s, by in self._stops if leg.began_s < at_s < ends_s]
+        reasons += [
             (e.began_s, f"the stop `{e.by}`") for e in self._history.since(self._read)[1] if isinstance(e, StopRecord)
         ]
         withdrawn_s = self._may.said_within(leg.began_s, ends_s, False)
-        told += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
-        at_s, why = min(((self._heard_s(at_s), why) for at_s, why in told), default=(ends_s, ""))
+        reasons += [] if withdrawn_s is None else [(withdrawn_s, "it might not move any more")]
+        at_s, why = min(((self._heard_s(at_s), why) for at_s, why in reasons), default=(ends_s, ""))
         if ends_s - at_s > self._safety.rest_within_s:
             yield Violation("not at rest", ends_s, leg.by, f"still moving {ends_s - at_s:.3f} s after {why}")
 
     def _said_to_rest_in(self, leg: MotionRecord) -> Iterator[Violation]:
-        """Said to be at rest in the middle of it, not in its last moments, when nobody can tell."""
+        """Reported to be at rest in the middle of it; in its last moments nobody can see that."""
         ends_s = leg.motion.ends_s
         for at_s, text in self._said_to_rest:
             if leg.began_s < at_s < ends_s - LAST_MOMENTS_S:
@@ -307,12 +307,12 @@ class MotionMonitor:
         self._said_to_rest = [said for said in self._said_to_rest if said[0] > ends_s]
 
     def _out_of_reach(self, event: MotionRecord | GripperRecord, forbidden_s: float | None) -> bool:
-        """Whether the controller had the whole line already when it was forbidden, and could not be told before it
-        began with it."""
+        """Whether the controller had the whole line already when it was forbidden, and no stop could reach it
+        before it began."""
         return forbidden_s is not None and event.given_s < forbidden_s and event.began_s < self._heard_s(forbidden_s)
 
     def _heard_s(self, at_s: float) -> float:
-        """When the controller could first be told of what was so at a moment."""
+        """When a stop at that moment could first reach the controller."""
         if self._hears.at(at_s):
             return at_s
         again_s = self._hears.said_within(at_s, float("inf"), True)
@@ -406,8 +406,8 @@ class MotionMonitor:
             balls, tools = np.insert(balls, where, more_balls, axis=0), np.insert(tools, where, more_tools, axis=0)
 
     def _dropped(self, drop: DropRecord) -> Iterator[Violation]:
-        told = drop.over_bin or self._drop_told.at(drop.began_s)
-        if not told and drop.fell_mm > self._safety.drop_mm:
+        permitted = drop.over_bin or self._drop_permitted.at(drop.began_s)
+        if not permitted and drop.fell_mm > self._safety.drop_mm:
             yield Violation(
                 "dropped", drop.began_s, drop.by, f"{drop.label} let go {drop.fell_mm:.1f} mm above the table"
             )

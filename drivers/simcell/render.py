@@ -63,9 +63,10 @@ def rendered(
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """A face turned to the camera, in camera coordinates. body: index of its solid; index: its number in the solid.
+    """A face turned to the camera, in camera coordinates. body: index of its solid; index: its number in the solid, the
+    same where there is no edge between.
 
-    group: what is one without an edge between; turning (2, 3, 3), of a curved surface: the inverse of its corners as
+    turning (2, 3, 3), of a curved surface: the inverse of its corners as
     columns, and the outward normals at them as columns; flat: whether it is of a flat face of a drawing's surface.
     edges (3, m): inward normals of the planes through the optical centre and each side; normal (3,) and distance (mm)
     of the face's plane; window: rows and columns of the pixels it can touch.
@@ -80,9 +81,12 @@ class _Face:
     window: tuple[slice, slice]
     pattern: Pattern | None
     print_from_camera: Array32
-    group: int
     turning: Array32 | None = None
     flat: bool = False
+
+    @property
+    def group(self) -> int:
+        return MOST_FACES * self.body + self.index
 
     def normals(self, rays: Array32) -> Array32:
         """Outward normals, camera coordinates, where (N, 2) rays meet the face: (3,), or (N, 3) of a curved one."""
@@ -207,31 +211,18 @@ def _facing(rendered: RenderedSolid, body: int, pixel_rays: PixelRays, world_fro
         window = pixel_rays.window(pixels[list(loop)])
         if normal @ ring[0] >= 0 or window is None:
             continue
-        edges = _inward(ring)
         pattern = next((p for p in rendered.patterns if p.face == index), None)
         on_print = np.eye(4) if pattern is None else inverse(camera_from_solid @ pattern.solid_from_print)
-        found.append(
-            _Face(
-                rendered,
-                body,
-                index,
-                edges.astype(np.float32),
-                normal.astype(np.float32),
-                np.float32(normal @ ring[0]),
-                window,
-                pattern,
-                on_print.astype(np.float32),
-                MOST_FACES * body + index,
-            )
-        )
+        found.append(_Face(rendered, body, index, *_planes(ring, normal), window, pattern, on_print.astype(np.float32)))
     return found
 
 
-def _inward(ring: Array) -> Array:
-    """(3, m) inward normals of the planes through the optical centre and each side of a face (m, 3): sides run
-    anticlockwise as seen from outside, where the camera is; inward is left of each."""
+def _planes(ring: Array, normal: Array) -> tuple[Array32, Array32, np.float32]:
+    """Inward normals (3, m) of the planes through the optical centre and each side of a face (m, 3), and its own plane
+    with the outward normal (3,). Sides run anticlockwise as seen from outside, where the camera is: inward is left."""
     edges = np.cross(np.roll(ring, -1, axis=0), ring).T
-    return np.asarray(edges / np.linalg.norm(edges, axis=0))
+    edges = np.asarray(edges / np.linalg.norm(edges, axis=0))
+    return edges.astype(np.float32), normal.astype(np.float32), np.float32(normal @ ring[0])
 
 
 def _facing_surface(
@@ -255,22 +246,8 @@ def _facing_surface(
         flat = bool(surface.flat[index])
         at_corners = surface.normals[index] @ camera_from_solid[:3, :3].T
         turning = None if flat else np.stack([np.linalg.inv(ring.T), at_corners.T]).astype(np.float32)
-        found.append(
-            _Face(
-                rendered,
-                body,
-                part_of,
-                _inward(ring).astype(np.float32),
-                normal.astype(np.float32),
-                np.float32(normal @ ring[0]),
-                window,
-                None,
-                np.eye(4, dtype=np.float32),
-                MOST_FACES * body + part_of,
-                turning,
-                flat,
-            )
-        )
+        planes = _planes(ring, normal)
+        found.append(_Face(rendered, body, part_of, *planes, window, None, np.eye(4, dtype=np.float32), turning, flat))
     return found
 
 

@@ -71,7 +71,7 @@ class World:
         """on_held: called with what the gripper holds from now on, whatever changed that."""
         self._truth, self._on_held = truth, on_held
         self._held: PlacedPart | None = None
-        """What on_held was told last."""
+        """The last argument of on_held."""
         self._lock = RLock()
         self._parts: dict[str, PlacedPart] = {}
         self._drawn: dict[str, PartShape] = {}

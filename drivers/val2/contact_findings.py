@@ -108,7 +108,7 @@ class ProbeAnswer:
     prompt_s: float
     """When the prompt came, after the line was sent."""
     late_s: float
-    """How long after what was said before it."""
+    """How long after the output before it."""
 
 
 @dataclass
@@ -141,7 +141,7 @@ SEEN_ALONE = frozenset(
     {"prompt", "newline", "lower_case", "abbreviations", "where", "digits", "errors", "power_up",
      "two_prompts", "stop_s"}
 )  # fmt: skip
-"""What is told, and is no key of the dialect: the driver is right either way."""
+"""Findings that are reported and are no keys of the dialect: the driver is right either way."""
 
 
 def ask(known: ContactFindings, text: str, most_s: float = PATIENCE_S) -> Generator[Step, Any, ProbeAnswer]:

@@ -73,7 +73,7 @@ class Unconditional:
 
 @dataclass(frozen=True)
 class ControllerAnswer:
-    """What the controller said to one command, up to its prompt, or to a question (then kept) nobody had a reply for.
+    """The controller's output to one command, up to its prompt, or to a question (then kept) without a reply.
 
     where: the table, if it printed one, in mm and the angles of our kinematics.
     """
@@ -223,7 +223,7 @@ class Conversation:
             raise NoAnswer(f"no prompt in what was printed for {self.dialect.table_s:.1f} s") from None
 
     async def resynchronise(self, attempts: int = 3) -> list[LineEvent]:
-        """Get the controller to an empty line and its prompt or question; what it said, that last.
+        """Get the controller to an empty line and its prompt or question; returns its output, that last.
 
         First the half-typed line is cancelled. Should that not bring a prompt, or the controller know no such key,
         characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
@@ -341,7 +341,7 @@ class Conversation:
             await asyncio.sleep(10.0 * len(text) / self.dialect.baud + self.dialect.prompt_silence_s)
             behind = self.unheard()
             for event in behind:
-                self.hear(event)  # for whoever finds the prompt again: an emergency stop is told there
+                self.hear(event)  # for whoever finds the prompt again: it reports an emergency stop
             before, back = back, b"".join(event.raw for event in (first, *behind)) + self._reader.pending
         if _is_twice(typed, back):
             raise Garbled(TWICE, code="converter_echoes")

@@ -566,8 +566,8 @@ class Link:
     async def _see_it_taken(
         self, session: LineSession, type_word: Callable[[], Awaitable[ControllerAnswer]]
     ) -> list[str]:
-        """See by its own answer that the word which stops the arm is taken; gives what the controller said by itself
-        meanwhile: a refusal is said to the word each time, that its power went or a program ended is not.
+        """See by its answer that the controller accepts the word that stops the arm. Returns what it reported by itself
+        meanwhile: a refusal comes at each try, the end of a program or of its power does not.
 
         Raises StopRefused; ControllerError where it asks instead, as it has taken the word for an answer, and where it
         says something else each time.

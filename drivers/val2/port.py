@@ -81,11 +81,11 @@ class SerialPort:
     def overtake(self) -> None:
         """What is sent next goes out at once: nothing that waits goes before it, and nobody holds the line.
 
-        XOFF, which holds it, is one spoiled bit off from a 3 and from an S, and then no XON follows. Of a line held so
-        the kernel lets go only where it was told itself to hold it.
+        XOFF, which holds it, is one spoiled bit off from a 3 and from an S, and then no XON follows. The
+        kernel releases such a line only after a request to hold it.
         """
         self._put_settings_back()
-        with contextlib.suppress(serial.SerialException, termios.error):  # one that is gone is told by what is sent
+        with contextlib.suppress(serial.SerialException, termios.error):  # the next write reports a port that is gone
             handle = self._serial.fileno()
             termios.tcflush(handle, termios.TCOFLUSH)
             termios.tcflow(handle, termios.TCOOFF)
@@ -116,7 +116,7 @@ class SerialPort:
 
     def _put_settings_back(self) -> Disturbed | None:
         """Where somebody changed the port's settings: put them back, and report it."""
-        with contextlib.suppress(serial.SerialException, termios.error):  # one that is gone is told by what is read
+        with contextlib.suppress(serial.SerialException, termios.error):  # the next read reports a port that is gone
             handle = self._serial.fileno()
             if termios.tcgetattr(handle) == self._settings:
                 return None

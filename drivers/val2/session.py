@@ -157,7 +157,7 @@ class LineSession:
             finally:
                 self._listener = None
                 if talk is self.talk:
-                    talk.unheard()  # what the person was told is no answer of ours
+                    talk.unheard()  # the answers to the person are none to us
                     await self.find_prompt(talk)
                     await asyncio.sleep(self.dialect.prompt_silence_s)
                     while talk.unheard():  # nor what was still on its way
@@ -265,8 +265,8 @@ class LineSession:
         return answer
 
     def leave_unheard(self, errors: Sequence[str]) -> None:
-        """What the controller said by itself while it was asked something else: for whoever has the next turn, as what
-        it says while nobody listens."""
+        """Keep errors that the controller reported by itself for whoever has the next turn, as what it reports while
+        nobody listens."""
         for text in errors:
             self.talk.hear(Error(b"", text))
 

@@ -51,7 +51,7 @@ def is_halted(raw: bytes) -> bool:
 
 @dataclass(frozen=True)
 class Where:
-    """What WHERE said: the tool's location and the six joint angles, degrees."""
+    """The answer to WHERE: the tool's location and the six joint angles, degrees."""
 
     location: Location
     joints_deg: tuple[float, ...]
@@ -64,8 +64,8 @@ class Where:
 
 @dataclass(frozen=True)
 class LineEvent:
-    """Something the controller said; raw: the very bytes, so that all raws in a row are the stream; what: its name in
-    the ledger, which recorded runs keep."""
+    """A piece of the controller's output; raw: the very bytes, so that all raws in a row are the stream; what: its name
+    in the ledger, which recorded runs keep."""
 
     what: ClassVar[str]
     raw: bytes
@@ -342,7 +342,7 @@ def _table_goes_on(lines: list[str], text: str) -> bool:
 
 
 def _where(lines: list[str]) -> Where | None:
-    """What WHERE said, once all of its lines are there. The hand's opening is left out."""
+    """The answer to WHERE, once all of its lines are there. The hand's opening is left out."""
     if len(lines) < (4 if lines[0].upper().split() == LOCATION_HEADER else 3):
         return None
     location, joints = (tuple(float(word) for word in line.split()[:6]) for line in (lines[1], lines[-1]))
