@@ -91,7 +91,7 @@ TAKES_ANY_WORD = ("help", "here", "note", "operator", "place", "teach")
 HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
-BESIDE_QUESTIONS = ("status", "help", "pause", "confirm", "refuse")
+BESIDE_QUESTIONS = ("status", "help", "pause", "step", "confirm", "refuse")
 MOST_ASKED = 5
 """How often a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
@@ -254,8 +254,8 @@ class Interpreter:
         return len(words) > 1 and words[1] in command.at_once
 
     def leaves_question(self, text: str) -> bool:
-        """Whether a line is no answer to an open question, but runs beside it: it shows the state, holds motion, or
-        decides on the move that waits. The question stays."""
+        """Whether a line is no answer to an open question, but runs beside it: it shows the state, holds motion,
+        ends the questions of step mode, or decides on the move that waits. The question stays."""
         words = text.split()
         command = self._meant(words)
         return command is not None and command.name in BESIDE_QUESTIONS and not (is_yes(text) or is_no(text))

@@ -137,15 +137,17 @@ function placesDrawing(places) {
   const all = drawn.flatMap((p) => p.outline), side = (k) => [Math.min(...all.map((q) => q[k])), Math.max(...all.map((q) => q[k]))];
   const [left, right] = side(0), [low, high] = side(1), room = 8 + 0.04 * Math.max(right - left, high - low);
   const layer = svg("svg", { viewBox: `${left - room} ${-high - room} ${right - left + 2 * room} ${high - low + 2 * room}`, role: "img", class: "places" });
+  const wide = (points, k) => Math.max(...points.map((q) => q[k])) - Math.min(...points.map((q) => q[k]));
+  const called = (p) => p.name.split(".").pop(), sign = (p) => Math.max(6, Math.min(wide(p.outline, 0), wide(p.outline, 1)) / 3);
+  const letters = Math.min(...drawn.map((p) => Math.min(0.8 * sign(p), 2.3 * wide(p.outline, 0) / Math.max(called(p).length, 1))));
   for (const p of drawn) {
     const name = `place ${(PLACE_SIGNS[p.status] || "") === "✓" ? "right" : PLACE_SIGNS[p.status] === "✗" ? "wrong" : PLACE_SIGNS[p.status] ? "unsure" : "empty"}`;
     const group = svg("g", { class: name }), x = p.outline.reduce((s, q) => s + q[0], 0) / p.outline.length, y = p.outline.reduce((s, q) => s + q[1], 0) / p.outline.length;
-    const label = p.name.split(".").pop(), wide = Math.max(...p.outline.map((q) => q[0])) - Math.min(...p.outline.map((q) => q[0]));
-    const size = Math.max(6, Math.min(...[0, 1].map((k) => Math.max(...p.outline.map((q) => q[k])) - Math.min(...p.outline.map((q) => q[k])))) / 3);
+    const size = sign(p);
     group.append(svg("title", {}, `${p.name}: ${p.part}, ${p.status}${known(p.off_mm) ? `, ${number(p.off_mm)} mm and ${number(p.off_deg)} degrees off` : ""}`),
       svg("polygon", { points: p.outline.map(([px, py]) => `${px},${-py}`).join(" ") }),
       svg("text", { x, y: -y, "text-anchor": "middle", "font-size": size }, PLACE_SIGNS[p.status] || ""),
-      svg("text", { x, y: -y + size, "text-anchor": "middle", "font-size": Math.min(0.8 * size, 2.3 * wide / Math.max(label.length, 1)) }, label));
+      svg("text", { x, y: -y + size, "text-anchor": "middle", "font-size": letters }, called(p)));
     layer.append(group);
   }
   const count = {};

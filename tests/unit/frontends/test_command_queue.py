@@ -48,6 +48,7 @@ class Operator:
             ConsoleCommand("go", "go", "", slow, "move"), ConsoleCommand("read", "read", "", slow),
             ConsoleCommand("ask", "ask", "", ask),
             ConsoleCommand("status", "status", "", now, at_once=True),
+            ConsoleCommand("step", "step on|off", "", now, "move", most=1, at_once=True),
             ConsoleCommand("stop", "stop", "", now, "move", at_once=True),
             ConsoleCommand("resume", "resume", "", ask, at_once=True),
             ConsoleCommand("disable", "disable", "", now, "move", at_once=True),
@@ -221,20 +222,22 @@ def test_two_questions_are_put_one_after_the_other_and_each_gets_its_own_answer(
     assert play(script).answers == ["first?: 'y'", "second?: 'n'"]
 
 
-def test_status_at_a_question_is_shown_and_the_question_put_again_below_it() -> None:
+def test_status_and_the_end_of_step_mode_at_a_question_are_done_and_the_question_put_again_below() -> None:
+    """What refuses a move tells people to type `step off`; at the question it was ignored as no answer."""
+
     async def script(operator: Operator) -> None:
         operator.types("ask sure?")
         await a_moment()
-        operator.types("status", "stat")
+        operator.types("status", "stat", "step off")
         await a_moment()
-        assert operator.answers == ["now", "now"]
-        assert operator.shown == ["sure?", "sure?", "sure?"]
+        assert operator.answers == ["now"] * 3
+        assert operator.shown == ["sure?"] * 4
         assert operator.turns.asking
         operator.types("y")
         await a_moment()
 
     operator = play(script)
-    assert operator.answers[2:] == ["sure?: 'y'"]
+    assert operator.answers[3:] == ["sure?: 'y'"]
 
 
 def test_what_decides_the_question_that_is_open_is_not_followed_by_that_question() -> None:
