@@ -69,10 +69,10 @@ def look(
     found = verified = _verified(found, (), (), known, eyes) if refines else found
     seconds["refine"] = now() - start
     guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Recognised]()
-    explained = bool(known.labels) and all_accounted_for(found, view, known, eyes)
-    if not explained:
+    complete = bool(known.labels) and all_accounted_for(found, view, known, eyes)
+    if not complete and not (known.labels and any(outlines(view))):
         view = with_lone_outlines(view, eyes, by_facets.effort)
-    if known.labels and not explained:
+    if known.labels and not complete:
         start = now()
         found, view = without_overlaps(found, view, (), known, eyes)
         if not all_accounted_for(found, view, known, eyes) and any(outlines(view)):
@@ -84,6 +84,8 @@ def look(
                 table,
                 lambda new: all_accounted_for(*without_overlaps(found, view, new, known, eyes), known, eyes),
             )
+            if not straight.complete:
+                view = with_lone_outlines(view, eyes, by_facets.effort)
             found, view = without_overlaps(found, view, straight.named, known, eyes)
             guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
             by_edges = straight.named

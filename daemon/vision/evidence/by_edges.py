@@ -99,12 +99,13 @@ NEAREST = 0.4
 
 class NamedByEdges(NamedTuple):
     """What straight edges name, what came nearest to it where they name nothing, what there was no time for, and the
-    table, where that is seen or known."""
+    table, where that is seen or known; complete: nothing is left to be named."""
 
     named: list[Recognised]
     guesses: tuple[NearestGuess, ...]
     left_out: tuple[str, ...]
     ground: SupportPlane | None = None
+    complete: bool = False
 
 
 def named_by_edges(
@@ -132,7 +133,7 @@ def named_by_edges(
     laid = _by_odds(registered_near(search, by_facets.likely))
     _, found, _ = _proven(search, laid, max(by_facets.tests, fewest), spent)
     if found and enough(found):
-        return NamedByEdges(found, (), (), search.ground)
+        return NamedByEdges(found, (), (), search.ground, complete=True)
     tests, left_out = 0, tuple[str, ...]()
     for guessed in (hypotheses_from_junctions, hypotheses_on_support):
         likely, of, unasked = guessed(search, spent)
