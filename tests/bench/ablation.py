@@ -72,7 +72,7 @@ COMPONENTS: dict[str, Without] = {
     "doubt by other poses": Without(by_edges, "_spread", lambda *_: np.zeros((6, 6))),
     "share of inliers": Without(by_edges, "edge_inlier_share", lambda *_: None),
     "self-similarity": Without(by_edges, "self_similarity", lambda *_: 0.0),
-    "photo-consistency": Without(by_edges, "face_consistency", lambda *_: None),
+    "photo-consistency": Without(by_edges, "face_consistency", lambda *_, **__: None),
     "what leaves the picture": Without(by_edges, "cut_off", lambda *_: False),
     "all that speaks against": Without(look_module, "verified_names", lambda found, *_: tuple(found)),
     "missing edges": Without(counter_evidence, "missing_share", lambda _: 0.0),
