@@ -1,6 +1,7 @@
 """Which facets of a solid an eye sees whole: those that face it and that nothing else covers in part. Pure."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -37,28 +38,30 @@ def visible_from(
 def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
     """(N,) which points (N, 3) of a solid an eye (3,), in the solid's frame, does not see, as a facet, or what
     else of it hides things, lies before them."""
-    covered = np.zeros(len(points), bool)
+    rings, normals, levels_mm = _outside(solid)
     rays = points - eye
-    far = np.linalg.norm(rays, axis=1)
-    for ring, normal in _outside(solid):
-        corner = ring[0]
-        height = float((eye - corner) @ normal)
-        slope = -(rays @ normal)
-        before = (height > 0) & (slope * far > 0) & (slope > height)  # the facet's plane is met before the point
-        reach = height / np.where(before, slope, 1.0)
-        before &= (1 - reach) * far > BEFORE_MM
-        if before.any():
-            level = np.delete(np.arange(3), np.abs(normal).argmax())
-            met = (eye + reach[before, None] * rays[before])[:, level]
-            covered[before] |= inside(met, ring[None, :, level])[0]
+    far = np.linalg.norm(rays, axis=1)[:, None]
+    height, slope = normals @ eye - levels_mm, -(rays @ normals.T)
+    before = (height > 0) & (slope * far > 0) & (slope > height)  # the plane is met before the point
+    reach = height / np.where(before, slope, 1.0)
+    before &= (1 - reach) * far > BEFORE_MM
+    covered = np.zeros(len(points), bool)
+    for k in np.flatnonzero(before.any(0)).tolist():
+        asked = np.flatnonzero(before[:, k] & ~covered)
+        level = np.delete(np.arange(3), np.abs(normals[k]).argmax())
+        met = (eye + reach[asked, k, None] * rays[asked])[:, level]
+        covered[asked] = inside(met, rings[k][None, :, level])[0]
     return covered
 
 
-def _outside(solid: Polyhedron) -> list[tuple[Array, Array]]:
-    """All that can hide something: corners (N, 3) and the outward unit normal."""
-    vectors = [area_vector(cover) for cover in solid.covers]
-    covers = [(cover, vector / np.linalg.norm(vector)) for cover, vector in zip(solid.covers, vectors, strict=True)]
-    return [*((solid.corners_mm[ring], solid.normals[k]) for k, ring in enumerate(solid.rings)), *covers]
+@lru_cache(maxsize=1024)
+def _outside(solid: Polyhedron) -> tuple[list[Array], Array, Array]:
+    """All that can hide something: corners (N, 3) of each, outward unit normals (F, 3), and how far along these their
+    planes lie (F,)."""
+    rings = [*(solid.corners_mm[ring] for ring in solid.rings), *solid.covers]
+    vectors = np.array([area_vector(cover) for cover in solid.covers]).reshape(-1, 3)
+    normals = np.concatenate([solid.normals, vectors / np.linalg.norm(vectors, axis=1, keepdims=True)])
+    return rings, normals, (normals * np.array([ring[0] for ring in rings])).sum(1)
 
 
 def _tried(corners: Array) -> Array:
