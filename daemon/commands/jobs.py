@@ -3,6 +3,8 @@
 
 from collections.abc import Sequence
 
+from msgspec.structs import replace
+
 from daemon.commands.moving import begin
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, number, one_of
@@ -13,21 +15,23 @@ from daemon.store.job_file import MOST_TIMES, SUFFIX, Job, job_names, load_job
 from daemon.store.outside import FileError
 from daemon.store.place_file import BIN
 
-USAGE = "job list | show NAME | run NAME [TIMES]"
+USAGE = "job list | show NAME | run NAME [TIMES] [signal]"
 ACTS = ("list", "show", "run")
+SIGNAL = "signal"
 
 
 def _names(context: CommandContext, word: str) -> Sequence[str]:
     return () if word == "list" else job_names(context.config.jobs)
 
 
-@command(USAGE, "move", most=3, looks=lambda words: words[:1] != ["run"], choices=ACTS, further=_names)
+@command(USAGE, "move", most=4, looks=lambda words: words[:1] != ["run"], choices=ACTS, further=_names)
 async def job(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Pick the parts of a job file: how many of each, where to, in which order.
 
     job list         every job, and what is wrong with one that cannot be run
     job show kit     its steps
     job run kit 5    do it five times (once, without a number); the command returns at once
+    job run kit signal   wait for the line before each part (docs/operate/signals.md)
     A job is a file in jobs/ beside facetd.yaml. `auto off` ends it after the current part, `auto wait` follows it,
     `auto resume` continues it where it was interrupted.
     """
@@ -43,9 +47,12 @@ async def job(context: CommandContext, words: list[str], frontend: Frontend) -> 
     if act == "show":
         no_more(words, 2, USAGE)
         return _show(context, made, frontend.columns)
+    on_signal = words[-1] == SIGNAL and len(words) > 2
+    words = words[:-1] if on_signal else words
+    no_more(words, 3, USAGE)
     times = number(words[2], "TIMES", 1, MOST_TIMES) if len(words) > 2 else 1
     made.check(context.trainer.model.labels, context.cycle.placing.places)
-    return await begin(context, made.order(times))
+    return await begin(context, replace(made.order(times), on_signal=on_signal))
 
 
 def _list(context: CommandContext) -> CommandResult:

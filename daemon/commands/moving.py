@@ -234,7 +234,7 @@ async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult
     what = what if pick_order.job is None else f"job {pick_order.job}, {what.removeprefix('at most ')}"
     missing = "when it is empty" if pick_order.job is None else "when a part is missing"
     what += ", each when the line asks for it" if pick_order.on_signal else ""
-    what += "" if every_s is None else f", looking again every {every_s:g} s {missing}"
+    what += "" if every_s is None or pick_order.on_signal else f", looking again every {every_s:g} s {missing}"
     told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
     return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
 

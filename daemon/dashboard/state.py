@@ -98,7 +98,7 @@ class DashboardState:
             self.approach.append({"look": record.get("stop"), **error, "label": record.get("label")})
         elif kind == "cycle_end":
             seconds = round(float(record["mono_s"]) - self._began_s, 1) if self._began_s else None
-            same = {name: record.get(name) for name in ("t", "label", "outcome", "why")}
+            same = {name: record.get(name) for name in ("t", "label", "outcome", "why", "stopped")}
             self.picks.append({"n": record.get("cycle"), **same, "s": seconds})
 
     def json(self) -> Json:

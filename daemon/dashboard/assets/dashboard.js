@@ -32,7 +32,7 @@ function draw(now) {
   by("approach").replaceChildren(...[now.approach.length ? chart(`${now.approach[0].label}: predicted error at the grasp`, [{ name: "", points }],
     { x: "look at the part", y: "mm", limit, xs: points.map((p) => p[0]) }) : el("p", { class: "dim" }, "no part is being approached")].filter(Boolean));
   by("table").tBodies[0].replaceChildren(...now.picks.slice().reverse().map((p) => el("tr", {}, el("td", {}, time(p.t, offset)), el("td", {}, p.label || "–"),
-    el("td", { class: `o ${p.outcome}` }, p.outcome), el("td", { class: "num" }, duration(p.s)), el("td", { class: "k-cause" }, p.outcome === "picked" ? "" : p.why || ""))));
+    el("td", { class: `o ${p.outcome}` }, p.outcome), el("td", { class: "num" }, duration(p.s)), el("td", { class: "k-cause" }, p.outcome === "picked" && !p.stopped ? "" : p.why || ""))));
   by("lines").textContent = now.lines.slice().reverse().join("\n");
 }
 })();

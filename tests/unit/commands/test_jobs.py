@@ -50,6 +50,10 @@ def test_a_job_is_listed_shown_and_begun(context: Any) -> None:
         assert result.text.startswith(f"Picking, job kit, {count} parts, {again};")
         assert context.begun[-1].count == count
     assert context.begun[0].steps == (OrderStep("cube", 2),)
+    assert not context.begun[0].on_signal
+    for typed, count in (("job run kit signal", 2), ("job run kit 3 signal", 6)):
+        assert f"{count} parts, each when the line asks for it;" in say(context, typed).text
+        assert (context.begun[-1].count, context.begun[-1].on_signal) == (count, True)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +64,9 @@ def test_a_job_is_listed_shown_and_begun(context: Any) -> None:
         ("job run", "job is missing"),
         ("job run kit 0", "TIMES"),
         ("job run kit 1 1", "one word too many"),
+        ("job run kit 1 1 signal", "one word too many"),
+        ("job run kit signal 1", "one word too many"),
+        ("job run kit signals", "TIMES"),
         ("job walk", "choose from: list, run, show"),
     ],
 )

@@ -89,6 +89,12 @@ def test_a_person_watches_a_pick_and_the_daemons_restart(
     made.cycle += 1
     made.look("approach", part("pentagonal_prism"), stop=1)
     until(lambda: "pentagonal_prism" in text())
+    reasons = "return [...document.querySelectorAll('td.k-cause')].map((cell) => cell.textContent)"
+    assert browser.execute_script(reasons) == [""], "a pick that went well needs none"
+    made.pick(stopped="operator_no", why="gone; then the operator refused: home")
+    until(lambda: browser.execute_script(reasons) == ["gone; then the operator refused: home", ""])
+    made.look("approach", part("pentagonal_prism"), stop=1)
+    until(lambda: "pentagonal_prism" in text())
     do(daemon.close())
     until(lambda: "No daemon answers" in text())
     assert "pentagonal_prism" in text()

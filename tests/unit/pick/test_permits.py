@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import RefusedError
-from daemon.events.pick_order import PickOrder
+from daemon.events.pick_order import OrderStep, PickOrder
 from daemon.pick.cycle import PERMITS
 from daemon.pick.transitions import PickState
 from daemon.signals.input_form import FORMS, InputForm
@@ -128,6 +128,22 @@ def test_an_auto_brings_one_part_for_each_start() -> None:
         return await auto
 
     assert [end.outcome for end in asyncio.run(story())] == ["picked"]
+
+
+def test_a_job_on_signal_brings_the_part_of_its_next_step_for_each_start() -> None:
+    async def story() -> Any:
+        world, inputs = one_cube(), Inputs("cycle_start")
+        world.put("pyramid", 560, 90, 0.2)
+        cycle = with_line(world, inputs)
+        steps = OrderStep("pyramid"), OrderStep("cube")
+        auto = asyncio.create_task(cycle.auto(PickOrder(2, job="kit", steps=steps, whole=steps, on_signal=True)))
+        while not (cycle.ends and cycle.line.waits_for):
+            await asyncio.sleep(0.01)
+        assert [end.label for end in cycle.ends] == ["pyramid"], "the start is still on: it asked for one"
+        inputs.off_next.add("cycle_start")
+        return await auto
+
+    assert [(end.label, end.outcome) for end in asyncio.run(story())] == [("pyramid", "picked"), ("cube", "picked")]
 
 
 @pytest.mark.parametrize("busy", [False, True])
