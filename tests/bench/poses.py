@@ -6,8 +6,8 @@ Rendered parts: the shared scenes, and look-alike families' even seeds and odd o
 Real pairs: the folder named by FACETD_SHARED (default ../shared), real/cube-* in it, and pairs made of any two frames
 of these that sit as eyes may; the cube is taught from its drawing. Where it is, is known to TRUE_MM and TRUE_DEG, which
 is added to what a look says. A pose of six numbers is within its 95 % where its chi-square is below 12.6: so should 95
-of 100 be, and half of them below 5.3; beyond three sigmas (20.1) one of 370. By these figures SIGMA_SCALE and
-STRETCH_PX of the pose by edges were set, and how far other poses that fit nearly as well widen it.
+of 100 be, and half of them below 5.3; beyond three sigmas (20.1) one of 370. By these figures STRETCH_PX of the pose by
+edges was set, and how far other poses that fit nearly as well widen it.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def _rendered() -> Iterator[tuple[Measured | None, float]]:
 def measured_as_drawn(body: dict[str, Any], part: Part, model: Model) -> Measured | None:
     """How near a named part is to a rendered scene's true body; None where it is not near."""
     corners = np.unique(np.vstack([f["corners_mm"] for f in body["facets"]]).round(3), axis=0)
-    true = _onto(corners, part.cyclopean_from_part, model.metric[part.recognition.label].solid)
+    true = onto(corners, part.cyclopean_from_part, model.metric[part.recognition.label].solid)
     doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
     return None if true is None else _measured(part, model, true, doubt)
 
@@ -182,7 +182,7 @@ def _families(seeds: range) -> Iterator[tuple[Measured | None, float]]:
         parts, ms = _named(photo.left, photo.right, true_rig(cell()), model)
         corners = np.unique(np.vstack([piece.vertices for piece in part.shape.pieces]).round(3), axis=0)
         there = frames.apply(photo.cyclopean_from_part, corners)
-        true = [_onto(there, p.cyclopean_from_part, model.metric[part.label].solid) for p in parts]
+        true = [onto(there, p.cyclopean_from_part, model.metric[part.label].solid) for p in parts]
         good = [(p, pose) for p, pose in zip(parts, true, strict=True) if pose is not None]
         yield (_measured(good[0][0], model, good[0][1], doubt) if good else None), ms
 
@@ -212,7 +212,7 @@ def _of_cube(cyclopean_from_cube: Array, solid: Polyhedron, part: Part) -> Array
     return frames.rigid(turn, middle - turn @ solid.corners_mm.mean(0))
 
 
-def _onto(true_mm: Array, pose: Array, solid: Polyhedron) -> Array | None:
+def onto(true_mm: Array, pose: Array, solid: Polyhedron) -> Array | None:
     """The pose (4, 4) that lays a solid onto true corners (N, 3), from one nearby; None where that is not near."""
     for _ in range(6):
         corners = frames.apply(pose, solid.corners_mm)

@@ -13,6 +13,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -27,8 +29,19 @@ from daemon.calibration.hand_eye_doubt import motion_by_parameters
 from daemon.calibration.least_squares import chain, pose_of, project, solve, transform_of
 from daemon.calibration.stereo import Pair, StereoResult, calibrate_stereo
 from daemon.pick.pose_fusion import Doubt, Sighting, fuse, sighting
+from daemon.vision.geometry import Polyhedron
 from daemon.vision.geometry.rig import Camera, StereoRig
+from daemon.vision.look import look
+from daemon.vision.refine.edge_adjustment import OF_TOLERANCE
+from daemon.vision.settings import TOLERANCE_MM
+from daemon.vision.values import Part
+from tests.bench.look_alikes import shown
+from tests.bench.poses import NEAR_MM, onto
+from tests.bench.simulated_looks import true_rig
 from tests.fakes.boards import tilted
+from tests.fakes.families import FAMILIES
+from tests.fakes.many_parts import taught
+from tests.fakes.photographed import Photograph, cell
 from tests.fakes.rigs import rig
 
 INTERVAL, CHI_SQUARE = 1.96, {3: 7.815, 6: 12.592}
@@ -205,46 +218,53 @@ def _off_centre(true: StereoRig, off_px: Array) -> StereoRig:
 
 def corners(seed: int) -> Scores:
     """Corners in space of a part's facets, as a look reports them."""
-    return _looked(seed)[0]
+    found = []
+    for one in looked(seed):
+        for facet in one.found.facets:
+            for corner, covariance in zip(facet.corners_mm, facet.covariance_mm2, strict=True):
+                gaps = one.corners_mm - corner
+                off = gaps[np.linalg.norm(gaps, axis=1).argmin()]
+                if np.linalg.norm(off) < NEAR_MM:
+                    found.append((float(off @ np.linalg.solve(covariance, off)), 3))
+    return found
 
 
 def poses(seed: int) -> Scores:
     """The pose of a named part, as a look reports it."""
-    return _looked(seed)[1]
+    offs = [(frames.difference(one.found.cyclopean_from_part, one.true), one.found.covariance) for one in looked(seed)]
+    return [(float(off @ np.linalg.solve(covariance, off)), 6) for off, covariance in offs]
 
 
-def _looked(seed: int) -> tuple[Scores, Scores]:
-    from daemon.vision.look import look
-    from tests.bench.look_alikes import shown
-    from tests.bench.poses import DRAWN_DEG, DRAWN_MM, NEAR_MM, _measured, _onto
-    from tests.bench.simulated_looks import true_rig
-    from tests.fakes.families import FAMILIES
-    from tests.fakes.many_parts import taught
-    from tests.fakes.photographed import cell
+class Looked(NamedTuple):
+    """A named part of a look: as it was found; the solid that was taught; true (4, 4) the pose that lays this onto the
+    corners that are there (N, 3) mm, cyclopean; what both cameras saw."""
 
+    found: Part
+    solid: Polyhedron
+    true: Array
+    corners_mm: Array
+    photo: Photograph
+
+
+@lru_cache(maxsize=2)
+def looked(seed: int, made_mm: float = OF_TOLERANCE * TOLERANCE_MM) -> list[Looked]:
+    """The named parts of a rendered look. made_mm: standard deviation of each corner from its drawing, as looks take
+    it to be: no part is made just as it was drawn."""
     cv2.setNumThreads(1)
     names = list(FAMILIES)
     pair, lies, photo = shown(names[seed // 2 % len(names)], seed)
     part = pair.parts[lies]
     model = taught((part,))
+    metric, rng = model.metric[part.label], np.random.default_rng([seed, 7])
+    off = rng.normal(0, made_mm, metric.solid.corners_mm.shape)
+    solid = replace(metric.solid, corners_mm=metric.solid.corners_mm + off)
+    model = replace(model, metric={part.label: replace(metric, solid=solid)})
     every = np.unique(np.vstack([piece.vertices for piece in part.shape.pieces]).round(3), axis=0)
     there = frames.apply(photo.cyclopean_from_part, every)
-    in_space, laid = [], []
-    for found in look(photo.left, photo.right, true_rig(cell()), model).parts:
-        if not found.named:
-            continue
-        true = _onto(there, found.cyclopean_from_part, model.metric[part.label].solid)
-        if true is None:
-            continue
-        doubt = np.diag([DRAWN_MM**2] * 3 + [np.radians(DRAWN_DEG) ** 2] * 3)
-        laid.append((_measured(found, model, true, doubt).chi_square, 6))
-        for facet in found.facets:
-            for corner, covariance in zip(facet.corners_mm, facet.covariance_mm2, strict=True):
-                gaps = there - corner
-                off = gaps[np.linalg.norm(gaps, axis=1).argmin()]
-                if np.linalg.norm(off) < NEAR_MM:
-                    in_space.append((float(off @ np.linalg.solve(covariance + DRAWN_MM**2 * np.eye(3), off)), 3))
-    return in_space, laid
+    named = [one for one in look(photo.left, photo.right, true_rig(cell()), model).parts if one.named]
+    trues = [onto(there, one.cyclopean_from_part, solid) for one in named]
+    pairs = zip(named, trues, strict=True)
+    return [Looked(one, solid, true, there, photo) for one, true in pairs if true is not None]
 
 
 ESTIMATORS: dict[str, tuple[str, Callable[[int], Scores]]] = {

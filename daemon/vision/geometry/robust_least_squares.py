@@ -85,7 +85,7 @@ def robust_weight(miss: Real, outlier: float = OUTLIER) -> Array:
     return np.asarray(1 / (1 + miss / outlier**2) ** 2)
 
 
-def excess_of(miss: Array, trust: Array, size: int, spare: int) -> Array:
+def excess_of(miss: Array, trust: Array, size: int, spare: float) -> Array:
     """(B,) by how much chi-squares (B, M) of blocks of so many residuals, trusted so much (B, M), exceed what their
     doubt says on average, where unknowns take up so many."""
     return np.asarray((miss * trust).sum(1) / np.maximum(size * trust.sum(1) - spare, 1.0))

@@ -1,6 +1,6 @@
 """Poses of taught shapes refined on the edges of both pictures, and what those edges show."""
 
-from daemon.vision.refine.edge_adjustment import LINE_SIGMAS, PRIOR, WORN_MM, refined_parts
+from daemon.vision.refine.edge_adjustment import PRIOR, WORN_MM, refined_parts
 from daemon.vision.refine.edge_pose import (
     LaidFacet,
     edge_support,
@@ -15,6 +15,7 @@ from daemon.vision.refine.edge_pose import (
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
 from daemon.vision.refine.expected_edges import (
     LEAST_ARC_PX,
+    LINE_SIGMAS,
     ROOM_PX,
     SCALE,
     THIN_PX,

@@ -19,8 +19,8 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.vision.geometry import LeastSquaresFit, Polyhedron, SolidBatch, solve, whitener
-from daemon.vision.image import MODEL_PX, StereoImages
+from daemon.vision.geometry import LeastSquaresFit, Polyhedron, SolidBatch, excess_of, solve, whitener
+from daemon.vision.image import StereoImages
 from daemon.vision.model import Model
 from daemon.vision.refine.expected_edges import EdgeObservation, expected, measured
 from daemon.vision.refine.rim_samples import RimPlace, rim_places
@@ -29,14 +29,6 @@ from daemon.vision.values import Part
 # Set on the rendered scenes: tests/bench/recognise.py shows what they do to corners.
 OF_TOLERANCE = 0.35
 """How far off its taught place a corner lies, as a share of what naming allows for it."""
-LINE_SIGMAS = 2.0
-"""How much farther off a line may be than its fit says: its profiles share their neighbours' shading."""
-RAGGED_PX = 9.0
-"""What the place of an edge that only noise blurs is known to, times its evidence, is half of this. An edge between two
-faces that is known worse has print beside it, whose strokes pull all of a stretch aside: it is so much less to be
-trusted (set on recorded looks at printed prisms)."""
-SIGMA_SCALE = 1.2
-"""How much larger than the lines say a pose's errors are, broken and shaded edges among them."""
 WORN_MM, SELDOM = 0.2, 0.3
 """How far the edges of a worn part draw back, a half normal's scale; the odds that a part is worn, before it is seen.
 Set on scenes whose parts have edges broken by .2 to .8 mm, and on those where they are sharp."""
@@ -101,11 +93,9 @@ def adjusted(
         each = np.arange(edges)[:, None]
         jacobian[:, :, 6:-1].reshape(edges, 2, count, 3)[each, :, seen.edges.ends] = seen.edges.by_corner.swapaxes(1, 2)
         jacobian[..., -1:] = -seen.edges.jacobian[..., :3] @ seen.edges.outward[..., None]
-        known_px = np.sqrt(np.trace(seen.sides.covariance, axis1=1, axis2=2) / 2)
-        ragged = np.where(seen.edges.outline, 1.0, np.maximum(known_px * seen.sides.evidence / RAGGED_PX, 1.0))
         rows.append(jacobian)
         off.append(seen.off)
-        doubts.append((LINE_SIGMAS * ragged[:, None, None]) ** 2 * seen.sides.covariance + MODEL_PX**2 * np.eye(2))
+        doubts.append(seen.line_doubt)
         usable.append(seen.there & seen.edges.sharp)
     if rims:
         of_rims = np.zeros((len(rims), 2, size))
@@ -126,14 +116,24 @@ def adjusted(
     solution, hessian = found.unknowns[0], found.held[0]
     if anchor is not None:  # which is made of the same grey levels: it says where, and not how surely
         hessian[:6, :6] += PRIOR - anchor[1]
-    spread = np.linalg.inv(hessian) * max(found.excess[0], 1.0)
+    spread = np.linalg.inv(hessian)
+    followed = float(np.trace(spread @ found.information[0]))  # of the lines, what all unknowns follow, corners too
+    spread *= max(float(excess_of(found.miss, found.trust, 2, followed)[0]), 1.0)
     worn_mm, sigma2_mm2 = _wear(float(solution[-1]), float(spread[-1, -1]))
     with_wear = spread[:, -1] / spread[-1, -1]
     solution = solution + with_wear * (worn_mm - solution[-1])
     spread = spread + np.outer(with_wear, with_wear) * (sigma2_mm2 - spread[-1, -1])
     moved = frames.perturb(pose, solution[:6])
     corners = frames.apply(moved, shape.corners_mm) + solution[6:-1].reshape(-1, 3)
-    return AdjustedPose(moved, np.asarray(spread[:6, :6] * SIGMA_SCALE**2, float), corners, solution[:6])
+    as_made = _pose_as_made(shape, pose)
+    return AdjustedPose(moved, np.asarray(as_made @ spread[:-1, :-1] @ as_made.T, float), corners, solution[:6])
+
+
+def _pose_as_made(shape: Polyhedron, pose: Array) -> Array:
+    """(6, 6 + 3 K) what takes a motion of the taught part, and how far each corner of this one is off its taught place,
+    to the motion of the pose that lays the taught corners onto this part's best: by which its pose is meant."""
+    slopes = frames.point_motion(shape.corners_mm @ pose[:3, :3].T).reshape(-1, 6)
+    return np.hstack([np.eye(6), np.linalg.pinv(slopes)])
 
 
 def _solved(
@@ -172,9 +172,6 @@ ROUNDS, SMALL_MM = 3, 0.15
 FEWEST_EDGES = 6
 """Edges in both eyes together that hold a pose."""
 LEVER_MM = 30.0
-OF_COVARIANCE = 0.4
-"""Of the covariance that lines say, what a part has whose facets are seen whole: with it 97 of 100 such poses are
-within the 95 % of their covariance, with all of it 99 (python -m tests.bench.poses)."""
 
 
 def refined_parts(
@@ -237,7 +234,7 @@ def _moved(part: Part, shape: Polyhedron, found: AdjustedPose) -> Part:
     """The part at another pose, its fitted corners and the poses that fit as well with it."""
     before = frames.apply(part.cyclopean_from_part, shape.corners_mm)
     nearest = [np.linalg.norm(ring[:, None] - before, axis=2).argmin(1) for ring in part.fitted_mm]
-    return part.laid(found.pose, OF_COVARIANCE * found.covariance, tuple(found.corners_mm[ring] for ring in nearest))
+    return part.laid(found.pose, found.covariance, tuple(found.corners_mm[ring] for ring in nearest))
 
 
 MORE = 1.02

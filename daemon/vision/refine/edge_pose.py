@@ -14,11 +14,12 @@ from daemon import frames
 from daemon.arrays import Array, Flags
 from daemon.vision.geometry import Polyhedron, SolidBatch, chi_square_limit, solve, thickness, whitener
 from daemon.vision.image import CameraImage, StereoImages, edge_sigmas, find_sides, probe_sides
-from daemon.vision.refine.edge_adjustment import PRIOR, SIGMA_SCALE, adjusted
+from daemon.vision.refine.edge_adjustment import PRIOR, adjusted
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, edge_samples_of
 from daemon.vision.refine.expected_edges import (
     LEAST_EVIDENCE,
     LEAST_SUPPORT,
+    LINE_TAIL,
     SCALE,
     THIN_PX,
     EdgeObservation,
@@ -73,10 +74,8 @@ LEAST_SHOWN = 0.9
 camera speaks for these or against them. Of 52 look-alikes seen so, each taught alone, 16 have their names without this,
 33 with it, and 44 where .8 is enough; of as many strangers that can be told from the part taught 3, 3 and 5 have one
 (python -m tests.bench.look_alikes 20 --one-camera)."""
-FOUND_PX = 0.1
-"""How sure a side that was found is, at best."""
 SAFE_CONDITION = 1e7
-BY_PRIOR = np.linalg.inv(PRIOR) * SIGMA_SCALE**2
+BY_PRIOR = np.linalg.inv(PRIOR)
 """Covariance of a pose of which no edge says anything."""
 
 
@@ -354,7 +353,8 @@ def _clear(seen: EdgeObservation, view: CameraImage) -> Flags:
 
 
 def _outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
-    """Most likely corners given the model and the sides that were found."""
+    """Most likely corners given the model and the sides that were found, each doubted by as much as Student's t has it
+    of a side that is so far off its place."""
     assert seen.sides is not None
     which, turned = seen.edges.of_ring(ring)
     good = (which >= 0) & np.append(seen.on_place, False)[which]
@@ -362,7 +362,11 @@ def _outline(ring: Sequence[int], seen: EdgeObservation) -> MeasuredCorners:
     doubt_px = float(seen.edges.doubt_px[0])
     normal = across(sides.start, sides.end)
     place = np.sum(normal * sides.start, 1)
-    firm = good[:, None] / (sides.covariance[:, (0, 1), (0, 1)] + FOUND_PX**2)
+    doubts = seen.line_doubt
+    chi2 = (np.linalg.solve(doubts, seen.off[..., None])[..., 0] * seen.off).sum(1)
+    ends = np.append(doubts[:, (0, 1), (0, 1)] * (1 + chi2 / LINE_TAIL)[:, None], np.ones((1, 2)), 0)[which]
+    ends = np.where(turned[:, None], ends[:, ::-1], ends)
+    firm = good[:, None] / ends
     information = np.eye(2) / doubt_px**2 + np.zeros((len(which), 1, 1))
     pull = seen.edges.corners_px[list(ring)] / doubt_px**2
     for weight, n, d in (

@@ -12,7 +12,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Camera, SolidBatch, hidden, onto_circles, outward, sides_of, thickness
-from daemon.vision.image import Sides, StereoImages, fit_sides
+from daemon.vision.image import MODEL_PX, Sides, StereoImages, fit_sides
 
 THIN_PX = (-3.0, 6.0)
 """A facet this thin in the image (negative: just turned away) has edges that may be taken for one another."""
@@ -26,7 +26,14 @@ ON_PLACE, LEAST_DOUBT_PX = 2.3, 0.3
 SCALE = np.array([1.0, 1.0, 1.0, 0.03, 0.03, 0.03])
 """Turns are weighed at a lever of some 30 mm, so that mm and rad compare."""
 
-
+LINE_SIGMAS, LINE_TAIL = 2.0, 3.0
+"""How much farther off a line is than its fit says, as its profiles share their neighbours' shading: its errors are
+Student's t of so many degrees of freedom (python -m tests.bench.line_errors: 1.8 on drawn parts; of the rendered ones,
+whose edges are broken, 2 lays the corners best)."""
+RAGGED_PX = 9.0
+"""What the place of an edge that only noise blurs is known to, times its evidence, is half of this. An edge between two
+faces that is known worse has print beside it, whose strokes pull all of a stretch aside: it is so much less to be
+trusted (set on recorded looks at printed prisms)."""
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
 
@@ -138,6 +145,14 @@ class EdgeObservation:
         """(E,) which edges show where they should."""
         near = np.abs(self.off).max(axis=1, initial=0.0) < ON_PLACE * np.maximum(self.edges.doubt_px, LEAST_DOUBT_PX)
         return np.asarray(self.there & near)
+
+    @property
+    def line_doubt(self) -> Array:
+        """(E, 2, 2) px^2 covariance of both ends of each line that was measured, whatever the shape leaves open."""
+        assert self.sides is not None
+        known_px = np.sqrt(np.trace(self.sides.covariance, axis1=1, axis2=2) / 2)
+        ragged = np.where(self.edges.outline, 1.0, np.maximum(known_px * self.sides.evidence / RAGGED_PX, 1.0))
+        return np.asarray((LINE_SIGMAS * ragged[:, None, None]) ** 2 * self.sides.covariance + MODEL_PX**2 * np.eye(2))
 
     def only(self, placement: int, laid: SolidBatch) -> EdgeObservation:
         """What was found of one placement's edges."""

@@ -8,7 +8,7 @@ import pytest
 from daemon import frames
 from daemon.vision.geometry.polyhedron import exact
 from daemon.vision.image.stereo_images import open_stereo
-from daemon.vision.refine.edge_adjustment import _wear, adjusted
+from daemon.vision.refine.edge_adjustment import OF_TOLERANCE, _wear, adjusted
 from daemon.vision.refine.edge_pose import _solved, locate
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -53,6 +53,27 @@ def test_the_pose_is_as_near_as_its_covariance_says():
     off = frames.difference(found.pose, WHERE)
     assert off @ np.linalg.solve(found.covariance, off) < 16.8  # six numbers, one time in a hundred
     assert np.sqrt(np.trace(found.covariance[:3, :3])) < 0.5
+
+
+def made_otherwise(located, off_mm):
+    """The lines of both eyes as a part has them whose corners are off (K, 3) mm, cyclopean."""
+    for seen in located.observed:
+        ends = (seen.edges.by_corner * off_mm[seen.edges.ends][:, None]).sum((2, 3))
+        yield replace(seen, off=seen.off + ends)
+
+
+def test_the_pose_of_a_part_that_is_not_quite_as_drawn_is_where_its_own_corners_lie_best():
+    """Neither twice in doubt, by all corners going one way and by the pose going it, nor less than it is off."""
+    shape, located, drawn = fitted(CUBE.corners_mm)
+    slopes = frames.point_motion(shape.corners_mm @ located.pose[:3, :3].T).reshape(-1, 6)
+    chi_squares = []
+    for seed in range(60):
+        off_mm = np.random.default_rng(seed).normal(0, OF_TOLERANCE * TOLERANCE_MM, shape.corners_mm.shape)
+        found = adjusted(shape, located.pose, list(made_otherwise(located, off_mm)), TOLERANCE_MM)
+        true = frames.perturb(drawn.pose, np.linalg.lstsq(slopes, off_mm.ravel(), rcond=None)[0])
+        off = frames.difference(found.pose, true)
+        chi_squares.append(off @ np.linalg.solve(found.covariance, off))
+    assert 0.95 < np.median(chi_squares) < 6.0  # .78 with the corners' common motion in doubt twice
 
 
 def test_strokes_of_print_beside_the_edges_between_faces_hardly_turn_the_part():
@@ -133,7 +154,7 @@ def test_of_lines_that_contradict_each_other_the_surest_do_not_have_their_way():
     surest, all_doubted = np.mean(off_mm, axis=0)
     assert all_doubted < 0.8 * surest
     assert np.median(chi_squares) < 8.0
-    assert np.mean(np.array(chi_squares) < 12.6) > 0.85
+    assert np.mean(np.array(chi_squares) < 12.6) > 0.7
 
 
 def test_an_anchor_holds_a_part_and_makes_it_no_surer():

@@ -1,5 +1,7 @@
 """A known part near a known place is found by its edges, also where its faces are not told apart, or not at all."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from daemon.vision.geometry.polyhedron import SolidBatch, exact
 from daemon.vision.image.stereo_images import open_stereo
 from daemon.vision.refine import edge_pose
 from daemon.vision.refine.edge_adjustment import AdjustedPose
-from daemon.vision.refine.edge_pose import fit_at, fit_edges, locate
+from daemon.vision.refine.edge_pose import facets_laid, fit_at, fit_edges, locate
 from tests.fakes import painted
 from tests.fakes.drawn import prism
 from tests.fakes.painted import paint_pair
@@ -186,3 +188,19 @@ def test_a_part_that_its_lines_lead_far_away_or_out_of_both_pictures_stays_at_it
     np.testing.assert_array_equal(fit.cyclopean_from_part, where)
     assert np.sqrt(np.trace(fit.covariance[:3, :3])) > 5.0
     assert all(seen.sides is not None for seen in observed)
+
+
+def test_a_side_that_is_off_its_place_tells_less_of_its_corners() -> None:
+    where, shape = pose(np.array(VIEWS[0]), 0.3, 300.0), shape_of("cube")
+    eyes = open_stereo(*paint_pair([(KNOWN["cube"], where)], np.random.default_rng(1)), rig())
+    located = locate(shape, eyes, where, 2.0)
+    assert located is not None
+    left, right = located.observed
+    side = int(np.flatnonzero(left.on_place & left.edges.outline)[0])
+    off = left.off.copy()
+    off[side] = 0.6
+    sure, astray = (facets_laid(shape, (one, right)) for one in (left, replace(left, off=off)))
+    apart = [one.left[1] - other.left[1] for one, other in zip(astray, sure, strict=True)]
+    grown = np.concatenate([np.trace(each, axis1=1, axis2=2) for each in apart])
+    assert np.count_nonzero(grown > 1e-6) == 2
+    assert np.abs(np.sort(grown)[:-2]).max() < 1e-9
