@@ -8,11 +8,11 @@ import sys
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 from daemon.errors import DONE, printable
 from daemon.events.records import Record
 from daemon.quantities import whole
+from daemon.review.record_words import record_words
 from daemon.store import folders
 from daemon.store.files import being_written
 from daemon.store.runs import RUN, find_run, follow
@@ -113,7 +113,7 @@ def _tail(args: argparse.Namespace) -> int:
 
 def record_line(record: Record, utc_offset_s: float = 0.0) -> str | None:
     """One line about a record for people, in their local time, or None for a record of no interest to them."""
-    words = _words(record)
+    words = record_words(record)
     if words is None:
         return None
     text = printable(words)
@@ -122,58 +122,6 @@ def record_line(record: Record, utc_offset_s: float = 0.0) -> str | None:
     except ValueError:
         return f"--:--:--  {record['kind']:<11} {text}"
     return f"{at:%H:%M:%S}  {record['kind']:<11} {text}"
-
-
-def _words(record: Record) -> str | None:
-    match record["kind"]:
-        case "look":
-            scene = record.get("scene")
-            if scene is None:  # an image of a calibration board: no part was sought
-                return f"{record.get('purpose')}: pictures only"
-            parts = ", ".join(map(_seen, scene.get("parts") or [])) or "nothing"
-            return f"{record.get('purpose')}: {parts}"
-        case "estimate":
-            mm, deg = (record.get(name) or float("nan") for name in ("predicted_mm", "predicted_deg"))
-            return f"{record.get('label')} to {mm:.2f} mm {deg:.2f} degrees"
-        case "move":
-            sent = "" if record.get("sent") else ", not sent"
-            return f"{record.get('purpose')}: {record.get('how')} move{_place(record.get('target'))}{sent}"
-        case "held_back":
-            return f"{record.get('what')}: withdrawn before it was sent"
-        case "decision" | "cycle_end":
-            return f"{record.get('text') or record.get('outcome')}: {record.get('why')}"
-        case "cycle_start":
-            return f"{record.get('cycle')}"
-        case "hand":
-            return "closes" if record.get("closed") else "opens"
-        case "fault" | "refusal":
-            return f"{record.get('code') or record.get('rule')}: {record.get('text')}"
-        case "command":
-            return f"{record.get('who')} at {record.get('door')}: {record.get('text')}"
-        case "left":
-            gripper = ", a part perhaps in the gripper" if record.get("hand_closed") else ""
-            return f"run {record.get('run')} was cut off in state {record.get('state')}{gripper}"
-        case "holding":
-            return {True: "a part in the gripper", False: "the gripper is empty", None: "unknown"}[record.get("held")]
-        case "auto" if record.get("on"):
-            return f"{record.get('count') or 'all'} parts to pick"
-        case "run_end":
-            return str(record.get("why"))
-        case _:
-            return None
-
-
-def _place(world_from_tool: Any) -> str:
-    """The target of a move as text."""
-    match world_from_tool:
-        case [[*_, x], [*_, y], [*_, z], *_]:
-            return f" to x {x:.0f} y {y:.0f} z {z:.0f} mm"
-    return ""
-
-
-def _seen(part: dict[str, Any]) -> str:
-    """A part's name and its confidence, which an unnamed part does not have."""
-    return "unknown" if part["label"] == "unknown" else f"{part['label']} {100 * part['confidence']:.0f} %"
 
 
 def _coloured(kind: str, line: str) -> str:

@@ -18,6 +18,7 @@ from daemon.review.digest import Cycle, Digest, LookStep, duration_s, repeated_f
 from daemon.review.measures import strips
 from daemon.review.not_counted import not_counted_text, picks_not_counted
 from daemon.review.production import production, remedies
+from daemon.review.record_words import ended_in_words, record_words
 from daemon.review.set_downs import places_json
 from daemon.review.why import causes, in_plain_words
 from daemon.store.place_status import PlaceStatus
@@ -168,19 +169,15 @@ def _guess(guess: Json) -> Json:
 
 def _move(record: Json) -> Json:
     kind = record["kind"]
-    if kind == "move":
-        place = [_short(row[3], 1) for row in (record.get("target") or [])[:3]]
-        sent = "" if record.get("sent", True) else ", not sent (dry)"
-        text = f"{record.get('how')} to {record.get('purpose')} {place} at {record.get('speed_pct') or 0:.0f} %{sent}"
-    elif kind == "moved":
+    if kind == "moved":
         text = f"there in {_short(record.get('seconds'))} s, {_short(record.get('error_mm'))} mm off"
-    elif kind == "hand":
-        text = "gripper closes" if record.get("closed") else "gripper opens"
-    elif kind == "held_back":
-        text = f"{record.get('what')} withdrawn before it was sent"
     else:
-        text = f"refused: {record.get('rule')}: {record.get('text')}"
+        text = f"{OF_MOVES.get(kind, '')}{record_words(record)}"
     return {"kind": kind, "text": text}
+
+
+OF_MOVES = {"hand": "gripper ", "refusal": "refused: "}
+"""Of the text of what followed a look, by kind."""
 
 
 def state_seconds(cycle: Cycle) -> dict[str, float]:
@@ -267,46 +264,22 @@ EVENT_KINDS = {
     "clock": "clock", "run_end": "end",
 }  # fmt: skip
 """Kinds of records in the table of events, and their names for people."""
-EVENTS = {
-    "fault": "fault:", "refusal": "the guard refused:", "gap": "records are missing:",
-    "held_back": "withdrawn before it was sent",
+PREFIXES = {
+    "refusal": "the guard refused: ", "gap": "records are missing: ", "run_end": "the run ended: ",
+    **dict.fromkeys(("note", "operator", "model", "eyes", "gained", "uncounted", "clock"), ""),
 }  # fmt: skip
-
-
-def ended_in_words(end: Json | None) -> str | None:
-    """How a run ended, from its `run_end`; None where it has none."""
-    why = (end or {}).get("why")
-    return "switched off" if why == "signal SIGTERM" else why
+"""Of the text of an event, by kind; others have their kind before it."""
 
 
 def _event_text(record: Json) -> str:
     kind = record["kind"]
-    if kind == "run_end":
-        return f"the run ended: {ended_in_words(record)}"
-    if kind == "eyes":
-        return f"cameras in use: {record.get('alone') or 'both'}: {record.get('why')}"
-    if kind in ("note", "operator"):
-        return f"{record.get('text')} ({record.get('who')})" if kind == "note" else f"from now on {record.get('who')}"
-    if kind == "gained":
-        look, about, before, after = (record.get(k) for k in ("look", "about", "before", "after"))
-        return f"look {look} at {about}. Before: {before}. Now: {after}"
     if kind == "state":
         return f"state {SHOWN.get(str(record.get('to')), record.get('to'))}"
-    parts = [str(record[k]) for k in ("code", "rule", "action", "purpose", "text", "why") if record.get(k)]
-    if len(parts) > 1 and parts[1].startswith(parts[0]):
-        parts = [in_plain_words(parts[1]), *parts[2:]]  # a fault's text begins with its code
-    text = ": ".join(parts)
-    if kind == "model":
-        version = record.get("version")
-        return "no model in use" if version is None else f"model version {version} in use ({record.get('action')})"
-    if kind == "uncounted":
-        return str(record.get("text"))
-    if kind == "fault" and (known := cause_code(record.get("code"))) is not CauseCode.INTERNAL:
-        words = in_plain_words(str(record.get("text")))
-        return words if known.stage == "operator" else f"fault: {known.summary}: {words}"
-    if kind == "clock":
-        return f"the machine's clock jumped by {record.get('jump_s')} s"
-    return f"{EVENTS.get(kind, kind)} {text}".strip()
+    if kind == "fault":
+        known, words = cause_code(record.get("code")), in_plain_words(str(record.get("text")))
+        cause = "" if known is CauseCode.INTERNAL else f"{known.summary}: "
+        return words if known.stage == "operator" else f"fault: {cause}{words}"
+    return f"{PREFIXES.get(kind, f'{kind} ')}{record_words(record)}"
 
 
 def _points(points: Any) -> list[list[float]]:

@@ -54,7 +54,7 @@ def records() -> list[Json]:
     found = [
         line("run_start", 1.0, name="bench", cell="real", version="0.1", utc_offset_s=3600, model="kept/aaaaaaaa11.npz",
              calibration="kept/bbbbbbbb22.yaml", config="kept/cccccccc33.yaml"),
-        line("command", 1.5, text="look"),
+        line("command", 1.5, who="ann", door="console", text="look"),
         look(2.0, "console", OTHER),
         line("model", 2.5, action="accepted", version=3, file="kept/dddddddd44.npz"),
         line("cycle_start", 3.0, cycle=7),
@@ -120,12 +120,12 @@ def test_one_look_with_its_parts_guesses_estimate_and_moves(run: Digest) -> None
     assert approach["estimate"] == {"label": "cube", "mm": 0.78, "deg": 0.22, "chi2": 1.3, "at": [10.0, 20, 30]}
     assert approach["moves"] == [
         {"kind": "hand", "text": "gripper closes"},
-        {"kind": "move", "text": "joint to bin [] at 50 %, not sent (dry)"},
+        {"kind": "move", "text": "bin: joint move at 50 %, not sent"},
         {"kind": "refusal", "text": "refused: table: too low"},
     ]
     assert survey["estimate"] is None
     assert [move["text"] for move in survey["moves"]] == [
-        "straight to stand-off [10.0, 20.0, 30.0] at 25 %",
+        "stand-off: straight move to x 10 y 20 z 30 mm at 25 %",
         "there in 1.0 s, 0.01 mm off",
     ]
 
@@ -188,9 +188,9 @@ def test_a_bar_a_cycle_from_the_beginning_of_the_run(run: Digest) -> None:
 
 def test_what_happened_once_each_with_what_led_to_it(run: Digest) -> None:
     found = [(e["s"], e["kind"], e["cycle"], e["text"], e["after"]) for e in events(run)]
-    move, state = "move bin", "state idle"
+    move, state = "move bin: joint move at 50 %, not sent", "state idle"
     assert found == [
-        (1.5, "model", None, "model version 3 in use (accepted)", "command look"),
+        (1.5, "model", None, "model version 3 in use (accepted)", "command ann at console: look"),
         (7.5, "refusal", 7, "the guard refused: table: too low", move),
         (9.0, "clock", None, "the machine's clock jumped by -60.0 s", state),
         (11.0, "fault", 8, "fault: link: no answer", state),

@@ -475,7 +475,7 @@ def test_a_refused_move_is_told_with_what_led_to_it(made: MadeRun) -> None:
     made.write("refusal", cycle=1, rule="below_table", text="the tool would be 3 mm above the table")
     end(made, "unreachable", "cube: the tool would be 3 mm above the table")
     events = [e for e in page_data(read_digest(made.close()))["events"] if e["kind"] == "refusal"]
-    assert events[0]["after"].endswith("stand-off 300 mm")
+    assert events[0]["after"] == "move stand-off 300 mm: joint move at 50 %"
     assert events[0]["cycle"] == 1
 
 
