@@ -220,9 +220,9 @@ def _camera_infos(
         )
     turns = [_rotation(path, "rectification_matrix", one.rectification) for path, one in zip(paths, infos, strict=True)]
     along = np.array([shift * (UNITS_MM["m"] if unit_mm is None else unit_mm), 0, 0])
-    left_from_right = frames.rigid(turns[0].T @ turns[1], turns[0].T @ along)
+    right_from_left = frames.rigid(turns[1].T @ turns[0], -turns[1].T @ along)
     cameras = [(one.matrix, one.coefficients, one.model in FISHEYE_MODELS) for one in infos]
-    return _of_pair(f"ROS camera_info ({infos[0].model or 'no distortion'})", cameras, left_from_right, infos[0].size)
+    return _of_pair(f"ROS camera_info ({infos[0].model or 'no distortion'})", cameras, right_from_left, infos[0].size)
 
 
 def _info(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -> _Info:
@@ -239,14 +239,8 @@ def _info(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -
         expected = ", ".join(filter(None, (*PINHOLE_MODELS, *FISHEYE_MODELS)))
         raise InterchangeError(f"{path}: distortion_model: expected one of {expected}, found {model}")
     coefficients = _numbers(path, "distortion_coefficients", value("distortion_coefficients"))
-    return _Info(
-        found["camera_matrix"],
-        coefficients,
-        found["rectification_matrix"],
-        found["projection_matrix"],
-        model,
-        _size(path, values, size),
-    )
+    matrices = found["camera_matrix"], coefficients, found["rectification_matrix"], found["projection_matrix"]
+    return _Info(*matrices, model, _size(path, values, size))
 
 
 def _size(path: Path, values: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[int, int]:
@@ -293,10 +287,7 @@ def _storages(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
         _rotation(first, "R", found["R"].reshape(3, 3)), found["T"] * (1.0 if unit_mm is None else unit_mm)
     )
     cameras = [(found[f"M{k}"].reshape(3, 3), found[f"D{k}"], False) for k in (1, 2)]
-    left_from_right = frames.inverse(right_from_left)
-    if exchanged:
-        cameras, left_from_right = cameras[::-1], right_from_left
-    return _of_pair("OpenCV FileStorage", cameras, left_from_right, _size(first, whole, size))
+    return _of_pair("OpenCV FileStorage", cameras, right_from_left, _size(first, whole, size), exchanged)
 
 
 def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | None, exchanged: bool) -> ImportedGeometry:
@@ -314,29 +305,28 @@ def _camchain(values: _Files, size: tuple[int, int] | None, unit_mm: float | Non
             )
         fx, fy, cx, cy = _numbers(path, f"{name}.intrinsics", entry.get("intrinsics"), (1, 4))[0]
         matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
-        cameras.append(
-            (
-                matrix,
-                _numbers(path, f"{name}.distortion_coeffs", entry.get("distortion_coeffs")),
-                bent in FISHEYE_MODELS,
-            )
-        )
+        coefficients = _numbers(path, f"{name}.distortion_coeffs", entry.get("distortion_coeffs"))
+        cameras.append((matrix, coefficients, bent in FISHEYE_MODELS))
         sizes.append(_size(path, entry, size))
     assert isinstance(entries[1], dict)
     pose = _numbers(path, "cam1.T_cn_cnm1", entries[1].get("T_cn_cnm1"), (4, 4))
     shift_mm = pose[:3, 3] * (UNITS_MM["m"] if unit_mm is None else unit_mm)
     right_from_left = frames.rigid(_rotation(path, "cam1.T_cn_cnm1", pose[:3, :3]), shift_mm)
-    left_from_right = frames.inverse(right_from_left)
-    if exchanged:
-        cameras, left_from_right = cameras[::-1], right_from_left
     if sizes[0] != sizes[1]:
         raise InterchangeError(f"{path}: image sizes differ: {sizes}")
-    return _of_pair("Kalibr camchain", cameras, left_from_right, sizes[0])
+    return _of_pair("Kalibr camchain", cameras, right_from_left, sizes[0], exchanged)
 
 
 def _of_pair(
-    kind: str, cameras: Sequence[tuple[Array, Array, bool]], left_from_right: Array, size: tuple[int, int]
+    kind: str,
+    cameras: Sequence[tuple[Array, Array, bool]],
+    second_from_first: Array,
+    size: tuple[int, int],
+    exchanged: bool = False,
 ) -> ImportedGeometry:
+    left_from_right = second_from_first if exchanged else frames.inverse(second_from_first)
+    if exchanged:
+        cameras = cameras[::-1]
     lenses = [refitted(matrix, coefficients, size, fisheye) for matrix, coefficients, fisheye in cameras]
     left, right = ((lens.matrix, lens.distortion) for lens in lenses)
     rig = rig_of(left, right, left_from_right, size)

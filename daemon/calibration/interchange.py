@@ -93,7 +93,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     exporter = subparsers.add_parser("export", help="to ROS camera_info or OpenCV FileStorage")
     kind = exporter.add_mutually_exclusive_group(required=True)
     kind.add_argument("--ros", nargs=2, type=Path, metavar=("LEFT", "RIGHT"), help="camera_info YAML, one a camera")
-    kind.add_argument("--opencv", nargs="+", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
+    kind.add_argument("--opencv", type=Path, metavar="FILE", help="FileStorage with M1 D1 M2 D2 R T, mm")
     exporter.add_argument("--calibration", required=True, type=Path, help="calibration.yaml to read")
     exporter.set_defaults(run=_export)
 
@@ -155,8 +155,8 @@ def _export(args: argparse.Namespace) -> int:
     if args.ros:
         to_ros(rig, *args.ros)
     else:
-        to_opencv(rig, args.opencv[0])
-    print("written: " + ", ".join(map(str, args.ros or args.opencv[:1])))
+        to_opencv(rig, args.opencv)
+    print("written: " + ", ".join(map(str, args.ros or [args.opencv])))
     return 0
 
 

@@ -119,11 +119,8 @@ def _camera(name: str, camera: Camera, size: tuple[int, int]) -> Iterator[Implau
 def _folds(camera: Camera, size: tuple[int, int]) -> bool:
     """Whether the lens model maps two directions to one pixel: the image radius must grow with the angle."""
     k1, k2, _, _, k3 = camera.distortion
-    corners = (np.array([[-0.5, -0.5], [size[0], -0.5], [-0.5, size[1]], size]) - camera.matrix[:2, 2]) / (
-        camera.matrix[0, 0],
-        camera.matrix[1, 1],
-    )
-    farthest = float(np.linalg.norm(corners, axis=1).max())
+    corners = np.array([[-0.5, -0.5], [size[0], -0.5], [-0.5, size[1]], size]) - camera.matrix[:2, 2]
+    farthest = float(np.linalg.norm(corners / np.diag(camera.matrix)[:2], axis=1).max())
     r = np.linspace(0.0, 3.0 * farthest, 400)
     bent: Array = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
     grows = np.diff(bent) > 0
@@ -138,14 +135,10 @@ def changed(rig: StereoRig, before: StereoRig) -> list[str]:
         lines.append(
             f"images of {'x'.join(map(str, rig.image_size))} px, {'x'.join(map(str, before.image_size))} before"
         )
+    focal = [one.left.matrix[0, 0] / one.image_size[0] for one in (rig, before)]
     for what, now, then, most in (
         ("baseline", rig.baseline_mm, before.baseline_mm, 0.03),
-        (
-            "focal length",
-            rig.left.matrix[0, 0] / rig.image_size[0],
-            before.left.matrix[0, 0] / before.image_size[0],
-            0.1,
-        ),
+        ("focal length", *focal, 0.1),
     ):
         if abs(now / then - 1) > most:
             lines.append(f"the {what} is {now / then:.3g} times what it was: other cameras, or another unit?")

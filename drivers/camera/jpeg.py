@@ -3,10 +3,10 @@
 libjpeg fills in missing data and reports it on stderr only. Here the scan must contain exactly the blocks that the
 header announces, with valid Huffman codes and brightnesses within 8 bits.
 
-Of 720 frames of 640x480 that had lost one USB packet (188 to 3,060 bytes), none passes. What still passes is damage
-that USB's own checksums exclude: of 360 frames with one wrong bit 236 (14 visibly wrong), of 360 that had lost 1 to 60
-bytes 66 (18 visibly wrong). The frame before would show all of these 32, at the price of one more frame at each look;
-steps at the rows of blocks within the picture show 6 of them, as edges of parts look alike.
+Of 10,000 small frames (python -m tests.bench.long.damaged_jpegs) none passes that was cut short, ended early or had
+lost a packet, and every sound and every padded one does. What still passes is damage that USB's own checksums exclude:
+of 1,428 frames with one wrong bit 985, of 1,429 that had lost 1 to 60 bytes 216. A look compares two frames, which
+shows it 315 of the 825 of these with a pixel visibly wrong; the others are wrong within single blocks.
 """
 
 from collections.abc import Sequence

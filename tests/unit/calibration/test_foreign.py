@@ -16,7 +16,7 @@ from daemon import ctl, frames
 from daemon.calibration.file import Calibration, load_calibration, save_calibration
 from daemon.calibration.foreign import InterchangeError, read_foreign
 from daemon.calibration.interchange import to_opencv, to_ros
-from daemon.calibration.lens_refit import LensError, refitted
+from daemon.calibration.lens_refit import LensError, _rays, refitted
 from daemon.vision.geometry import StereoRig
 from tests.fakes.rigs import unlike_rig
 from tests.unit.calibration.test_interchange import assert_same, rig_in
@@ -337,6 +337,13 @@ def test_a_wide_lens_is_judged_as_far_as_the_corners_of_its_image() -> None:
     wide = np.array([[150.0, 0, 322.0], [0, 150.0, 238.0], [0, 0, 1]])
     with pytest.raises(LensError, match=r"off by 0\.\d+ px near the image's corners"):
         refitted(wide, np.array([0.1, 0, 0, 0, 0, 0.12, 0, 0]), SIZE)
+
+
+def test_a_lens_is_judged_by_rays_up_to_its_fold_and_none_beyond() -> None:
+    """r - r**3 / 2 is largest at the root of 2/3, which is nearer than this image's corners."""
+    rays = np.linalg.norm(_rays(MATRIX, np.array([-0.5, 0, 0, 0, 0]), SIZE, False), axis=1)
+    assert rays.max() == pytest.approx(np.sqrt(2 / 3), abs=0.02)
+    assert rays.min() < 0.01
 
 
 def test_a_lens_that_folds_back_within_its_image_is_refused() -> None:

@@ -67,6 +67,17 @@ def test_the_commands_carry_a_calibration_out_and_back(tmp_path: Path) -> None:
     assert_same(load_calibration(tmp_path / "d.yaml").rig, unlike_rig())
 
 
+def test_an_export_to_opencv_is_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save_calibration(Calibration(unlike_rig()), tmp_path / "c.yaml")
+    export = ["calibrate", "export", "--calibration", str(tmp_path / "c.yaml"), "--opencv", str(tmp_path / "rig.yml")]
+    with pytest.raises(SystemExit):
+        ctl.main([*export, str(tmp_path / "other.yml")])
+    assert not list(tmp_path.glob("*.yml"))
+    assert ctl.main(export) == 0
+    assert capsys.readouterr().out == f"written: {tmp_path / 'rig.yml'}\n"
+    assert_same(rig_in([tmp_path / "rig.yml"]), unlike_rig())
+
+
 @pytest.mark.parametrize("unit", ["furlong", "0", "-1", "nan"])
 def test_a_unit_that_is_none_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], unit: str) -> None:
     to_opencv(unlike_rig(), tmp_path / "s.yml")

@@ -164,6 +164,18 @@ def test_a_lens_sees_from_6_to_150_degrees(fx: float) -> None:
     assert (f"is a field of view of {view:.1f} degrees across 640 px" in told(one)) == (not 6.0 < view < 150.0)
 
 
+@pytest.mark.parametrize("term", [1, 2, 3])
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_each_radial_term_folds_a_lens_where_its_largest_image_lies_within_the_corners(term: int, share: float) -> None:
+    """r + k r**n, n = 2 term + 1, is largest where -k n r**(n - 1) = 1, and is there r (n - 1) / n."""
+    camera, n = rig().left, 2 * term + 1
+    corners = np.array([[x, y] for x in (-0.5, 640.0) for y in (-0.5, 480.0)]) - camera.matrix[:2, 2]
+    farthest = float(np.linalg.norm(corners / [camera.matrix[0, 0], camera.matrix[1, 1]], axis=1).max())
+    distortion = np.zeros(5)
+    distortion[{1: 0, 2: 1, 3: 4}[term]] = -1.0 / n * (share * farthest * n / (n - 1)) ** (1 - n)
+    assert ("folds" in told(with_left(distortion=distortion))) == (share < 1)
+
+
 @given(st.floats(-8.0, 0.5))
 def test_a_lens_folds_where_its_largest_image_lies_within_the_corners(k1: float) -> None:
     """r + k1 r**3 is largest at r = 1 / sqrt(-3 k1), where it is two thirds of that."""
