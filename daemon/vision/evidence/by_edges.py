@@ -89,6 +89,8 @@ Twelve in all, from odds of -9 on, gave the same names in heaps and took 13 ms m
 HOLES_APART = 3.0
 """Nats by which the holes of a part must speak more for it than those of another part of its shape for that, and less
 for a turn of it that is none."""
+ELSE_TURNED = 1 + 2 * np.cos(np.radians(30.0))
+"""Trace of a turn by so much: farther than that a part lies another way, nearer it is a pose a little off."""
 MOST_TURNS = 3
 """Turns of a round part about its axis that are registered, of those that are tried."""
 SURE_NATS = 8.0
@@ -174,6 +176,7 @@ def _proven(
         odds = _log_odds(one, search, tests)
         if _probability(odds) < LEAST_CONFIDENCE:
             continue
+        one = _other_way(one, laid, search, tests)
         taken.append(one)
         one = _best_turn(one, search)
         holes = by_holes(one.label, one.pose, search.model, eyes)
@@ -191,6 +194,29 @@ def _proven(
                 same = [other for other in laid if other.label == one.label and other.overlaps(one)]
                 found.append(placed(one, measured, confidence, same, search))
     return taken, found, ()
+
+
+def _other_way(one: RegisteredPart, laid: Sequence[RegisteredPart], search: Search, tests: int) -> RegisteredPart:
+    """A part, or the same part as it is laid there another way, where the edges that it shows only that way are there:
+    with its plain side up a part leaves all the edges of its other side unexplained."""
+    own = indistinguishable_turns(one.solid, tuple(range(len(one.solid.corners_mm))))[:, :3, :3]
+
+    def turned(other: RegisteredPart) -> bool:
+        turn = one.pose[:3, :3].T @ other.pose[:3, :3]
+        return bool(np.trace(turn @ own.swapaxes(1, 2), axis1=1, axis2=2).max() < ELSE_TURNED)
+
+    same = (other for other in laid if other.label == one.label and other is not one and other.overlaps(one))
+    ways = [other for other in same if turned(other)]
+    best = max(ways, key=lambda other: _by_own_edges(other, one), default=one)
+    ahead = best is not one and _by_own_edges(best, one) > 0
+    return best if ahead and _probability(_log_odds(best, search, tests)) >= LEAST_CONFIDENCE else one
+
+
+def _by_own_edges(one: RegisteredPart, other: RegisteredPart) -> float:
+    """By what log odds a part is ahead of one laid at the same place by the edges that only one of them has, and by
+    whether it lies on the table."""
+    edges = by_own_edges(one.seen, other.seen) - LEAST_APART
+    return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests]
 
 
 def _best_turn(one: RegisteredPart, search: Search) -> RegisteredPart:
@@ -213,9 +239,8 @@ def _ahead_of(one: RegisteredPart, other: RegisteredPart, holes: float, search: 
     """Whether of two parts laid at one place it is the first: by the edges that only one of them has, by whether it
     lies on the table, and by nats that its holes have more than those of the other. The print of a face may be where
     another part would have its edges."""
-    edges = by_own_edges(one.seen, other.seen) - LEAST_APART
     others, _ = turned_by_holes(other.label, other.pose, search.model, search.eyes)
-    return BY_NATS * edges + ON_TABLE[one.rests] - ON_TABLE[other.rests] + holes - others > 0
+    return _by_own_edges(one, other) + holes - others > 0
 
 
 def _proven_if_cut_off(one: RegisteredPart, confidence: float, search: Search) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import PARALLEL, Polyhedron, hidden, inside, off_segments, onto_circles, thickness
+from daemon.vision.geometry import Polyhedron, before_alike, hidden, off_segments, onto_circles, thickness
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, levels_across, peaks, slopes_across
 from daemon.vision.refine import LEAST_ARC_PX, ROOM_PX, THIN_PX, across
 
@@ -20,8 +20,6 @@ SHORTEST_PX = 12.0
 ON_PLACE_PX, CLOSE_PX, BESIDE_PX = 2.25, 1.6, (2.5, 5.5)
 """Within what of its place a slope may be the edge, where one camera counts, and where both do; and between which the
 level beside it is taken."""
-BEHIND_MM = 1.5
-"""How far beside an edge it is asked what the part itself has behind it."""
 INNER = 0.25
 """How much an edge between two facets that are seen counts, which may be alike."""
 FAINT, STEP = 0.2, 0.6
@@ -93,10 +91,10 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     usual, spread = (np.stack(each)[_EITHER, hands] for each in zip(*levelled, strict=True))
     raised = np.linalg.norm(solid.bisectors, axis=1) > 0  # of facets that meet in a hollow either may shade the other
     alike = np.zeros(visible.shape, bool)
-    if not solid.convex:
-        for own, facets, eye_mm in zip(alike, hands, eyes.geometry.eyes_mm, strict=True):
-            own[:] = _before_alike(solid, facets, places, frames.apply(frames.inverse(pose), eye_mm[None])[0])
-        alike &= ~walls[..., None]
+    if solid.alike_behind:
+        at = places.reshape(*visible.shape[1:], 3)
+        for own, eye_mm in zip(alike, eyes.geometry.eyes_mm, strict=True):
+            own[:] = before_alike(solid, np.arange(len(ends)), at, frames.apply(frames.inverse(pose), eye_mm[None])[0])
     known = ((hands >= 0) & raised[:, None])[:, :, None]
     before, after = np.moveaxis(np.where(known, usual[:, :, None], beside), 3, 0)
     expected = np.where(alike, 0.0, np.abs(after - before))
@@ -122,29 +120,6 @@ def _beside_others(solid: Polyhedron, visible: Flags, px: Array, start: Array, e
         these, others = np.flatnonzero(edge == one), seen & (edge != one)
         off_px = off_segments(px[these].reshape(-1, 1, 2), start[others], end[others])
         found[these] = (off_px.min(1, initial=np.inf) < BESIDE_PX[1]).reshape(len(these), -1)
-    return found
-
-
-def _before_alike(solid: Polyhedron, hands: Index, places: Array, eye: Array) -> Flags:
-    """(E, S) which places (E * S, 3) on edges between hands (E, 2), of which an eye (3,) sees one, it sees before a
-    facet that faces the same way: both are as bright, and no edge shows."""
-    seen, ends = hands.max(1), solid.corners_mm[solid.lines[0]]
-    places, found = places.reshape(len(hands), -1, 3), np.zeros((len(hands), PLACES), bool)
-    along = np.where(hands[:, 1] == seen, 1.0, -1.0)[:, None] * (ends[:, 1] - ends[:, 0])
-    aside = np.cross(along / np.linalg.norm(along, axis=1, keepdims=True), solid.normals[seen])
-    one = (hands >= 0).sum(1) == 1
-    for facet, ring in enumerate(solid.rings):
-        normal, corner = solid.normals[facet], solid.corners_mm[ring[0]]
-        edges = np.flatnonzero(one & (seen != facet) & (solid.normals[seen] @ normal > PARALLEL))
-        if not len(edges) or (eye - corner) @ normal <= 0:
-            continue
-        beside = (places[edges] + BEHIND_MM * aside[edges, None]).reshape(-1, 3)
-        height, of_eye = (beside - corner) @ normal, float((eye - corner) @ normal)
-        met = beside + (height / np.maximum(of_eye - height, 1e-6))[:, None] * (beside - eye)
-        level = np.delete(np.arange(3), np.abs(normal).argmax())
-        behind = (height > 0) & (height < of_eye)
-        behind &= inside(met[:, level], solid.corners_mm[None, ring][..., level])[0] & ~hidden(solid, met, eye)
-        found[edges] |= behind.reshape(len(edges), -1)
     return found
 
 

@@ -85,8 +85,7 @@ class RegisteredPart:
 
 def _but_for(seen: EdgeSamples, solid: Polyhedron, hidden: Flags) -> EdgeSamples:
     """What edges show without what is hidden (L, S) along those of a solid, as EdgePlaces has them."""
-    at = {frozenset(ends): k for k, ends in enumerate(solid.lines[0].tolist())}
-    which = np.array([at[frozenset(ends)] for ends in seen.edges.ends.tolist()], np.intp)
+    which = np.array([solid.line_numbers[a, b] for a, b in seen.edges.ends.tolist()], np.intp)
     stretches = seen.visible.shape[1]
     own = hidden[which].reshape(len(which), stretches, hidden.shape[1] // stretches).mean(2) > 0.5
     return replace(seen, visible=seen.visible & ~own)

@@ -70,7 +70,7 @@ from daemon.vision.geometry.robust_least_squares import (
     solve,
     whitener,
 )
-from daemon.vision.geometry.visibility import FACING, hidden, visible_from
+from daemon.vision.geometry.visibility import FACING, before_alike, hidden, visible_from
 
 __all__ = [
     "FACING",
@@ -95,6 +95,7 @@ __all__ = [
     "axes_in",
     "baseline",
     "basis",
+    "before_alike",
     "border_loops",
     "chi_square_limit",
     "chi_square_tail",

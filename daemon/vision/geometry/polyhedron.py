@@ -124,6 +124,11 @@ class Polyhedron:
         return np.array(list(number), np.intp).reshape(-1, 2), bounds
 
     @cached_property
+    def line_numbers(self) -> dict[tuple[int, int], int]:
+        """{(corner, other corner): the number of the line between them}, the smaller first."""
+        return {(a, b): k for k, (a, b) in enumerate(self.lines[0].tolist())}
+
+    @cached_property
     def circles(self) -> Array:
         """(E, 4) the centre and the radius, mm, of the circle that each of the lines is a chord of; zeros where it is
         straight."""
@@ -187,6 +192,22 @@ class Polyhedron:
         beyond = np.where(known[:, 1:] < 0, away, normals[:, 1])
         outward = (normals[:, 0] + beyond) * (np.sum(away * beyond, 1) > 0)[:, None]
         return np.asarray(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9))
+
+    @cached_property
+    def alike_behind(self) -> tuple[tuple[int, Index, Array], ...]:
+        """Facets that lie behind others that face the same way: the number of each, those of the lines (N,) that bound
+        the others, and unit vectors (N, 3) away from these others in their planes."""
+        levels, (ends, bounds), found = (self.normals * self.centres_mm).sum(1), self.lines, []
+        way = self.corners_mm[ends[:, 1]] - self.corners_mm[ends[:, 0]]
+        for facet, normal in enumerate(self.normals):
+            before = (self.normals @ normal > PARALLEL) & (levels - levels[facet] > FLAT_MM)
+            lines, others = np.nonzero(bounds[before].T)
+            if len(lines):
+                other = np.flatnonzero(before)[others]
+                onward = np.where(self.hands[lines, 1] == other, 1.0, -1.0)[:, None]
+                aside = np.cross(onward * way[lines], self.normals[other])
+                found.append((facet, lines, aside / np.linalg.norm(aside, axis=1, keepdims=True)))
+        return tuple(found)
 
     @cached_property
     def steps(self) -> tuple[Index, Index, Index]:

@@ -5,14 +5,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from daemon.arrays import Array, Flags
+from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import inside
-from daemon.vision.geometry.polyhedron import Polyhedron
+from daemon.vision.geometry.polyhedron import PARALLEL, Polyhedron
 
 FACING = 0.3  # cosine below which a facet is too oblique to count on
 INSIDE = 0.95  # where a facet is tried for being covered: its corners and the middles of its sides, drawn in so far
 BEFORE_MM = 1.0
+BEHIND_MM = 1.5  # how far beside an edge it is asked what the solid itself has behind it
 EDGE_ON = 1e-3
 
 
@@ -52,6 +53,34 @@ def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
         met = (eye + reach[asked, k, None] * rays[asked])[:, level]
         covered[asked] = inside(met, rings[k][None, :, level])[0]
     return covered
+
+
+def before_alike(solid: Polyhedron, edges: Index, places: Array, eye: Array) -> Flags:
+    """(L, S) which places (L, S, 3) on some of a solid's lines, by their numbers (L,), an eye (3,) in its frame sees
+    before a facet that faces the same way as the only one that it sees beside the edge: both are as bright, and no
+    edge shows."""
+    found = np.zeros(places.shape[:2], bool)
+    for facet, beside, aside in solid.alike_behind:
+        normal, corner = solid.normals[facet], solid.corners_mm[solid.rings[facet][0]]
+        of_eye = float((eye - corner) @ normal)
+        own, place = np.nonzero(edges[:, None] == beside)
+        if of_eye <= 0 or not len(own):
+            continue
+        there = places[own]
+        other = solid.hands[beside[place]]
+        other = np.where((solid.normals[other] @ normal > PARALLEL) & (other >= 0), -1, other).max(1)
+        middle = there.mean(1)
+        shows = ((eye - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[beside[place]])).sum(1)
+        met = there + BEHIND_MM * aside[place, None]
+        height = (met - corner) @ normal
+        met = met + (height / np.maximum(of_eye - height, BEFORE_MM))[..., None] * (met - eye)
+        level = np.delete(np.arange(3), np.abs(normal).argmax())
+        flat, ring = met[..., level].reshape(-1, 2), solid.corners_mm[None, solid.rings[facet]][..., level]
+        behind = (height > 0) & (shows <= 0)[:, None] & inside(flat, ring)[0].reshape(height.shape)
+        if behind.any():
+            behind[behind] = ~hidden(solid, met[behind], eye)
+        found[own] |= behind
+    return found
 
 
 @lru_cache(maxsize=1024)

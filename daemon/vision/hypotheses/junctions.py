@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array, Flags, Image32, Index
-from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, apart2, basis
+from daemon.vision.geometry import Baseline, Polyhedron, RectifiedCamera, SolidBatch, apart2, basis, sides_of
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, Rays
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import SegmentCorners, pairs_within, runs
@@ -134,16 +134,17 @@ class TaughtJunctions:
 
 @lru_cache(maxsize=4)
 def taught_junctions(shapes: tuple[Polyhedron, ...]) -> TaughtJunctions:
-    """The corners of solids; of a part that was not taught from all round the sides that nobody knows tell its turns
-    apart."""
-    part, triples = list[Index](), list[Index]()
+    """The corners of solids, and where the straight edges would meet that an arc joins; of a part that was not taught
+    from all round the sides that nobody knows tell its turns apart."""
+    part, points = list[Index](), list[Array]()
     for number, (shape, turns) in enumerate(zip(shapes, turns_onto_themselves(shapes, ALIKE_MM), strict=True)):
         every, count = _edge_pairs(shape), len(shape.corners_mm)
         codes = (turns.corners[:, every] * (count**2, count, 1)).sum(2)
         own = np.sort(np.unique(codes.min(0), return_index=True)[1])
-        part.append(np.full(len(own), number))
-        triples.append(every[own])
-    points = [shape.corners_mm[own] for shape, own in zip(shapes, triples, strict=True)]
+        points.append(
+            np.concatenate([shape.corners_mm[every[own]], _turned_apart(_rounded_pairs(shape), turns.motions)])
+        )
+        part.append(np.full(len(points[-1]), number))
     at, one, other = np.concatenate([np.zeros((0, 3, 3)), *points]).transpose(1, 0, 2)
     from_corner, cosine, lengths = _corner_frames(at, one, other)
     return TaughtJunctions(np.concatenate([np.zeros(0, np.intp), *part]), frames.inverse(from_corner), cosine, lengths)
@@ -154,6 +155,39 @@ def _edge_pairs(solid: Polyhedron) -> Index:
     ends = np.concatenate([solid.lines[0], solid.lines[0][:, ::-1]])
     one, other = np.nonzero((ends[:, :1] == ends[:, 0]) & ~np.eye(len(ends), dtype=bool))
     return np.column_stack([ends[one], ends[other, 1]])
+
+
+def _rounded_pairs(solid: Polyhedron) -> Array:
+    """(N, 3, 3) where two straight edges of a facet would meet that an arc of its outline joins, and their far ends, in
+    either order: pictures show both edges, and the place is where their lines meet there as well."""
+    if not solid.arcs:
+        return np.zeros((0, 3, 3))
+    radii = dict(zip(map(tuple, solid.lines[0].tolist()), solid.circles[:, 3].tolist(), strict=True))
+    found = list[Array]()
+    for ring in solid.facets:
+        sides = list(sides_of(ring))
+        round_ = [radii.get((min(side), max(side)), -1.0) for side in sides]  # a side that does not show is no edge
+        straight = [k for k, radius in enumerate(round_) if radius == 0]
+        for k, after in zip(straight, straight[1:] + straight[:1], strict=True):
+            between = [round_[(k + step) % len(sides)] for step in range(1, (after - k) % len(sides))]
+            if between and min(between) > 0:
+                (far, near), (begin, end) = (solid.corners_mm[list(sides[one])] for one in (k, after))
+                one, other = near - far, end - begin
+                (ahead, before), *_ = np.linalg.lstsq(np.stack([one, other], 1), begin - near, rcond=None)
+                if ahead > 0 and before > 0:
+                    at = near + ahead * one
+                    found += [np.stack([at, far, end]), np.stack([at, end, far])]
+    return np.array(found).reshape(-1, 3, 3)
+
+
+def _turned_apart(points: Array, motions: Array) -> Array:
+    """Of triples of points (N, 3, 3) those that no motion (S, 4, 4) lays onto an earlier one."""
+    moved = points @ motions[:, None, :3, :3].swapaxes(2, 3) + motions[:, None, None, :3, 3]
+    kept = list[int]()
+    for k in range(len(points)):
+        if all(np.abs(moved[:, k] - points[one]).max((1, 2)).min() > ALIKE_MM for one in kept):
+            kept.append(k)
+    return points[kept]
 
 
 def _corner_frames(at: Array, one: Array, other: Array) -> tuple[Array, Array, Array]:

@@ -60,3 +60,15 @@ def test_a_lever_rests_on_its_boss_and_its_far_end() -> None:
     """It has 50 corners. On its facets alone it would lie on none but its sides."""
     normals = resting_planes(solid("lever"))[:, :3]
     assert (np.abs(normals @ solid("lever").normals.T).max(1) < 0.99).any()
+
+
+@pytest.mark.parametrize(("label", "seed"), [("filleted_block", 8), ("cover", 18), ("cover", 20)])
+def test_parts_of_which_no_two_straight_edges_meet_are_named(label: str, seed: int) -> None:
+    """Edges that an arc joins meet beyond it, in pictures as in the drawing."""
+    assert named(simulated_look(label, seed))[0] == "right"
+
+
+@pytest.mark.parametrize("seed", [6, 16])
+def test_a_part_whose_plain_side_has_the_same_outline_is_not_said_to_lie_on_its_other_side(seed: int) -> None:
+    """All edges of the plain side were there; those of the other side, which lay upwards, were not explained."""
+    assert named(simulated_look("cover", seed))[0] != "misplaced"
