@@ -127,14 +127,15 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FingerGrasp(PlannedGrasp):
     """The fingers around the part. width_mm between the contacts; slip_deg: the larger angle of a contact's normal from
-    the closing direction."""
+    the closing direction; rounded: only what is round lies along the fingers, so that it may turn between them."""
 
     width_mm: float
     slip_deg: float
+    rounded: bool = False
 
     @property
     def risk(self) -> float:
-        return self.slip_deg / SLIPS_DEG
+        return 1.0 if self.rounded else self.slip_deg / SLIPS_DEG
 
     @property
     def told(self) -> str:
@@ -245,12 +246,13 @@ def closing_directions(solid: Polyhedron, flat: int) -> list[Array]:
 class Contact:
     """Where the closing fingers meet the solid, in the tool frame: the two positions along tool y; slip_deg, the most
     that a contact's normal, or the line between the contacts, is off the closing direction; line_mm (2,) x and z of
-    that line."""
+    that line; rounded: only what is round lies along the fingers."""
 
     low_mm: float
     high_mm: float
     slip_deg: float
     line_mm: Array
+    rounded: bool
 
 
 class _Sides(NamedTuple):
@@ -329,7 +331,8 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
         return None
     upper = _touch(top[:, met], lines.base[met], sides, up, 1.0)
     lower = _touch(-bottom[:, met], lines.base[met], sides, up, -1.0)
-    if not (upper.flat or lower.flat or (upper.rounded and lower.rounded)):
+    flat = upper.flat or lower.flat
+    if not flat and not (upper.rounded and lower.rounded):
         return None
     high_mm, low_mm = float(top.max()), float(bottom.min())
     middle, out = (high_mm + low_mm) / 2, half + gripper.finger_thick_mm
@@ -338,7 +341,8 @@ def contacts(sides: _Sides, up: Array, gripper: TwoFingers) -> Contact | None:
         return None
     ends = np.maximum(upper.low, lower.low), np.minimum(upper.high, lower.high)
     askew = float(np.degrees(np.arctan2(np.linalg.norm(np.maximum(ends[0] - ends[1], 0.0)), high_mm - low_mm)))
-    return Contact(low_mm, high_mm, max(upper.slip_deg, lower.slip_deg, askew), (ends[0] + ends[1]) / 2)
+    slip_deg = max(upper.slip_deg, lower.slip_deg, askew)
+    return Contact(low_mm, high_mm, slip_deg, (ends[0] + ends[1]) / 2, not flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,7 +412,7 @@ def grasps(
                 if grasp is not None:
                     blocked = any(in_the_way(grasp.world_from_tool, n, gripper) for n in neighbours)
                     found.append(replace(grasp, blocked=blocked))
-    return sorted(found, key=lambda g: (g.blocked, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
+    return sorted(found, key=lambda g: (g.blocked, g.rounded, round(g.slip_deg / 5.0), abs(g.tilt_deg)))
 
 
 def _legs(solid: Polyhedron, along: Array, mass: Array, gripper: TwoFingers) -> list[Array]:
@@ -453,7 +457,7 @@ def _placed(
     if width > gripper.opening_mm - 2 * gripper.side_clearance_mm:
         return None
     here = frames.rigid(rotation, centre + rotation[:, 1] * (contact.high_mm + contact.low_mm) / 2)
-    return FingerGrasp(here, tilt_deg, width_mm=width, slip_deg=contact.slip_deg)
+    return FingerGrasp(here, tilt_deg, width_mm=width, slip_deg=contact.slip_deg, rounded=contact.rounded)
 
 
 def _in_the_palm(corners: Array, gripper: TwoFingers) -> bool:

@@ -173,6 +173,16 @@ def test_a_drawn_part_is_taken_by_its_flat_sides_and_not_where_it_is_hollow_or_r
             assert abs(grip.turn_deg) < 4.0, "it turns no more than two directions are apart"
 
 
+def test_a_part_is_taken_where_it_is_round_only_if_no_flat_side_will_do():
+    solid = machined.drawings()["lever"].solid
+    lying = frames.rigid(np.eye(3), MIDDLE - [0.0, 0.0, solid.corners_mm[:, 2].min()])
+    rounded = [grasp.rounded for grasp in grasps(solid, lying, -300.0, GRIPPER)]
+    assert any(rounded)
+    assert not all(rounded)
+    assert sorted(rounded) == rounded
+    assert {grasp.risk for grasp in grasps(solid, lying, -300.0, GRIPPER) if grasp.rounded} == {1.0}
+
+
 def test_the_centre_of_mass_of_two_joined_blocks_is_where_their_weights_say():
     corners, rings = prism([(0, 0), (60, 0), (60, 20), (20, 20), (20, 60), (0, 60)], 30.0)
     expected = (np.array([30, 10, 15]) * 60 * 20 + np.array([10, 40, 15]) * 20 * 40) / (60 * 20 + 20 * 40)
@@ -275,6 +285,8 @@ def test_what_is_in_the_room_that_the_open_fingers_sweep_is_in_their_way(x, y, z
     tool = frames.rigid(frames.rotation_from_vector(np.array([0.3, 2.0, -1.0])), [500.0, 20.0, -100.0])
     local = np.array([x, y, z]) + size * np.array([[a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)])
     half, wide = GRIPPER.finger_width_mm / 2, GRIPPER.opening_mm / 2 + GRIPPER.finger_thick_mm
+    borders = [(x, half), (x, -half - size), (y, wide), (y, -wide - size), (z, GRIPPER.tip_mm), (z, -80.0 - size)]
+    assume(all(abs(at - border) > 1e-6 for at, border in borders))
     meets = -half - size < x < half and -wide - size < y < wide and -80.0 - size < z < GRIPPER.tip_mm
     assert GRIPPER.in_the_way(tool, frames.apply(tool, local)) == meets
 
