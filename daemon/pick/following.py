@@ -242,12 +242,14 @@ def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: Camera
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part
-    there = frames.transport_covariance(tool_from_cyclopean, fit.covariance)
-    there = there + frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4)) + BESIDE_FINGERS
+    hand_eye = frames.lever_covariance(seen, doubt.shared()[:6, :6], np.eye(4))
+    there = frames.transport_covariance(tool_from_cyclopean, fit.covariance) + hand_eye + BESIDE_FINGERS
     apart = frames.difference(seen, grasped)
     chi2 = float(apart @ np.linalg.solve(held.covariance + there, apart))
     pose, covariance = frames.fuse([grasped, seen], [held.covariance, there])
-    return HeldPose(seen, pose, covariance, chi2)
+    of_grasp, of_edges = (covariance @ np.linalg.inv(each) for each in (held.covariance, there))
+    in_both = of_grasp @ hand_eye @ of_edges.T  # the looks before the grasp err by the same hand-eye
+    return HeldPose(seen, pose, covariance + in_both + in_both.T, chi2)
 
 
 def predicted_error(shape: Polyhedron, tool_from_part: Array, covariance: Array, doubt: Doubt) -> tuple[float, float]:

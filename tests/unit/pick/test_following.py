@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm import OnHand, Reading
+from daemon.arm import HeldPart, OnHand, Reading
 from daemon.calibration.file import load_calibration
 from daemon.config import load_config
 from daemon.pick import following, moved_pair
@@ -21,6 +21,7 @@ from daemon.pick.following import (
     came_back_empty,
     farthest_mm,
     fitted,
+    held_by_edges,
     held_pose,
     in_hand,
     least_error,
@@ -232,6 +233,21 @@ def test_how_a_part_is_held_is_the_grasp_and_its_edges_weighed_by_their_errors(
     assert held_pose(target, look, replace(mount, alone="left"), doubt) is None
     target.estimate = None
     assert held_pose(target, look, mount, doubt) is None
+
+
+def test_a_held_part_is_known_no_better_than_the_hand_eye_by_which_grasp_and_edges_both_err(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tool_from_cyclopean = frames.rigid(np.eye(3), np.array([0.0, 0.0, -100.0]))
+    at, own = frames.rigid(np.eye(3), np.array([0.0, 0.0, 10.0])), np.diag([0.01] * 3 + [1e-6] * 3)
+    fit = Fit(frames.inverse(tool_from_cyclopean) @ at, own, 0.1, 9)
+    monkeypatch.setattr(following, "by_edges", lambda *_: fit)
+    look: Any = SimpleNamespace(reading=SimpleNamespace(world_from_tool=np.eye(4)))
+    mount: Any = CameraMount(None, OnHand(tool_from_cyclopean))  # type: ignore[arg-type]
+    grasped_so = HeldPart("cube", at, own + np.diag([0.09] * 3 + [0.0] * 3))
+    held = held_by_edges(shape_of("cube"), grasped_so, look, mount, Doubt(0.3, 0.0, 0.0, 0.0, 0.0))
+    assert held is not None
+    assert np.diag(held.covariance)[:3] == pytest.approx([0.09 + 0.01 / 2] * 3)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6).filter(any), st.floats(0.1, 2.0), st.floats(0.05, 1.0))
