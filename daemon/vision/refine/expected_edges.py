@@ -34,9 +34,6 @@ RAGGED_PX = 9.0
 """What the place of an edge that only noise blurs is known to, times its evidence, is half of this. An edge between two
 faces that is known worse has print beside it, whose strokes pull all of a stretch aside: it is so much less to be
 trusted (set on recorded looks at printed prisms)."""
-RISE = np.array([[-3.0, 1.0], [4.0, -4.0], [-1.0, 3.0]])
-"""How much an arc rises at its start and its end, as a share of its length, by how far off its chord it lies at its
-start, middle and end: that of a parabola."""
 LEAST_EVIDENCE, LEAST_SUPPORT = 6.0, 0.5
 """What an edge must show to be there: step over its noise, and share of its length."""
 
@@ -203,14 +200,13 @@ def expected(
     normal = across(start, end)[:, None]
     moves = (normal[:, None] @ slope[eye[:, None], ends])[:, :, 0]  # across the edge, of either corner
     share = np.concatenate([first, last], 1)
-    by_corner_share = np.stack([1 - share, share], 2)[..., None]
-    by_corner = by_corner_share * moves[:, None]
+    by_corner = np.stack([1 - share, share], 2)[..., None] * moves[:, None]
     sharp = clear[eye, owner, edge]
     depth_mm = (poses[:, 2, :3] * laid.middles_mm).sum(1) + poses[:, 2, 3]
     px_per_mm = np.array([view.eye.focal_px for view in eyes.views])[eye] / depth_mm[owner]
     outline = (facing[eye, owner, edge] == 1) & sharp
     bisectors = (poses[owner, :3, :3] @ laid.bisectors[owner, edge][..., None])[..., 0]
-    start, end = start + first * way, start + last * way
+    start, end, jacobian = start + first * way, start + last * way, by_corner.sum(2)
     bow = np.zeros((len(owner), 3))
     circles = laid.circles[owner, edge]
     (arcs,) = np.nonzero(circles[:, 3])
@@ -221,15 +217,10 @@ def expected(
         seen = [view.eye.camera.project(cyclopean.reshape(-1, 3)).reshape(-1, 3, 2) for view in eyes.views]
         on_image = np.where(eye[arcs, None, None] == 0, *seen)
         bow[arcs] = ((on_image - start[arcs, None]) * normal[arcs]).sum(2)
-        # An arc that moves along itself stays where it is.
-        along = (end - start)[arcs]
-        rise = bow[arcs] @ RISE / np.square(along).sum(1)[:, None]
-        slides = (along[:, None, None] @ slope[eye[arcs, None], ends[arcs]])[:, None, :, 0]
-        by_corner[arcs] -= rise[..., None, None] * (by_corner_share[arcs] * slides)
 
     def of_camera(own: slice, corners_px: Array) -> ExpectedEdges:
         return ExpectedEdges(
-            owner[own], ends[own], start[own], end[own], by_corner[own].sum(2), by_corner[own, ..., :3], outline[own],
+            owner[own], ends[own], start[own], end[own], jacobian[own], by_corner[own, ..., :3], outline[own],
             sharp[own], px_per_mm[own], tolerance_mm * px_per_mm[own], corners_px, bisectors[own], bow[own],
         )  # fmt: skip
 

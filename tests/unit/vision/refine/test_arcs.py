@@ -110,17 +110,6 @@ def test_the_bow_of_a_chord_is_where_the_cameras_see_its_arc() -> None:
                 assert np.linalg.norm(arc_px - at, axis=1).min() < 0.15
 
 
-def test_a_turn_about_the_axis_of_an_arc_moves_no_chord_of_it_and_any_other_motion_does() -> None:
-    axis, middle = WHERE[:3, 2], frames.apply(WHERE, centre()[None])[0]
-    about_it = np.concatenate([np.cross(axis, WHERE[:3, 3] - middle), axis])
-    for edges in expected(SolidBatch.of([rounded()]), eyes(), WHERE[None], np.ones(1, bool), TOLERANCE_MM):
-        bowed = np.abs(edges.bow).max(1) > 0
-        turned = np.abs(edges.jacobian @ about_it).max(1) / edges.px_per_mm
-        assert turned[bowed].max() < 1.0, "mm a radian"
-        assert turned[~bowed].max() > RADIUS_MM
-        assert np.abs(edges.jacobian[bowed] @ [*WHERE[:3, 1], 0, 0, 0]).max() > 0.5 * edges.px_per_mm.min()
-
-
 def round_end_first() -> Array:
     """A pose (4, 4) at which a round end and the face above it look at both cameras."""
     tilt = np.radians(50.0)
