@@ -49,6 +49,7 @@ $(VENV)/.dev: $(VENV)/.runtime
 	@echo "== installing the test tools (once; a minute or two)"
 	@$(BIN)/pip install -q -e '.[dev,metrics,modbus,dashboard,drawings,export,fleet,plots]'
 	@tests/browser.sh
+	@tests/linuxcnc.sh
 	@touch $@
 
 demo: $(VENV)/.runtime

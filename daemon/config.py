@@ -195,11 +195,11 @@ class ConfigFile:
     version: Literal[1]
     """Version of the file's format."""
     cell: Name = "real"
-    """`real`: V4L2 cameras and a VAL II controller. `recorded`: pairs from a folder, nothing moves. `simulated`: all of
-    it simulated; `facetd --sim` does the same for one start. Or the name of a back-end that is installed beside
-    facetd."""
+    """`real`: V4L2 cameras and a VAL II controller. `linuxcnc`: the same cameras and LinuxCNC. `recorded`: pairs from a
+    folder, nothing moves. `simulated`: all of it simulated; `facetd --sim` does the same for one start. Or the name of
+    a back-end that is installed beside facetd."""
     backend: dict[str, Any] = field(default_factory=dict)
-    """Settings of such a back-end; its own documentation says which."""
+    """Settings of LinuxCNC, below; those of a back-end that is installed beside facetd are in its own documentation."""
     simulated: SimulatedSettings = field(default_factory=SimulatedSettings)
     recorded: RecordedSettings = field(default_factory=RecordedSettings)
     cameras: dict[str, Any] = field(default_factory=dict)

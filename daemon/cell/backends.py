@@ -16,7 +16,7 @@ from daemon.config import Config
 if TYPE_CHECKING:
     from daemon.cell.hardware import Hardware
 
-OWN = {name: f"daemon.cell.{name}_cell:BACKEND" for name in ("real", "recorded", "simulated")}
+OWN = {name: f"daemon.cell.{name}_cell:BACKEND" for name in ("real", "linuxcnc", "recorded", "simulated")}
 GROUP = "facetd.cells"
 WireListener = Callable[[dict[str, Any]], None]
 

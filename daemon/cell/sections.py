@@ -3,7 +3,7 @@
 In: Config. Out: the drivers' settings, or a ConfigError that names file, line and key. Opens no device.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -29,6 +29,7 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.cell.backends import backend_of
+from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
@@ -36,6 +37,7 @@ from daemon.pick.two_fingers import TwoFingers
 from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
+from drivers.camera.stereo import V4L2StereoCamera
 from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 
@@ -67,6 +69,11 @@ def _check_geometry(config: Config, arm: ArmModel) -> None:
 def check_dialect_and_tool(config: Config) -> None:
     """Check what a PUMA behind VAL II has: its dialect, its geometry, its tool. Raises ConfigError."""
     dialect(config)
+    check_tool(config)
+
+
+def check_tool(config: Config) -> None:
+    """Check geometry and tool of a PUMA. Raises ConfigError."""
     for wrong in plausible.tool(arm_geometry(config).flange_from_tool):
         raise config.document.error(_keys_of_gripper(config, wrong.keys), wrong.problem)
 
@@ -104,6 +111,19 @@ def of_another_size(config: Config, calibration: Calibration) -> Iterator[str]:
 def camera_settings(config: Config) -> CameraSettings:
     """The section `cameras`. Raises ConfigError."""
     return config.document.convert(CameraSettings, at=("cameras",))
+
+
+def check_cameras(config: Config) -> None:
+    """Check the V4L2 cameras of the section `cameras`. Raises ConfigError."""
+    settings = camera_settings(config)
+    if settings.left == settings.right:
+        problem = f"expected another camera than left's, found the same: {settings.right}"
+        raise config.document.error(("cameras", "right"), problem)
+
+
+def v4l2_cameras(config: Config, clock: Callable[[], float]) -> ThreadedCameras:
+    """Those cameras, not yet opened. Raises ConfigError."""
+    return ThreadedCameras(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
 
 
 def alone(config: Config) -> EyeName | None:

@@ -12,6 +12,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, replace
 from typing import Any
 
+from drivers.ledger import Ledger
 from drivers.val2 import commands
 from drivers.val2.conversation import POISON, ControllerAnswer, Conversation, LinePermit, Unconditional
 from drivers.val2.dialect import Dialect
@@ -28,7 +29,6 @@ from drivers.val2.errors import (
     ProcessorHalted,
     StopRefused,
 )
-from drivers.val2.ledger import Ledger
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
 from drivers.val2.session import LineSession, confirms

@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 
+from drivers.ledger import Ledger
 from drivers.val2 import commands
 from drivers.val2.conversation import A_PROMPT, ControllerAnswer, Conversation, LinePermit
 from drivers.val2.dialect import Dialect
@@ -24,7 +25,6 @@ from drivers.val2.errors import (
     ProcessorHalted,
 )
 from drivers.val2.interleaved import SHORTEST_TYPED
-from drivers.val2.ledger import Ledger
 from drivers.val2.pending_answers import PendingAnswers
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text, of_a_table
@@ -366,7 +366,7 @@ class LineSession:
             if isinstance(event, ControllerQuestion) and self.dialect.asks_after_power_up(event.text):
                 self._switched_on()
             self.talk.hear(event)
-            self._ledger.heard(event, self.clock())
+            self._ledger.heard(event.what, event.raw, self.clock())
 
     def _cancel_silence(self) -> None:
         if self._silence is not None:

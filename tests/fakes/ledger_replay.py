@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from drivers.val2.ledger import Record
+from drivers.ledger import Record
 from drivers.val2.wire import ControllerQuestion, LineEvent, Prompt, Reader
 
 

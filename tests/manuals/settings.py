@@ -18,11 +18,12 @@ from typing import Any
 import msgspec
 
 from daemon import config
+from daemon.cell.linuxcnc_arm import LinuxcncSettings
 from daemon.store.yamlfile import KIND, PLAIN, UNIONS, kinds_of
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
 
-TYPED_BY_DRIVERS: dict[str, type] = {"cameras": CameraSettings, "arm.dialect": Dialect}
+TYPED_BY_DRIVERS: dict[str, type] = {"cameras": CameraSettings, "arm.dialect": Dialect, "backend": LinuxcncSettings}
 UNITS = {
     "area_px": "px²",
     "mm_s": "mm/s", "deg_s": "degrees/s", "mm": "mm", "deg": "degrees", "px": "px", "pct": "%", "ms": "ms", "s": "s",

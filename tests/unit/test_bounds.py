@@ -18,6 +18,7 @@ import pytest
 import yaml
 
 from daemon.cell import sections
+from daemon.cell.linuxcnc_arm import LinuxcncSettings
 from daemon.config import OBSOLETE, ConfigError, ConfigFile, load_config
 from daemon.store.yamlfile import UNIONS, Key, dotted
 from drivers.camera.settings import CameraSettings
@@ -25,7 +26,11 @@ from drivers.val2.dialect import Dialect
 
 ETC = Path(__file__).resolve().parents[2] / "etc"
 Keys = tuple[Key, ...]
-TYPED_BY_DRIVERS: dict[Keys, type] = {("cameras",): CameraSettings, ("arm", "dialect"): Dialect}
+TYPED_BY_DRIVERS: dict[Keys, type] = {
+    ("cameras",): CameraSettings,
+    ("arm", "dialect"): Dialect,
+    ("backend",): LinuxcncSettings,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +116,7 @@ def marked_file(leaf: Leaf) -> tuple[str, int]:
     data: Any = json.loads(msgspec.json.encode(ConfigFile(version=1)))
     data["cameras"] = json.loads(msgspec.json.encode(CameraSettings("a", "b")))
     data["arm"]["dialect"] = data["modbus"] = {}
+    data["backend"] = json.loads(msgspec.json.encode(LinuxcncSettings()))
     data["console"]["tty"] = {"device": "d"}
     data["vision"]["depth_readings_mm"] = [[600.0, 1.0]]
     data["pick"]["limits"]["keep_out"] = [{"name": "a post", "low_mm": [0, 0, 0], "high_mm": [1, 1, 1]}]
@@ -120,7 +126,8 @@ def marked_file(leaf: Leaf) -> tuple[str, int]:
         for step in above:
             section = section[step]
         section.pop(key, None)
-    data = {key: data[key] for key in ("version", "cameras", leaf.keys[0])}
+    data["cell"] = "linuxcnc" if leaf.keys[0] == "backend" else "real"
+    data = {key: data[key] for key in ("version", "cell", "cameras", leaf.keys[0])}
     place: Any = data
     for step in leaf.keys[:-1]:
         if isinstance(step, str) and step not in place:

@@ -97,7 +97,7 @@ def test_sections_with_every_key_commented_out_mean_their_defaults(path: Path) -
         ("version: 1\nlog: {quota: 3}\n", ":2: log.quota: unknown key; did you mean `quota_mb`?"),
         ("version: 1\nlog:\n  quota_mb: many\n", ":3: log.quota_mb: expected a whole number, found 'many'"),
         ("version: 1\nlog:\n  quota_mb: 0\n", ":3: log.quota_mb: expected a whole number from 1 to 100000000, found 0"),
-        ("version: 1\ncell: reel\n", ":2: cell: expected one of real, recorded, simulated, found 'reel'"),
+        ("version: 1\ncell: reel\n", ":2: cell: expected one of real, linuxcnc, recorded, simulated, found 'reel'"),
         ("version: 2\n", ":1: version: expected one of 1, found 2"),
         ("cell: real\n", ":1: the key `version` is missing"),
         ("version: 1\nconsole: {tty: {baud: 9600}}\n", ":2: console.tty: the key `device` is missing"),

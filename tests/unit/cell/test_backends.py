@@ -74,7 +74,8 @@ def test_settings_of_a_back_end_are_checked_by_it_with_file_line_and_key(cards: 
 
 def test_a_cell_that_nobody_brings_is_told_with_those_that_are_there(cards: Path) -> None:
     with pytest.raises(
-        ConfigError, match=r"facetd\.yaml:2: cell: expected one of real, recorded, simulated, cards, found 'card'"
+        ConfigError,
+        match=r"facetd\.yaml:2: cell: expected one of real, linuxcnc, recorded, simulated, cards, found 'card'",
     ):
         sections.check(configured(cards, "cell: card"))
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from drivers.ledger import Ledger
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, LineFault
-from drivers.val2.ledger import Ledger
 from drivers.val2.link import Dialect, Link
 from drivers.val2.location import Location
 from drivers.val2.wire import Prompt, Reader
@@ -75,7 +75,7 @@ def test_a_character_doubled_in_a_line_typed_slowly_is_the_same_garble_again() -
     for k in range(7):
         ledger.sent(b"SPEED 80"[k : k + 1], 0.1 * k)
     for event in reader.receive(b"SPEED 88"):
-        ledger.heard(event, 0.7)
+        ledger.heard(event.what, event.raw, 0.7)
     ledger.sent(b"0", 0.8)
     ledger.sent(b"\x15", 0.9)
     assert records[7]["what"] == "garble"

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from daemon.arm.permit import MotionPermit
+from drivers.ledger import Ledger
 from drivers.val2.dialect import Dialect
 from drivers.val2.errors import ControllerError, Disturbed, NoAnswer, PortError, Preempted
-from drivers.val2.ledger import Ledger
 from drivers.val2.session import LineSession, quoted
 from drivers.val2.wire import Prompt, Text
 from tests.fakes.in_time import lived

@@ -12,8 +12,6 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from drivers.val2.wire import LineEvent
-
 Record = dict[str, Any]
 
 
@@ -28,9 +26,9 @@ class Ledger:
         """Bytes that went to the controller."""
         self._record(t_s, "out", "sent", data)
 
-    def heard(self, event: LineEvent, t_s: float) -> None:
-        """An event, and the bytes it was read from."""
-        self._record(t_s, "in", event.what, event.raw)
+    def heard(self, what: str, data: bytes, t_s: float) -> None:
+        """What was heard, and the bytes it was read from."""
+        self._record(t_s, "in", what, data)
 
     def _record(self, t_s: float, way: str, what: str, data: bytes) -> None:
         if self._on_record is None:

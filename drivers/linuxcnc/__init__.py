@@ -1,0 +1,1 @@
+"""LinuxCNC's remote shell (linuxcncrsh): a line protocol over TCP."""
