@@ -111,8 +111,11 @@ class ControllerMonitor(Protocol):
     async def monitor(self, text: str) -> list[str]:
         """Send a line, as typed at the controller's own terminal. Returns its output."""
 
-    def terminal(self, show: Callable[[bytes], None]) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
-        """Context: the terminal for a person. Its output goes to `show`; yields the function that types."""
+    def terminal(
+        self, show: Callable[[bytes], None], tell: Callable[[str], None]
+    ) -> AbstractAsyncContextManager[Callable[[bytes], None]]:
+        """Context: the terminal for a person. Its output goes to `show`; yields the function that types. tell: called
+        with what the person is to know once they left."""
 
 
 class Robot(Protocol):
@@ -155,8 +158,8 @@ class Robot(Protocol):
     async def close(self) -> None:
         """Release the line; safe to call twice. Does not stop the arm."""
 
-    async def check(self) -> None:
-        """See that the controller answers."""
+    async def check(self) -> str | None:
+        """See that the controller answers. What it says that keeps the arm from moving until a person acts, or None."""
 
     async def where(self) -> Reading:
         """Ask the controller where the arm is; one that moves is a place on the way."""

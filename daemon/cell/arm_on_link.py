@@ -24,13 +24,17 @@ from daemon.cell.puma_arm import PumaArm
 from drivers import puma560
 from drivers.val2 import commands
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused
+from drivers.val2.errors import ControllerError, Elsewhere, HeldBack, NoAnswer, Preempted, StopRefused, lacks_zero
 from drivers.val2.link import Link, MoveStart, NextMove
 from drivers.val2.location import Location, apart, location_from_matrix, matrix_from_location
 from drivers.val2.wire import Where
 
 REST_S = 5.0
 """How long `rest` waits for a motion that facetd did not command."""
+LEFT_S = 4.0
+"""How long what a person began may still move the arm once they have left: one motion that ends, and no program."""
+NO_ZERO = "the arm has not found its zero: `enable`, then `robot cal`"
+ENDED = f"The arm still moved {LEFT_S:g} s later: facetd has stopped it (a program that went on is ended)."
 
 
 class ArmOnLink:
@@ -90,10 +94,19 @@ class ArmOnLink:
             await self._set_tool()
         return self._reading(await self.link.still(REST_S))
 
-    async def check(self) -> None:
-        """Check that the controller answers; a stop meanwhile counts as an answer. Raises LinkError."""
-        with contextlib.suppress(Preempted):
+    async def check(self) -> str | None:
+        """Check that the controller answers; a stop meanwhile counts as an answer, and so does a WHERE that is refused
+        until CAL: what it says then. Raises LinkError."""
+        try:
             await self.where()
+        except ControllerError as refused:
+            if not lacks_zero(refused.message):
+                raise
+            self._heard()
+            return f"{NO_ZERO} (it says `{refused.message}`)"
+        except Preempted:
+            pass
+        return None
 
     async def move(
         self,
@@ -205,11 +218,11 @@ class ArmOnLink:
         with self._person_types():
             answer = await self.link.power_up(tuple(replies))
             self.beliefs.void(VoidingEvent.TURN_TYPED)
+            told = list(answer.lines)
             if moves:
-                await self._rest()
-                await self._end_program()
+                await self._come_to_rest(told.append)
         await self._set_tool()
-        return list(answer.lines)
+        return told
 
     async def calibrate(self, reply: str) -> list[str]:
         """CAL: the arm finds its zeros by a small motion. Returns its output, once the arm is at rest."""
@@ -226,19 +239,20 @@ class ArmOnLink:
 
     async def monitor(self, text: str) -> list[str]:
         """Send any command, as typed at the controller's own terminal. Returns its output, once the arm is at rest.
-        Ends a program that the command started and that is paused."""
+        Ends a program that the command started."""
         self.beliefs.void(VoidingEvent.TURN_TYPED)
         with self._person_types():
-            answer = await self.link.command(text)
+            told = list((await self.link.command(text)).lines)
             if commands.moves_the_arm(text):
-                await self._rest()
-                await self._end_program()
-        return list(answer.lines)
+                await self._come_to_rest(told.append)
+        return told
 
     @contextlib.asynccontextmanager
-    async def terminal(self, show: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
+    async def terminal(
+        self, show: Callable[[bytes], None], tell: Callable[[str], None]
+    ) -> AsyncIterator[Callable[[bytes], None]]:
         """Context: the controller's own terminal for a person. Its output goes to `show`; yields the function that
-        types.
+        types. tell: told where the arm had to be stopped behind them.
 
         Leaves when the arm is at rest and no program runs, or the controller asks something; then sets TOOL again.
         abort() still works, and ends it.
@@ -248,8 +262,7 @@ class ArmOnLink:
             async with self.link.terminal(show) as send:
                 yield send
             if self.link.question is None:
-                await self._rest()
-                await self._end_program()
+                await self._come_to_rest(tell)
         await self._set_tool()
 
     @contextlib.contextmanager
@@ -273,17 +286,29 @@ class ArmOnLink:
     def _others_typed(self) -> None:
         self.beliefs.void(VoidingEvent.OTHERS_TYPED)
 
-    async def _rest(self) -> None:
+    async def _rest(self, within_s: float | None = None) -> None:
         """Wait until two readings agree, whatever they are. Raises NoAnswer."""
-        await self.link.still(self.link.dialect.motion_s, any_place=True)
+        await self.link.still(within_s or self.link.dialect.motion_s, any_place=True)
         self._heard()
 
-    async def _end_program(self) -> None:
-        """End a program that a person may have started: a paused one could resume with an arm believed to be at
-        rest."""
-        if self.link.program_may_run:
-            with _refusals():
-                await self.link.prove_stop()
+    async def _come_to_rest(self, tell: Callable[[str], None]) -> None:
+        """Wait until what a person began is over. A program that they may have started is ended, soon where it moves
+        the arm on and on, and also where the arm rests: a paused one could resume. Raises LinkError."""
+        if not self.link.program_may_run:
+            await self._rest()
+            return
+        late = False
+        try:
+            await self._rest(LEFT_S)
+        except NoAnswer:
+            late = True
+        except ControllerError as refused:
+            if not lacks_zero(refused.message):
+                raise
+        with _refusals():
+            await self.link.prove_stop()
+        if late:
+            tell(ENDED)
 
     async def _set_tool(self) -> None:
         """Set TOOL on the controller: after power-up it has none, and would move the flange to each target."""

@@ -125,7 +125,8 @@ async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
     controller = _monitor_of(context)
     typist = Typist(context, controller, frontend)
-    async with controller.terminal(lambda data: frontend.show(shown(data))) as send:
+    told: list[str] = []
+    async with controller.terminal(lambda data: frontend.show(shown(data)), told.append) as send:
         if controller.question is None:
             send(b"\r")  # an empty line, for the controller to show its prompt
         else:  # to which that might be an answer
@@ -136,9 +137,8 @@ async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResu
                 typist.typed(keys, send)
 
         await _while_connected(context, frontend.terminal(typed))
-    return CommandResult(
-        f"\nBack at the console; {plural(typist.lines, 'line')} sent to the controller.", {"lines": typist.lines}
-    )
+    back = f"\nBack at the console; {plural(typist.lines, 'line')} sent to the controller."
+    return CommandResult("\n".join([back, *told]), {"lines": typist.lines})
 
 
 async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any, None]) -> None:

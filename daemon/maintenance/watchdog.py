@@ -129,7 +129,7 @@ class Watchdog:
                     what = "`stop` answers N and ends the program that asks"
                 context.troubles.report("controller", f"the controller asks `{controller.question}`: {what}")
             else:
-                await robot.check()
+                context.troubles.report("zero", await robot.check())
                 context.troubles.report("controller", None)
         except EXPECTED_ERRORS as error:
             self._begun_s["controller"] = time.monotonic() + REOPEN_S - context.config.values.health.arm_check_s

@@ -18,6 +18,11 @@ HALTED = (
 )
 
 
+def lacks_zero(said: str) -> bool:
+    """Whether a controller says that the arm has not found its zero: nothing but CAL can move it then."""
+    return "not calibrated" in said.lower()
+
+
 class LinkError(Exception):
     """The robot did not do, or is not known to have done, what it was asked. where: the last WHERE since, if any."""
 

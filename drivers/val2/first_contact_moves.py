@@ -25,6 +25,7 @@ from drivers.val2.contact_findings import (
 )
 from drivers.val2.conversation import POISON
 from drivers.val2.dialect import Dialect
+from drivers.val2.errors import lacks_zero
 from drivers.val2.wire import Where
 
 MOTION_S, CALIBRATION_S = 30.0, 180.0
@@ -106,7 +107,7 @@ def _cut_short(known: ContactFindings, here: Where) -> Steps:
                 )
             raise UnclearError(f"joint {FIRST_JOINT} does not turn; is the arm held, or its brake on?")
         said = "; ".join(errors)
-        if "NOT CALIBRATED" in said.upper():
+        if lacks_zero(said):
             here = yield from _calibrated(known, said)
             continue
         if not (yield from agreed("power", f"The controller says {said}. Put that right, then say yes")):

@@ -28,6 +28,7 @@ from drivers.val2.errors import (
     Preempted,
     ProcessorHalted,
     StopRefused,
+    lacks_zero,
 )
 from drivers.val2.location import Location, apart
 from drivers.val2.port import OpenPort, SerialPort
@@ -317,7 +318,8 @@ class Link:
 
     async def abort(self) -> Where | None:
         """Stop the arm now, whoever is using the link (they get Preempted), and give where it came to rest; None where
-        the controller is at its power-up questions: it was switched off, and nothing moves.
+        the controller took the word and cannot say where the arm is: it is at its power-up questions, or has no zero.
+        Nothing moves then; a CAL that was under way has ended, for its prompt comes behind it.
 
         Raises StopRefused at once where the controller does not take the word, NoAnswer and others where rest was not
         seen after some tries: the arm may move then: abort again.
@@ -384,6 +386,9 @@ class Link:
                 await self._open_session.past_a_rest(talk, lambda: talk.ask("DO BREAK", (), self.dialect.resync_s))
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
+        except ControllerError as refused:
+            if not lacks_zero(refused.message):
+                raise
 
     def _lines(self, location: Location, straight: bool) -> tuple[str, ...]:
         """Of a move; the last one moves."""
@@ -519,7 +524,7 @@ class Link:
                         switched_on = self.dialect.asks_after_power_up(last.text) and not self.program_may_run
                         if switched_on and last.text == asked:
                             session.question = asked
-                            await asyncio.sleep(BRAKES_S)
+                            await _brakes_hold()
                             return None
                         before, asked = b"" if switched_on else no, last.text
                         continue
@@ -542,26 +547,32 @@ class Link:
         session.stop_typed = True
         return await talk.last_prompt_or_question(self.dialect.resync_s)
 
-    async def _stopped(self, session: LineSession, talk: Conversation) -> Where:
-        """The word once more where its answer can be judged, then two WHERE that agree. Raises StopRefused."""
+    async def _stopped(self, session: LineSession, talk: Conversation) -> Where | None:
+        """The word once more where its answer can be judged, then two WHERE that agree, or are both refused for want of
+        a zero. Raises StopRefused."""
         by_itself = await self._see_it_taken(
             session, lambda: talk.ask(self.dialect.abort_word, (), self.dialect.resync_s)
         )
-        readings = []
+        readings: list[Where | None] = []
         for _ in range(2):
             await asyncio.sleep(self.dialect.poll_s)
             answer = await talk.ask("WHERE", (), self.dialect.table_s)
             if answer.errors and answer.where is None:
                 said = "; ".join(answer.errors)
-                raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
-            if answer.where is None:
+                if not lacks_zero(said):
+                    raise ControllerError(f"WHERE is refused (`{said}`: mend that, then restart facetd)")
+            elif answer.where is None:
                 raise Garbled("WHERE did not give its table")
-            by_itself += answer.errors
+            else:
+                by_itself += answer.errors
             readings.append(answer.where)
-        if not self._same_place(*readings):
-            raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", readings[-1], "arm_not_there")
+        before, now = readings
+        if before is None and now is None:
+            await _brakes_hold()
+        elif before is None or now is None or not self._same_place(before, now):
+            raise NoAnswer(f"the arm still moves after {self.dialect.abort_word}", now, "arm_not_there")
         session.leave_unheard(by_itself)
-        return readings[-1]
+        return now
 
     async def _see_it_taken(
         self, session: LineSession, type_word: Callable[[], Awaitable[ControllerAnswer]]
@@ -590,6 +601,11 @@ class Link:
             self._times_seen += 1
             self.permit.stop_seen = self._times_seen
         return by_itself
+
+
+async def _brakes_hold() -> None:
+    """Wait until the brakes hold an arm that cannot be seen at rest."""
+    await asyncio.sleep(BRAKES_S)
 
 
 def nothing() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import Beliefs, StopRefusedError
-from daemon.cell.arm_on_link import ArmOnLink
+from daemon.cell.arm_on_link import ENDED, NO_ZERO, ArmOnLink
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, Manners, Mishap, instructions
@@ -90,7 +90,7 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
     async def story() -> None:
         async with arm_on(line) as arm:
             await arm.monitor("SPEED 4")
-            async with arm.terminal(lambda _: None) as send:
+            async with arm.terminal(lambda _: None, print) as send:
                 send(b"DO READY\r")
                 while not moving(line):
                     await asyncio.sleep(0.01)
@@ -106,7 +106,7 @@ async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
 
 
 async def typed_at_the_terminal(arm: ArmOnLink, line: ArmLine) -> None:
-    async with arm.terminal(lambda _: None) as send:
+    async with arm.terminal(lambda _: None, print) as send:
         send(b"SPEED 100\rDO SPEED 300 ALWAYS\rTOOL TRANS(0,0,50,0,0,0)\r")
         await asyncio.sleep(0.3)
 
@@ -301,7 +301,7 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
         if typed == "a line":
             await arm.monitor("EXEC PROG")
         else:
-            async with arm.terminal(lambda _: None) as send:
+            async with arm.terminal(lambda _: None, print) as send:
                 send(b"EXEC PROG\r")
                 await asyncio.sleep(1.0)
         assert await arm.at_rest()
@@ -310,6 +310,80 @@ def test_a_program_that_only_pauses_does_not_run_on_behind_the_daemon(
 
     with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
         runner.run(story())
+
+
+@pytest.mark.parametrize("typed", ["a line", "at the terminal"])
+@pytest.mark.parametrize("swings", [1, 1000])
+def test_a_program_that_moves_the_arm_on_and_on_is_ended_soon_and_one_motion_may_end(
+    typed: str, swings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went on for a minute after the terminal was closed, and then the brakes were blamed."""
+
+    async def story() -> tuple[float, list[str]]:
+        loop = asyncio.get_running_loop()
+        controller = Controller(SimulatedArm(joints_rad=BENT))
+        line = MemoryLine(controller, loop)
+        swinging: list[asyncio.TimerHandle] = []
+
+        def swing(machine: Machine, left: int) -> None:
+            machine.now_s = loop.time()
+            machine.move_joints(READY_RAD if left % 2 else BENT)
+            if left > 1:
+                swinging.append(loop.call_later(machine.arm.rests_s - loop.time(), swing, machine, left - 1))
+
+        def stopped(machine: Machine, _: str) -> None:
+            machine.stop("ABORT", theirs=False)
+            for timer in swinging:
+                timer.cancel()
+
+        monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", lambda machine, _: swing(machine, swings))
+        monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)
+        told: list[str] = []
+        arm = arm_of(Link(line.port, clock=loop.time, open_port=line.open), ArmGeometry())
+        await arm.open()
+        await arm.link.speed(30.0)
+        began_s = loop.time()
+        if typed == "a line":
+            told += await arm.monitor("EXEC PROG")
+        else:
+            async with arm.terminal(lambda _: None, told.append) as send:
+                send(b"EXEC PROG\r")
+                await asyncio.sleep(0.1)
+                assert not controller.machine.at_rest()
+        took_s = loop.time() - began_s
+        assert await arm.at_rest()
+        before = controller.arm.joints_at(loop.time())
+        assert swings > 1 or np.allclose(before, READY_RAD)
+        await asyncio.sleep(20.0)
+        assert np.array_equal(controller.arm.joints_at(loop.time()), before)
+        return took_s, told
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        took_s, told = runner.run(story())
+    assert took_s < 7.0
+    assert told == ([ENDED] if swings > 1 else [])
+
+
+def test_a_terminal_that_is_left_while_the_controller_has_no_zero_is_left_without_a_fault(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(_: Machine, __: str = "") -> None:
+        raise MonitorError("*Not calibrated*")
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
+
+    async def story() -> int:
+        line = MemoryLine(Controller(SimulatedArm(joints_rad=BENT)), asyncio.get_running_loop())
+        arm = arm_of(Link(line.port, clock=line.now_s, open_port=line.open), ArmGeometry())
+        await arm.open()
+        async with arm.terminal(lambda _: None, print) as send:
+            send(b"STATUS\r")
+            await asyncio.sleep(1.0)
+        assert await arm.check() == f"{NO_ZERO} (it says `*Not calibrated*`)", "it answers: the line stays open"
+        return arm.permit.stop_seen
+
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        assert runner.run(story())
 
 
 def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an_arm_of_which_nobody_knows() -> None:
@@ -321,7 +395,7 @@ def test_a_terminal_that_is_left_with_a_question_open_answers_none_and_leaves_an
         link = Link(line.port, clock=line.now_s, open_port=line.open)
         await link.open()
         arm = arm_of(link, ArmGeometry())
-        async with arm.terminal(lambda _: None):
+        async with arm.terminal(lambda _: None, print):
             controller.mishap(Mishap.POWER_CYCLED)
             await asyncio.sleep(1.0)
         assert controller.question == link.question == "Load VAL-II from floppy (Y/N)?"
@@ -383,7 +457,7 @@ def test_what_a_person_types_at_the_terminal_is_paced_as_what_we_type() -> None:
         slowly = Dialect(character_pause_s=0.01)
         arm = arm_of(Link(line.port, slowly, clock=line.now_s, open_port=line.open), ArmGeometry())
         await arm.open()
-        async with arm.terminal(lambda _: None) as send:
+        async with arm.terminal(lambda _: None, print) as send:
             send(b"SPEED 20\rSPE")
             send(b"ED 30\r")
         return [text for text in controller.lines if text.startswith("S")]

@@ -14,6 +14,7 @@ from daemon.console.context import CommandContext
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
+from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import LineFault
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
@@ -1125,4 +1126,80 @@ def test_cal_where_the_pendant_left_the_arm_is_for_who_confirms_it_to_answer_for
     story.sockets[0].answer(answer)
     story.wait(20.0)
     assert list(story.cell.controller.lines)[before:].count("CAL") == (3 if answer == "y" else 0)
+    assert story.violations() == ()
+
+
+def test_the_documented_way_back_leads_to_cal_also_where_the_controller_refuses_where_until_then(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`enable` wanted WHERE to see the stop, CAL wanted `enable`, WHERE wanted CAL; and `resume` was refused for
+    ever."""
+    usual = MONITOR_COMMANDS["WHERE"]
+
+    def where(machine: Machine, arguments: str) -> object:
+        if not machine.calibrated:
+            raise MonitorError("*Not calibrated*")
+        return usual(machine, arguments)
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", where)
+    story.sockets[0].say("go bin")
+    story.wait(0.5)
+    story.mishap(Mishap.POWER_CYCLED)
+    story.wait(10.0)
+    story.repair()
+    for restarts in (False, True):
+        if restarts:
+            story.terminate()
+            story.start()
+            story.wait(10.0)
+        for text in ("robot power-up", "where", "resume", "enable", "go home"):
+            story.sockets[0].say(text)
+            story.wait(4.0)
+        story.wait(20.0)
+        assert any("the arm has not found its zero: `enable`, then `robot cal`" in text for text in story.texts)
+    for text in ("resume", "enable", "robot cal"):
+        story.sockets[0].say(text)
+        story.wait(8.0)
+    story.sockets[0].answer("y")
+    story.wait(20.0)
+    assert story.cell.controller.machine.calibrated
+    before = story.cell.world_from_tool()
+    story.sockets[0].say("go home")
+    story.wait(10.0)
+    assert (story.cell.world_from_tool() != before).any()
+    assert story.violations() == ()
+
+
+def test_who_leaves_a_program_going_at_the_controllers_terminal_is_told_that_it_was_ended(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went on for a minute, and nobody was told; then brakes, encoders and load were blamed."""
+    swinging: list[asyncio.TimerHandle] = []
+
+    def swing(machine: Machine, _: str = "", there: bool = True) -> None:
+        machine.now_s = story.loop.time()
+        machine.move_joints(READY_RAD + 0.3 * there, 20.0)
+        swinging.append(story.loop.call_later(machine.arm.rests_s - machine.now_s, swing, machine, "", not there))
+
+    def stopped(machine: Machine, _: str) -> None:
+        machine.stop("ABORT", theirs=False)
+        for timer in swinging:
+            timer.cancel()
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "EXECUTE", swing)
+    monkeypatch.setitem(MONITOR_COMMANDS, "ABORT", stopped)
+    story.cell.motion_monitor.by_hand(story.stamp_s(), "EX TEST")
+    story.sockets[0].say("robot monitor")
+    story.wait(0.5)
+    for keys in ("EX TEST\r", "y"):
+        story.sockets[0].send({"keys": keys})
+        story.wait(0.5)
+    assert not story.cell.controller.machine.at_rest()
+    story.sockets[0].send({"leave": True})
+    story.wait(8.0)
+    assert any("facetd has stopped it (a program that went on is ended)" in text for text in story.texts)
+    assert story.cell.controller.machine.at_rest()
+    context = story._service.context
+    assert context is not None
+    assert context.cycle.status()["fault"] is None
     assert story.violations() == ()

@@ -18,7 +18,7 @@ from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
 from drivers.val2.dialect import Dialect
-from drivers.val2.link import ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
+from drivers.val2.link import BRAKES_S, ControllerError, Link, LinkError, NoAnswer, Preempted, StopRefused
 from drivers.val2.location import location_from_matrix
 from drivers.val2.wire import ControllerQuestion
 from tests.fakes.memory_line import MemoryLine
@@ -160,15 +160,96 @@ def test_a_controller_that_refuses_where_has_taken_the_stop_and_cannot_confirm_i
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refused(_: Machine, __: str = "") -> None:
-        raise MonitorError("*Not calibrated*")
+        raise MonitorError("*Encoder fault*")
 
     async def story() -> None:
         controller, _, link = await under_way()
         monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", refused)
-        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Not calibrated\*`: mend that"):
+        with pytest.raises(ControllerError, match=r"WHERE is refused \(`\*Encoder fault\*`: mend that"):
             await link.abort()
         assert controller.machine.at_rest()
         assert link.stop_seen
+
+    at_simulated_time(story())
+
+
+def refuses_where_without_a_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As some controllers do: before CAL they do not know where the arm is, and say so."""
+    usual = MONITOR_COMMANDS["WHERE"]
+
+    def where(machine: Machine, arguments: str) -> Any:
+        if not machine.calibrated:
+            raise MonitorError("*Not calibrated*")
+        return usual(machine, arguments)
+
+    monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", where)
+
+
+@pytest.mark.parametrize("breaks", [True, False])
+def test_a_controller_that_has_no_zero_and_takes_the_stop_has_confirmed_it_so_that_cal_can_follow(
+    breaks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rest could never be seen without WHERE: the stop was not confirmed for ever, and CAL needs the stop tried."""
+    refuses_where_without_a_zero(monkeypatch)
+
+    async def story() -> None:
+        controller, _, link = await under_way(Dialect(break_after_move=breaks))
+        controller.mishap(Mishap.POWER_CYCLED)
+        await link.close()
+        await link.open()
+        await link.power_up()
+        controller.machine.switch_arm_power_on()
+        assert await link.abort() is None
+        await link.close()
+        await link.open()
+        await link.prove_stop()
+        with pytest.raises(ControllerError, match=r"\*Not calibrated\*"):
+            await link.move(FAR)
+        assert controller.machine.at_rest()
+        await link.calibrate()
+        assert await link.abort() is not None
+
+    at_simulated_time(story())
+
+
+def test_an_arm_whose_controller_lost_its_zero_on_the_way_is_not_said_to_be_stopped_before_its_brakes_hold_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refuses_where_without_a_zero(monkeypatch)
+
+    async def story() -> None:
+        controller, line, link = await under_way(power_up=())
+        await link.abort()
+        await link.speed(100.0)
+        moving = asyncio.create_task(link.move(FAR))
+        moving.add_done_callback(lambda task: task.exception())
+        await asyncio.sleep(0.6)
+        with line.controller():
+            controller.mishap(Mishap.POWER_CYCLED)
+        assert not controller.machine.at_rest()
+        told_s = line.now_s()
+        assert await link.abort() is None
+        assert line.now_s() - told_s >= BRAKES_S
+
+    at_simulated_time(story())
+
+
+def test_a_stop_amid_cal_of_a_controller_that_refuses_where_until_then_ends_it_and_is_confirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refuses_where_without_a_zero(monkeypatch)
+
+    async def story() -> None:
+        controller, _, link = await under_way()
+        controller.machine.calibrated = False
+        await link.abort()
+        calibrating = asyncio.create_task(link.calibrate())
+        await asyncio.sleep(2.0)
+        assert await link.abort() is None
+        with pytest.raises(Preempted):
+            await calibrating
+        await asyncio.sleep(60.0)
+        assert not controller.machine.calibrated
 
     at_simulated_time(story())
 
