@@ -172,6 +172,7 @@ def _of_as_many(shapes: Sequence[Polyhedron], within_mm: float) -> list[Turns]:
     moved = corners[whose] @ turn.transpose(0, 2, 1) + shift[:, None]
     off2 = apart2(moved, corners[whose])
     onto = off2.argmin(2)
+    onto[may == base[may]] = np.arange(onto.shape[1])  # as it lies, also where two of its corners lie at one place
     near = np.take_along_axis(off2, onto[..., None], 2)[..., 0].max(1) < within_mm**2
     near &= (np.sort(onto, 1) == np.arange(onto.shape[1])).all(1)
     near[near] = _facets_onto_facets(onto[near], whose[near], here, facet, owner)
