@@ -176,7 +176,10 @@ class Conversation:
                 await self._type_line(left.pop(0))
             elif isinstance(event, Prompt | ControllerQuestion):
                 self.line_may_hold_rest = False
-                return _answer(command, gathered, self.clock() - began_s, self.dialect)
+                answer = _answer(command, gathered, self.clock() - began_s, self.dialect)
+                if command == "WHERE" and answer.where is not None:
+                    self._owed.table_came()
+                return answer
 
     async def next_event(self, timeout_s: float, otherwise: str, owed: str | None = None) -> LineEvent:
         """The next event. Raises NoAnswer(otherwise), and notes what is owed then; Preempted, PortError."""

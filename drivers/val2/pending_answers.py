@@ -21,6 +21,11 @@ class PendingAnswers:
         """An answer to this, or its echo, did not come in time. Empty: a prompt did not."""
         self._owed.append((command, self._clock()))
 
+    def table_came(self) -> None:
+        """A table has answered a WHERE: no answer to a line typed before it comes any more, but a table that another
+        WHERE may owe."""
+        self._owed = [(command, at_s) for command, at_s in self._owed if command == "WHERE"]
+
     def explain(self, heard: Sequence[str]) -> bool:
         """Whether what was heard (prompts as dots) may be such an answer."""
         self._owed = [(command, at_s) for command, at_s in self._owed if self._clock() - at_s <= self._lasts_s]

@@ -53,6 +53,40 @@ def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
     assert answers.explain(["."]) is explained
 
 
+@pytest.mark.parametrize(("owed", "heard", "explained"), [("ABORT", "SPEED 99", False), ("WHERE", WHERE, True)])
+def test_behind_a_table_only_another_table_is_owed(owed: str, heard: str, explained: bool) -> None:
+    answers = PendingAnswers(lambda: 0.0, 60.0)
+    answers.add(owed)
+    assert answers.explain([heard, "."])
+    answers.table_came()
+    assert answers.explain([heard, "."]) is explained
+
+
+def test_an_answer_that_noise_took_from_a_stop_does_not_explain_another_s_lines_half_a_minute_later() -> None:
+    """They were taken for the answer to ABORT: DO BREAK was typed again, nothing was said, and all went on."""
+
+    async def story() -> tuple[list[str], list[str]]:
+        broken: list[str] = []
+
+        def says(line: str, nth: int) -> str:
+            if (line, nth) == ("ABORT", 2):  # the one that is judged
+                broken.append(line)
+                return ""
+            if line == "DO BREAK" and broken:
+                return "\r\nDO SPEED 250 ALWAYS\r\nSPEED 99\r\n..."
+            return usual(line, nth)
+
+        link, dropped = await opened(Scripted(says))
+        await link.abort()
+        await asyncio.sleep(30.0)
+        await link.where()
+        with pytest.raises(Disturbed, match="SPEED 250"):
+            await link.command("DO BREAK")
+        return broken, dropped
+
+    assert lived(story()) == (["ABORT"], ["dropped"])
+
+
 class Busy(Scripted):
     """Echoes and cancels at once, as a terminal driver does; the second WHERE is carried out only so many seconds
     later."""
