@@ -146,7 +146,8 @@ class LineSession:
 
     @asynccontextmanager
     async def terminal(self, on_bytes: Callable[[bytes], None]) -> AsyncIterator[Callable[[bytes], None]]:
-        """The bare line, for a person: what comes goes to on_bytes as well, what is typed to the function given."""
+        """The bare line, for a person: what comes goes to on_bytes as well, what is typed to the function given. Raises
+        Busy once they left, where a program prints on and on."""
         talk = self.talk
         async with self._turn:
             await self._may_go_on.wait()
@@ -157,11 +158,19 @@ class LineSession:
             finally:
                 self._listener = None
                 if talk is self.talk:
-                    talk.unheard()  # the answers to the person are none to us
-                    await self.find_prompt(talk)
+                    await self._silence_behind_a_person(talk)
+
+    async def _silence_behind_a_person(self, talk: Conversation) -> None:
+        within_s = 3 * self.dialect.resync_s + self.dialect.table_s
+        try:
+            async with asyncio.timeout(within_s):
+                talk.unheard()  # the answers to the person are none to us
+                await self.find_prompt(talk)
+                await asyncio.sleep(self.dialect.prompt_silence_s)
+                while talk.unheard():  # nor what was still on its way
                     await asyncio.sleep(self.dialect.prompt_silence_s)
-                    while talk.unheard():  # nor what was still on its way
-                        await asyncio.sleep(self.dialect.prompt_silence_s)
+        except TimeoutError:
+            raise Busy(f"a program printed for {within_s:.1f} s after the terminal was left") from None
 
     async def find_prompt(self, talk: Conversation, attempts: int = 3) -> list[LineEvent]:
         """Get to the prompt, or to the question the controller asks (kept in `question`). Raises NoAnswer. talk: whose

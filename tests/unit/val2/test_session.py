@@ -11,7 +11,7 @@ import pytest
 from daemon.arm.permit import MotionPermit
 from drivers.ledger import Ledger
 from drivers.val2.dialect import Dialect
-from drivers.val2.errors import ControllerError, Disturbed, NoAnswer, PortError, Preempted
+from drivers.val2.errors import Busy, ControllerError, Disturbed, NoAnswer, PortError, Preempted
 from drivers.val2.session import LineSession, quoted
 from drivers.val2.wire import Prompt, Text
 from tests.fakes.in_time import lived
@@ -301,6 +301,29 @@ def test_the_prompt_that_a_person_leaves_behind_is_not_the_one_that_is_sought_th
             assert talk.unheard() == []
 
     lived(story())
+
+
+@pytest.mark.parametrize("printed", [b"\r\npart 7", b"\r\npart 7\r\n."])
+def test_a_program_that_prints_on_and_on_keeps_nobody_at_a_terminal_that_was_left(printed: bytes) -> None:
+    """It went on, and the arm with it, for as long as it printed; whoever had left was told nothing."""
+
+    async def story() -> float:
+        wire = Wire()
+
+        async def prints() -> None:
+            while True:
+                wire.hear(printed)
+                await asyncio.sleep(0.02)
+
+        printing = asyncio.ensure_future(prints())
+        began_s = wire.loop.time()
+        with pytest.raises(Busy, match="a program printed for"):
+            async with asyncio.timeout(100.0), wire.session.terminal(lambda _: None):
+                pass
+        printing.cancel()
+        return wire.loop.time() - began_s
+
+    assert lived(story()) < 10.0
 
 
 def test_the_prompt_is_sought_three_times_unless_told_otherwise_and_a_question_in_its_place_is_kept() -> None:
