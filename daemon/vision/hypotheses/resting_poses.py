@@ -32,7 +32,7 @@ LEAST_AREA_MM2 = 25.0
 """Three corners on less are nearly on a line, and say nothing of a plane."""
 MOST_AT_ONCE = 20_000_000
 """Corners against planes that are held at once, six times over."""
-MOST_CORNERS = 64
+MOST_CORNERS = 48
 """Of a solid, any three of which it may rest on; one with more rests on its facets."""
 MOST_TILT, MOST_MM = np.radians(25.0), 8.0
 """By how much a guess may be tilted against the table, and moved along its sight, to lie on it: about what a corner of

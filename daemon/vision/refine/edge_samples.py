@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon import frames
 from daemon.arrays import Array, Flags, Index
-from daemon.vision.geometry import SolidBatch, before_alike, robust_weight, solve
+from daemon.vision.geometry import SolidBatch, robust_weight, solve
 from daemon.vision.image import LEAST_SIGMAS, StereoImages, peak_places, peaks, ranks, stretch_slopes
 from daemon.vision.refine.expected_edges import THIN_PX, ExpectedEdges, expected, moved, visible_stretches
 
@@ -130,23 +129,7 @@ def edge_samples_of(
     for edges, eye_mm in zip(both, eyes.geometry.eyes_mm, strict=True):
         here = slice(first, first := first + len(edges.start))
         visible = visible_stretches(laid, edges, poses, eye_mm, sigmas.shape[1])
-        visible &= (near[here] > 0) | ~_before_alike(laid, edges, poses, eye_mm, sigmas.shape[1])
         found.append(EdgeSamples(edges, sigmas[here], surprise[here], near[here] > 0, visible))
-    return found
-
-
-def _before_alike(laid: SolidBatch, edges: ExpectedEdges, poses: Array, eye_mm: Array, count: int) -> Flags:
-    """(E, S) which of so many stretches of each edge an eye at eye_mm (3,) sees before what is as bright."""
-    found = np.zeros((len(edges.start), count), bool)
-    shares = ((np.arange(count) + 0.5) / count)[:, None]
-    for k, solid in enumerate(laid.shapes):
-        own = np.flatnonzero(edges.owner == k)
-        if solid.alike_behind and len(own):
-            ends = edges.ends[own] - laid.first_corners[k]
-            lines = np.array([solid.line_numbers[a, b] for a, b in ends.tolist()], np.intp)
-            a, b = (solid.corners_mm[ends[:, end], None] for end in (0, 1))
-            eye = frames.apply(frames.inverse(poses[k]), eye_mm[None])[0]
-            found[own] = before_alike(solid, lines, a + shares * (b - a), eye)
     return found
 
 

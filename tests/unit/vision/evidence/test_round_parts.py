@@ -10,7 +10,6 @@ from daemon.vision.evidence.counter_evidence import missing_share
 from daemon.vision.evidence.edge_places import edge_places
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses import turns_about_axis
-from daemon.vision.hypotheses.resting_poses import resting_planes
 from daemon.vision.image import open_stereo
 from tests.bench.machined import Look, drawing_from_part, named, simulated_look, taught
 
@@ -54,12 +53,6 @@ def test_the_far_rim_of_a_boss_and_rims_of_a_wall_seen_thin_are_not_missing(labe
     one = simulated_look(label, seed)
     both = edge_places(solid(label), true_pose(one), open_stereo(one.left, one.right, one.rig))
     assert missing_share(both) < 0.01
-
-
-def test_a_lever_rests_on_its_boss_and_its_far_end() -> None:
-    """It has 50 corners. On its facets alone it would lie on none but its sides."""
-    normals = resting_planes(solid("lever"))[:, :3]
-    assert (np.abs(normals @ solid("lever").normals.T).max(1) < 0.99).any()
 
 
 @pytest.mark.parametrize(("label", "seed"), [("filleted_block", 8), ("cover", 18), ("cover", 20)])
