@@ -31,9 +31,9 @@ from daemon.arrays import Array
 from daemon.cell.backends import WireListener
 from daemon.cell.no_arm import CellError
 from daemon.cell.puma_arm import PumaArm
+from drivers import puma560
 from drivers.ledger import Ledger
 from drivers.linuxcnc.shell import RemoteShell, ShellError
-from drivers.puma560 import ArmGeometry
 
 REST_S, AGAIN_S = 5.0, 0.05
 """How long a motion that facetd did not command is waited for; between two readings."""
@@ -82,7 +82,7 @@ class LinuxcncArm:
     def __init__(
         self,
         settings: LinuxcncSettings,
-        geometry: ArmGeometry,
+        geometry: puma560.ArmGeometry,
         on_wire: WireListener,
         clock: Callable[[], float],
         beliefs: Beliefs,
@@ -119,7 +119,7 @@ class LinuxcncArm:
         self.stopped_on_opening = False
         with self._told():
             await self._shell.open("facetd", self._settings.password)
-            if not await self._rests():
+            if await self._still() is None:
                 self.stopped_on_opening = True
                 await self._halt()
             await self._take_over()
@@ -185,20 +185,22 @@ class LinuxcncArm:
 
     async def at_rest(self) -> bool:
         with self._told():
-            return await self._rests()
+            return await self._still() is not None
 
-    async def _rests(self) -> bool:
+    async def _still(self) -> Reading | None:
+        """Where the arm is at rest; None where it moves."""
         before = await self._joints_deg()
         await asyncio.sleep(AGAIN_S)
         idle = await self._shell.ask("program_status") == ["IDLE"]
-        return idle and bool(np.abs(await self._joints_deg() - before).max() <= SAME_DEG)
+        now = await self._joints_deg()
+        return self._reading(now) if idle and np.abs(now - before).max() <= SAME_DEG else None
 
     async def _at_rest_within(self, seconds: float) -> Reading:
         until_s = self._clock() + seconds
-        while not await self._rests():
+        while (reading := await self._still()) is None:
             if self._clock() > until_s:
                 raise CellError(f"{self._shell.where}: the arm still moves after {seconds:.0f} s")
-        return self._reading(await self._joints_deg())
+        return reading
 
     async def _joints_deg(self) -> Array:
         words = await self._shell.ask("joint_pos")
@@ -209,7 +211,7 @@ class LinuxcncArm:
 
     def _reading(self, linuxcnc_deg: Array) -> Reading:
         joints = np.radians(linuxcnc_deg * self._signs + self._zeros_deg)
-        return Reading(self.kinematics.between(joints, joints, 0.0), joints)
+        return Reading(puma560.forward(joints, self.kinematics.geometry), joints)
 
     # What moves.
 

@@ -3,7 +3,8 @@
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.hardware import Hardware
 from daemon.cell.linuxcnc_arm import LinuxcncArm, LinuxcncSettings
-from daemon.cell.sections import arm_geometry, check_cameras, check_tool, puma_arm, v4l2_cameras
+from daemon.cell.real_cell import v4l2_cameras
+from daemon.cell.sections import arm_geometry, check_cameras, check_tool, puma_arm
 from daemon.config import Config
 
 

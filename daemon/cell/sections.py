@@ -3,7 +3,7 @@
 In: Config. Out: the drivers' settings, or a ConfigError that names file, line and key. Opens no device.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -29,7 +29,6 @@ from daemon.arrays import Array
 from daemon.calibration.file import Calibration, load_calibration, rigid
 from daemon.calibration.plausible import implausible_rig
 from daemon.cell.backends import backend_of
-from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.puma_arm import PumaArm
 from daemon.config import Config, Matrix4
 from daemon.pick.suction import SuctionCup
@@ -37,7 +36,6 @@ from daemon.pick.two_fingers import TwoFingers
 from daemon.store.yamlfile import Document, Key, read
 from daemon.vision.geometry import StereoRig
 from drivers.camera.settings import CameraSettings, Mounting
-from drivers.camera.stereo import V4L2StereoCamera
 from drivers.puma560 import PUMA560, ArmGeometry
 from drivers.val2.dialect import SLOWEST_BAUD, Dialect
 
@@ -119,11 +117,6 @@ def check_cameras(config: Config) -> None:
     if settings.left == settings.right:
         problem = f"expected another camera than left's, found the same: {settings.right}"
         raise config.document.error(("cameras", "right"), problem)
-
-
-def v4l2_cameras(config: Config, clock: Callable[[], float]) -> ThreadedCameras:
-    """Those cameras, not yet opened. Raises ConfigError."""
-    return ThreadedCameras(V4L2StereoCamera(camera_settings(config), clock), clock, alone(config))
 
 
 def alone(config: Config) -> EyeName | None:

@@ -190,8 +190,8 @@ async def over_bin(
     if lost and above is InGripper.PART:
         ask_where_they_differ(context, contradiction(target.label, False, "was in it above the bin", True))
     above = InGripper.EMPTY if lost else above
-    world.let_go, world.result = False, released(target.label, above, opened)
-    result = world.result
+    world.let_go = False
+    world.result = result = released(target.label, above, opened)
     context.cell.log.record("release", cycle=context.cycle, label=target.label, above=above, opened=opened)
     context.decide(result.outcome, result.why, result.code or DecisionCode.PICKED, label=target.label)
     if opened is InGripper.PART:

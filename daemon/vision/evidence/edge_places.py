@@ -90,14 +90,13 @@ def edge_places(solid: Polyhedron, pose: Array, eyes: StereoImages) -> list[Edge
     levelled = [_usual(*each, len(solid.facets)) for each in zip(hands, beside, visible, there, strict=True)]
     usual, spread = (np.stack(each)[_EITHER, hands] for each in zip(*levelled, strict=True))
     raised = np.linalg.norm(solid.bisectors, axis=1) > 0  # of facets that meet in a hollow either may shade the other
-    alike = np.zeros(visible.shape, bool)
-    if solid.alike_behind:
-        at = places.reshape(*visible.shape[1:], 3)
-        for own, eye_mm in zip(alike, eyes.geometry.eyes_mm, strict=True):
-            own[:] = before_alike(solid, np.arange(len(ends)), at, frames.apply(frames.inverse(pose), eye_mm[None])[0])
     known = ((hands >= 0) & raised[:, None])[:, :, None]
     before, after = np.moveaxis(np.where(known, usual[:, :, None], beside), 3, 0)
-    expected = np.where(alike, 0.0, np.abs(after - before))
+    expected = np.abs(after - before)
+    if solid.alike_behind:
+        at = places.reshape(*visible.shape[1:], 3)
+        for own, eye in zip(expected, frames.apply(frames.inverse(pose), np.stack(eyes.geometry.eyes_mm)), strict=True):
+            own[before_alike(solid, at, eye)] = 0.0
     least = np.maximum(LEAST_SIGMAS, FAINT * expected)[..., None]
     close = np.asarray((peaks(slopes, least) & _CLOSE).any(3))
     step = (beside[..., 1] - beside[..., 0]) * np.sign(after - before) / np.maximum(expected, 1e-6)

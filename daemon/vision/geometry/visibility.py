@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from daemon.arrays import Array, Flags, Index
+from daemon.arrays import Array, Flags
 from daemon.vision.geometry.facet_measures import area_vector
 from daemon.vision.geometry.polygon import inside
 from daemon.vision.geometry.polyhedron import PARALLEL, Polyhedron
@@ -55,23 +55,20 @@ def hidden(solid: Polyhedron, points: Array, eye: Array) -> Flags:
     return covered
 
 
-def before_alike(solid: Polyhedron, edges: Index, places: Array, eye: Array) -> Flags:
-    """(L, S) which places (L, S, 3) on some of a solid's lines, by their numbers (L,), an eye (3,) in its frame sees
-    before a facet that faces the same way as the only one that it sees beside the edge: both are as bright, and no
-    edge shows."""
+def before_alike(solid: Polyhedron, places: Array, eye: Array) -> Flags:
+    """(E, S) which places (E, S, 3) along the lines of a solid an eye (3,) in its frame sees before a facet that faces
+    the same way as the only one that it sees beside the edge: both are as bright, and no edge shows."""
     found = np.zeros(places.shape[:2], bool)
-    for facet, beside, aside in solid.alike_behind:
+    for facet, lines, aside in solid.alike_behind:
         normal, corner = solid.normals[facet], solid.corners_mm[solid.rings[facet][0]]
         of_eye = float((eye - corner) @ normal)
-        own, place = np.nonzero(edges[:, None] == beside)
-        if of_eye <= 0 or not len(own):
+        if of_eye <= 0:
             continue
-        there = places[own]
-        other = solid.hands[beside[place]]
+        there, other = places[lines], solid.hands[lines]
         other = np.where((solid.normals[other] @ normal > PARALLEL) & (other >= 0), -1, other).max(1)
         middle = there.mean(1)
-        shows = ((eye - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[beside[place]])).sum(1)
-        met = there + BEHIND_MM * aside[place, None]
+        shows = ((eye - middle) * (solid.normals[other] * (other >= 0)[:, None] + solid.walls[lines])).sum(1)
+        met = there + BEHIND_MM * aside[:, None]
         height = (met - corner) @ normal
         met = met + (height / np.maximum(of_eye - height, BEFORE_MM))[..., None] * (met - eye)
         level = np.delete(np.arange(3), np.abs(normal).argmax())
@@ -79,7 +76,7 @@ def before_alike(solid: Polyhedron, edges: Index, places: Array, eye: Array) -> 
         behind = (height > 0) & (shows <= 0)[:, None] & inside(flat, ring)[0].reshape(height.shape)
         if behind.any():
             behind[behind] = ~hidden(solid, met[behind], eye)
-        found[own] |= behind
+        found[lines] |= behind
     return found
 
 

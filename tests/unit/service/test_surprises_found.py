@@ -14,7 +14,6 @@ from daemon.console.context import CommandContext
 from drivers.puma560 import READY_RAD, ArmGeometry, configuration_of
 from drivers.simcell.controller import Mishap
 from drivers.simcell.controller.commands import Ask
-from drivers.simcell.controller.expressions import MonitorError
 from drivers.simcell.controller.faults import LineFault
 from drivers.simcell.controller.machine import Machine
 from drivers.simcell.controller.monitor import MONITOR_COMMANDS
@@ -23,6 +22,7 @@ from drivers.val2.conversation import Conversation
 from drivers.val2.wire import LineEvent, Prompt
 from tests.fakes.first_day import arm_yaml
 from tests.fakes.whole_daemon import SerialOperator, SocketOperator, Story
+from tests.unit.val2.test_stop import refuses_where_without_a_zero
 
 pytestmark = pytest.mark.slow
 NO_LONGER = "The arm is disabled: pick.limits changed."
@@ -1134,14 +1134,7 @@ def test_the_documented_way_back_leads_to_cal_also_where_the_controller_refuses_
 ) -> None:
     """`enable` wanted WHERE to see the stop, CAL wanted `enable`, WHERE wanted CAL; and `resume` was refused for
     ever."""
-    usual = MONITOR_COMMANDS["WHERE"]
-
-    def where(machine: Machine, arguments: str) -> object:
-        if not machine.calibrated:
-            raise MonitorError("*Not calibrated*")
-        return usual(machine, arguments)
-
-    monkeypatch.setitem(MONITOR_COMMANDS, "WHERE", where)
+    refuses_where_without_a_zero(monkeypatch)
     story.sockets[0].say("go bin")
     story.wait(0.5)
     story.mishap(Mishap.POWER_CYCLED)

@@ -15,7 +15,7 @@ STAIRS = exact(*prism([(0, 0), (60, 0), (60, 15), (40, 15), (40, 40), (0, 40)], 
 def seen_from(solid: Polyhedron, eye: Array) -> Flags:
     """(E,) which of its lines an eye sees before a facet that faces the same way, in their middles."""
     ends = solid.corners_mm[solid.lines[0]]
-    return before_alike(solid, np.arange(len(ends)), ends.mean(1)[:, None], eye)[:, 0]
+    return before_alike(solid, ends.mean(1)[:, None], eye)[:, 0]
 
 
 def line(*ends: tuple[float, float, float]) -> int:
