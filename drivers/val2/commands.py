@@ -6,7 +6,9 @@ from math import ceil, isfinite, log10
 from drivers.val2.location import Location
 
 LISTINGS = frozenset({"STATUS", "LISTF", "LISTL", "LISTP", "LISTR", "LISTS", "DIRECTORY", "FREE"})
-HARMLESS = LISTINGS | {"WHERE", "HERE", "ABORT", "PANIC", "SPEED", "TOOL", "BASE", "Y", "N", "YES", "NO"}
+PRINTS_TEXT = LISTINGS | {"BASE", "HERE"}
+"""Monitor words that are answered by text of any kind."""
+HARMLESS = PRINTS_TEXT | {"WHERE", "ABORT", "PANIC", "SPEED", "TOOL", "Y", "N", "YES", "NO"}
 """Monitor words, and answers to the controller's questions, that set nothing in motion by themselves. A question whose
 yes begins a motion is only open where a word that is not among these was typed before. PANIC stops the arm where ABORT
 lets it finish its motion: whoever types it is not asked whether it may be sent."""
@@ -105,6 +107,12 @@ def answers_nothing(command: str) -> bool:
     """Whether a line, spelled as we do, is answered by the prompt alone, or by an error."""
     words = command.split()
     return words[:1] in (["SPEED"], ["TOOL"]) or (words[:1] == ["DO"] and words[1:2] != [] and words[1] in SAYS_NOTHING)
+
+
+def prints_text(command: str) -> bool:
+    """Whether a line, by its word or the beginning of one, is answered by text of any kind."""
+    words = command.upper().split()
+    return not moves_the_arm(command) and any(known.startswith(words[0]) for known in PRINTS_TEXT if words)
 
 
 def tool(flange_from_tool: Location, unit_mm: float = 1.0) -> str:

@@ -13,7 +13,7 @@ from drivers.val2.dialect import Dialect
 from drivers.val2.errors import Busy, Garbled, HeldBack, Interleaved, LinkError, NoAnswer, ProcessorHalted
 from drivers.val2.interleaved import typed_behind, typed_beside
 from drivers.val2.location import Location
-from drivers.val2.pending_answers import PendingAnswers
+from drivers.val2.pending_answers import Owed, PendingAnswers
 from drivers.val2.wire import (
     LONGEST_LINE,
     ControllerQuestion,
@@ -170,7 +170,8 @@ class Conversation:
         left = list(replies)
         gathered: list[LineEvent] = []
         while True:
-            event = await self.next_event(timeout_s, f"no answer to {command!r} within {timeout_s:g} s", command)
+            otherwise = f"no answer to {command!r} within {timeout_s:g} s"
+            event = await self.next_event(timeout_s, otherwise, Owed(command))
             gathered.append(event)
             if isinstance(event, ControllerQuestion) and left and meant(event.text):
                 await self._type_line(left.pop(0))
@@ -181,7 +182,7 @@ class Conversation:
                     self._owed.table_came()
                 return answer
 
-    async def next_event(self, timeout_s: float, otherwise: str, owed: str | None = None) -> LineEvent:
+    async def next_event(self, timeout_s: float, otherwise: str, owed: Owed | None = None) -> LineEvent:
         """The next event. Raises NoAnswer(otherwise), and notes what is owed then; Preempted, PortError."""
         self.check()
         try:
@@ -242,7 +243,7 @@ class Conversation:
             except NoAnswer:
                 if is_halted(b"".join(event.raw for event in said) + self._reader.pending):
                     raise ProcessorHalted from None
-                self._owed.add("")
+                self._owed.add(Owed(""))
                 continue
             await asyncio.sleep(self.dialect.echo_settle_s)
             return said
@@ -323,7 +324,8 @@ class Conversation:
     async def _hear_echo(self, text: str) -> None:
         wait_s = self.dialect.typing_s + 20.0 * len(text) / self.dialect.baud
         while True:
-            event = await self.next_event(wait_s, f"no echo of {text!r} within {wait_s:.1f} s", text)
+            otherwise = f"no echo of {text!r} within {wait_s:.1f} s"
+            event = await self.next_event(wait_s, otherwise, Owed(text, is_echo=True))
             if isinstance(event, Garble):
                 await self._judge_echo(text, event)
                 raise Garbled(

@@ -32,6 +32,15 @@ def typed_beside(ours: bytes, back: bytes) -> bool:
     return _length(echoed) - _length(ours) >= SHORTEST_TYPED or (_ended(lines[1:]) and _holds(echoed, ours))
 
 
+def answers_search(heard: str, cancel_line: bytes) -> bool:
+    """Whether what came behind the prompt that was looked for may be the echo of what was typed to find it (such a key
+    as `^U`), or noise: it holds less than a line that somebody types."""
+    typed = heard.encode("latin-1").translate(None, UNTYPED)
+    for byte in cancel_line:
+        typed = typed.replace(b"^" + bytes([byte ^ 0x40]), b"")
+    return len(typed.translate(None, b"!.")) < SHORTEST_TYPED
+
+
 def _ended(lines: list[bytes]) -> bool:
     """Whether what came behind the first line end is what a controller says to a line: its prompt at once, or that it
     knows no such command; and nothing that it says by itself."""

@@ -24,7 +24,7 @@ from drivers.val2.errors import (
     Preempted,
     ProcessorHalted,
 )
-from drivers.val2.interleaved import SHORTEST_TYPED
+from drivers.val2.interleaved import SHORTEST_TYPED, answers_search
 from drivers.val2.pending_answers import PendingAnswers
 from drivers.val2.port import OpenPort
 from drivers.val2.wire import ControllerQuestion, Error, LineEvent, Reader, Text, of_a_table
@@ -321,12 +321,17 @@ class LineSession:
 
     def _refuse_others(self, heard: Sequence[str]) -> None:
         """Raise Disturbed where something of somebody else's was heard, NoAnswer where it is an answer of ours that
-        comes too late; behind what we typed to find the prompt it may answer that."""
-        if heard and not self.talk.line_may_hold_rest:
-            if self._owed.explain([text.replace(A_PROMPT, ".") for text in heard]):
-                raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
+        comes too late. Behind a prompt that was just found an answer of ours is none too late: it is left alone."""
+        said, found = [text.replace(A_PROMPT, ".") for text in heard], self.talk.line_may_hold_rest
+        if found:
+            said = [text for text in said if not answers_search(text, self.dialect.cancel_line)]
+        if not said:
+            return
+        if not self._owed.explain(said):
             self._disturbed()
             raise Disturbed(f"somebody else types on this line (heard {quoted(heard)})")
+        if not found:
+            raise NoAnswer(f"the controller answers too late (heard {quoted(heard)})")
 
     async def _refuse_interleaved(self, talk: Conversation, problem: Interleaved) -> None:
         """As _refuse_others, once the mixed line was taken back; what is believed is dropped before anything is

@@ -42,8 +42,8 @@ def test_whatever_moves_nothing_is_known_to(text: str) -> None:
     assert not commands.moves_the_arm(text)
 
 
-# A line may move arm or hand, work the hand, turn the arm over, begin a program; or its answer is a prompt alone.
-MOVES, HAND, TURNS, PROGRAM, SILENT = "moves", "hand", "turns over", "program", "silent"
+# A line may move arm or hand, work the hand, turn the arm over, begin a program; its answer is a prompt alone, or text.
+MOVES, HAND, TURNS, PROGRAM, SILENT, PRINTS = "moves", "hand", "turns over", "program", "silent", "prints"
 KINDS = {
     "": set(), "WHERE": set(), "ABORT": set(), "SPEED 40": {SILENT}, "TOOL TRANS(0,0,1,0,0,0)": {SILENT},
     "DO BREAK": {SILENT}, "DO SET P=TRANS(1,2,3,4,5,6)": {SILENT}, "DO SPEED 100 ALWAYS": {MOVES, SILENT},
@@ -54,6 +54,7 @@ KINDS = {
     "DO F": {MOVES, HAND, TURNS}, "DO FLIPPED": {MOVES, HAND}, "DON FLIP": {MOVES, HAND, PROGRAM},
     "EXECUTE MINE": {MOVES, HAND, PROGRAM}, "READY": {MOVES, HAND, PROGRAM}, "MOVE P": {MOVES, HAND, PROGRAM},
     "CAL": {MOVES, HAND, PROGRAM}, "S": {MOVES, HAND, PROGRAM}, "SP 1": {MOVES, HAND, PROGRAM}, "SPE 1": set(),
+    "D": {MOVES, HAND, PROGRAM}, "STATUS": {PRINTS}, "stat": {PRINTS}, "HERE P1": {PRINTS}, "BASE": {PRINTS},
 }  # fmt: skip
 
 
@@ -62,6 +63,7 @@ def test_what_a_line_may_do_is_known_by_its_words(line: str, kinds: set[str]) ->
     found = {
         MOVES: commands.moves_the_arm, HAND: commands.works_the_hand, TURNS: commands.turns_over,
         PROGRAM: commands.begins_a_program, SILENT: commands.answers_nothing,
+        PRINTS: commands.prints_text,
     }  # fmt: skip
     assert {kind for kind, asked in found.items() if asked(line)} == kinds
 

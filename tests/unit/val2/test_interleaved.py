@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from drivers.val2.interleaved import SHORTEST_TYPED, typed_behind, typed_beside
+from drivers.val2.interleaved import SHORTEST_TYPED, answers_search, typed_behind, typed_beside
 from tests.bench.others_typing import noise, shares, typed_beside_by
 
 OURS = "DO MOVE TRANS(522.00,1.00,-101.00,0.000,80.000,0.000)"
@@ -34,6 +34,27 @@ def test_whichever_letters_somebody_types_they_count(letter: str) -> None:
     """Of his line's answer nothing came yet; a question is the controller's."""
     assert typed_beside(b"WHERE", b"W" + SHORTEST_TYPED * letter.encode() + b"\r\nHERE")
     assert not typed_beside(b"WHERE", b"W" + (SHORTEST_TYPED - 1) * letter.encode() + b"\r\nHERE")
+
+
+@pytest.mark.parametrize(
+    ("heard", "cancel", "ours"),
+    [
+        ("", b"", True),
+        ("..", b"\x15", True),
+        ("^U", b"\x15", True),
+        ("^U. ^U!!", b"\x15", True),
+        ("\x15\x15\x15!!", b"\x15", True),
+        ("^U^U", b"\x18", False),
+        ("^X^X^C^C", b"\x18\x03", True),
+        ("xy", b"\x15", True),
+        ("xyz", b"\x15", False),
+        ("^U!!DO CLOSEI", b"\x15", False),
+    ],
+)
+def test_what_was_typed_to_find_the_prompt_and_two_letters_of_noise_are_nobodys_line(
+    heard: str, cancel: bytes, ours: bool
+) -> None:
+    assert answers_search(heard, cancel) is ours
 
 
 def spoiled(line: bytes, at: int, harm: str, instead: int) -> bytes:

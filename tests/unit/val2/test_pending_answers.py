@@ -8,7 +8,7 @@ import pytest
 
 from drivers.val2.errors import Disturbed, NoAnswer
 from drivers.val2.link import Link
-from drivers.val2.pending_answers import PendingAnswers
+from drivers.val2.pending_answers import Owed, PendingAnswers
 from tests.fakes.in_time import lived
 from tests.unit.val2.test_link_scripted import GOAL, PROMPT, START, Scripted, linked, table, usual
 
@@ -20,18 +20,20 @@ WHERE = "X Y Z O A T\r\n500.00 0 0 0 0 0.000\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 -
     [
         ([], ["."], False),
         (["WHERE"], [WHERE, "."], True),
-        (["WHERE"], ["WHERE", "."], True),
+        (["WHERE"], ["WHERE", WHERE, "."], False),  # its echo had come: another asks
         (["WHERE"], ["X Y Z O A T\r\n500.00"], True),
         (["WHERE"], ["."], True),
         (["WHERE"], [WHERE, "SPEED 100", "."], False),
         (["WHERE"], ["DO DRIVE 1,40,50", "."], False),
         (["SPEED 40"], ["."], True),
-        (["SPEED 40"], ["SPEED 40", "."], True),
+        (["SPEED 40"], ["SPEED 40", "."], False),
         (["SPEED 40"], ["SPEED 100", "."], False),
         (["SPEED 40"], [WHERE, "."], False),
-        (["DO MOVES GOAL"], ["DO MOVES GOAL", "."], True),
         (["DO MOVES GOAL"], ["DO MOVE #P", "."], False),
         (["STATUS"], ["Monitor speed 40", "."], True),
+        (["stat"], ["Monitor speed 40", "."], True),
+        (["BASE"], ["X 0.00 Y 0.00", "."], True),
+        (["ABORT"], ["SPEED 99", "."], False),
         ([""], [".", "."], True),
         ([""], ["SPEED 100", "."], False),
         (["SPEED 40", "WHERE"], [WHERE, "."], True),
@@ -40,23 +42,33 @@ WHERE = "X Y Z O A T\r\n500.00 0 0 0 0 0.000\r\nJT1 JT2 JT3 JT4 JT5 JT6\r\n1 2 -
 def test_what_comes_is_explained_only_by_what_it_may_answer(owed: list[str], heard: list[str], explained: bool) -> None:
     answers = PendingAnswers(lambda: 0.0, 60.0)
     for command in owed:
-        answers.add(command)
+        answers.add(Owed(command))
     assert answers.explain(heard) is explained
+
+
+@pytest.mark.parametrize(("heard", "explained"), [("WHERE", True), ("SPEED 40", False), (WHERE, False), (".", True)])
+def test_of_a_line_without_its_echo_no_answer_is_owed_but_its_echo(heard: str, explained: bool) -> None:
+    """It was never ended."""
+    answers = PendingAnswers(lambda: 0.0, 60.0)
+    answers.add(Owed("WHERE", is_echo=True))
+    assert answers.explain([heard, "."]) is explained
+    answers.table_came()
+    assert not answers.explain([heard, "."])
 
 
 @pytest.mark.parametrize(("after_s", "explained"), [(60.0, True), (60.1, False)])
 def test_an_answer_is_owed_for_so_long(after_s: float, explained: bool) -> None:
     now = [5.0]
     answers = PendingAnswers(lambda: now[0], 60.0)
-    answers.add("WHERE")
+    answers.add(Owed("WHERE"))
     now[0] += after_s
     assert answers.explain(["."]) is explained
 
 
-@pytest.mark.parametrize(("owed", "heard", "explained"), [("ABORT", "SPEED 99", False), ("WHERE", WHERE, True)])
+@pytest.mark.parametrize(("owed", "heard", "explained"), [("STATUS", "SPEED 99", False), ("WHERE", WHERE, True)])
 def test_behind_a_table_only_another_table_is_owed(owed: str, heard: str, explained: bool) -> None:
     answers = PendingAnswers(lambda: 0.0, 60.0)
-    answers.add(owed)
+    answers.add(Owed(owed))
     assert answers.explain([heard, "."])
     answers.table_came()
     assert answers.explain([heard, "."]) is explained

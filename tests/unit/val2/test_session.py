@@ -15,6 +15,7 @@ from drivers.val2.errors import Busy, ControllerError, Disturbed, NoAnswer, Port
 from drivers.val2.session import LineSession, quoted
 from drivers.val2.wire import Prompt, Text
 from tests.fakes.in_time import lived
+from tests.unit.val2.test_link_scripted import table
 
 PROMPT = b"\r\n."
 
@@ -405,6 +406,44 @@ def test_once_a_stop_was_answered_a_line_of_others_is_noticed_though_the_prompt_
     lived(story())
 
 
+@pytest.mark.parametrize("heard", [b"DO CLOSEI\r\n", b"DO CLOSEI\r\n.", b"DO CLO", b"\r\n.SPEED 100\r\n."])
+def test_a_line_of_others_right_behind_a_prompt_that_was_found_is_noticed(heard: bytes) -> None:
+    """It was taken for the answer to what had been typed to find it: the first command of ours got the other's prompt,
+    and nobody was told."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.answers = [(0.001, PROMPT)]
+        await wire.session.find_prompt(wire.session.talk)
+        wire.hear(heard)
+        wire.answers = [(0.001, PROMPT)]
+        with pytest.raises(Disturbed, match=r"DO CLO|SPEED 100"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+
+    lived(story())
+
+
+@pytest.mark.parametrize("heard", [b"\r\n..", b"^U\r\n.", b".^U!!", b"^U\r\n.^U\r\n.", table().encode()])
+def test_behind_a_prompt_that_was_found_what_is_ours_is_left_alone(heard: bytes) -> None:
+    """What was typed to find it, and the table that was owed."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.session.talk.line_may_hold_rest = False
+        wire.answers = [(0.001, b"WHERE"), (0.1, b"\r\n")]
+        with pytest.raises(NoAnswer):
+            await wire.session.talk.ask("WHERE", (), 5.0)
+        wire.answers = [(0.001, PROMPT)]
+        await wire.session.find_prompt(wire.session.talk)
+        wire.hear(heard)
+        await asyncio.sleep(0.1)
+        async with wire.session.turn():
+            pass
+
+    lived(story())
+
+
 @pytest.mark.parametrize("stopped", [True, False])
 def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_found_it(stopped: bool) -> None:
     """As he took back what they had half typed; what he had found was told to nobody."""
@@ -424,10 +463,10 @@ def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_fo
             finding.cancel()
         with pytest.raises((Preempted, asyncio.CancelledError)):
             await finding
+        wire.answers = [(0.001, PROMPT)]
         with pytest.raises(Disturbed, match="SPEED 100"):
             async with wire.session.turn():
                 raise AssertionError("nothing may be typed")
-        wire.answers = [(0.001, PROMPT)]
         async with wire.session.turn():
             pass
 
