@@ -16,7 +16,10 @@ from daemon.config import Config
 if TYPE_CHECKING:
     from daemon.cell.hardware import Hardware
 
-OWN = {name: f"daemon.cell.{name}_cell:BACKEND" for name in ("real", "linuxcnc", "recorded", "simulated")}
+OWN = {
+    **{name: f"daemon.cell.own_cells:{name.upper()}" for name in ("real", "linuxcnc", "recorded")},
+    "simulated": "daemon.cell.simulated_cell:SIMULATED",
+}
 GROUP = "facetd.cells"
 WireListener = Callable[[dict[str, Any]], None]
 

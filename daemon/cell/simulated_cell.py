@@ -37,4 +37,4 @@ def _build(config: Config, given: Surroundings) -> Hardware:
     return Hardware("simulated", robot, cameras, given.clock, cell.port, seed, operator)
 
 
-BACKEND = CellBackend(_check, puma_arm, _build)
+SIMULATED = CellBackend(_check, puma_arm, _build)

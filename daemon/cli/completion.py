@@ -4,38 +4,13 @@ The script asks the running daemon, when Tab is pressed, for words that depend o
 """
 
 import argparse
+import re
 from collections.abc import Iterable, Mapping
+from importlib import resources
 
 SHELLS = ("bash", "zsh")
 FILE_TYPES = frozenset({"Path"})
 BEFORE = {"bash": "", "zsh": "autoload -Uz compinit bashcompinit && compinit && bashcompinit\n"}
-SCRIPT = """{before}_facetctl() {{
-    local cur="${{COMP_WORDS[COMP_CWORD]}}" prev="${{COMP_WORDS[COMP_CWORD-1]}}" words=
-    COMPREPLY=()
-    case "$prev" in
-        {files}) COMPREPLY=($(compgen -f -- "$cur")); return ;;
-    esac
-    if [ "$COMP_CWORD" = 1 ]; then
-        words="{first}"
-    else
-        case "${{COMP_WORDS[1]}}" in
-{cases}
-        esac
-    fi
-    case "$cur" in
-        -*) ;;
-        *) case " {asked} " in
-            *" ${{COMP_WORDS[1]}} "*) [ "$COMP_CWORD" -gt 1 ] &&
-                words="$words $(facetctl completion of "${{COMP_WORDS[@]:1:$COMP_CWORD}}" 2>/dev/null)" ;;
-           esac ;;
-    esac
-    COMPREPLY=($(compgen -W "$words" -- "$cur"))
-    case "${{COMP_WORDS[1]}}" in
-        {takers}) [ "$COMP_CWORD" -gt 1 ] && COMPREPLY+=($(compgen -f -- "$cur")) ;;
-    esac
-}}
-complete -o filenames -F _facetctl facetctl
-"""
 
 
 def options(parser: argparse.ArgumentParser) -> tuple[list[str], list[str], bool]:
@@ -70,8 +45,12 @@ def script(shell: str, asked: Iterable[str], jobs: Mapping[str, argparse.Argumen
     cases = [f'            {name}) words="{" ".join(words)}" ;;' for name, (words, _, _) in sorted(taken.items())]
     cases.append(f'            completion) words="{" ".join(SHELLS)}" ;;')
     cases.append('            *) words="--help" ;;')
-    first = " ".join(sorted({*asked, *own, *taken, "--help", "--version"}))
-    return SCRIPT.format(
-        before=BEFORE[shell], files="|".join(files), first=first, cases="\n".join(cases), asked=" ".join(asked),
-        takers="|".join(takers),
-    )  # fmt: skip
+    values = {
+        "files": "|".join(files),
+        "first": " ".join(sorted({*asked, *own, *taken, "--help", "--version"})),
+        "cases": "\n".join(cases),
+        "asked": " ".join(asked),
+        "takers": "|".join(takers),
+    }
+    text = (resources.files("daemon.cli") / "assets" / "completion.sh").read_text()
+    return BEFORE[shell] + re.sub("@@([a-z]+)@@", lambda mark: values[mark[1]], text)

@@ -9,25 +9,11 @@ import json
 import threading
 import time
 from collections.abc import Callable
+from importlib.resources import files
 from typing import Any
 
 Shot = tuple[bytes, dict[str, Any]]
 """A JPEG and its status."""
-
-PAGE = """<!doctype html><meta charset="utf-8"><title>facetd: what the cameras see</title>
-<link rel="icon" href="data:,">
-<style>body{margin:0;background:#181818;color:#ddd;font:15px/1.5 sans-serif}
-img{display:block;max-width:100%;margin:auto}
-p{margin:.6em 1em;white-space:pre-wrap}.bad{color:#fa6}</style>
-<img src="/stream.mjpg" alt="left and right camera"><p id="said">waiting for the cameras</p>
-<script>
-async function ask(){
-  try{const s=await (await fetch('/status.json')).json(),p=document.getElementById('said');
-    p.textContent=s.text;p.className=s.troubles.length?'bad':'';}catch(e){}
-  setTimeout(ask,1000)}
-ask()
-</script>
-"""
 
 
 class Preview:
@@ -106,7 +92,7 @@ class PreviewHandler(http.server.BaseHTTPRequestHandler):
         if self.headers.get("Host", "").rpartition(":")[0] not in ("127.0.0.1", "localhost"):
             self.send_error(403, "only for this machine")  # DNS rebinding: another site must not reach this server
         elif self.path == "/":
-            self._answer("text/html; charset=utf-8", PAGE.encode())
+            self._answer("text/html; charset=utf-8", (files("daemon.cli") / "assets" / "preview.html").read_bytes())
         elif self.path == "/status.json":
             self._answer("application/json", json.dumps(self.source.status()).encode())
         elif self.path == "/picture.jpg":

@@ -1,10 +1,11 @@
-"""Export a run for other tools: CSV tables (columns: tables.py), or MCAP for Foxglove (extra `export`)."""
+"""Export a run for other tools: CSV tables (columns: below), or MCAP for Foxglove (extra `export`)."""
 
 import base64
 import csv
 import json
 from collections.abc import Sequence
 from datetime import datetime
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.errors import FacetdError
-from daemon.review.digest import Digest
-from daemon.review.tables import tables
+from daemon.events.records import Record
+from daemon.review.digest import Digest, parts_of, residual_mm
 from daemon.store.folders import how_to_add
 from daemon.store.outside import FileError, read_below
 from daemon.store.pictures import LARGEST_BYTES
@@ -49,49 +50,19 @@ def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
     with out.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="facetd")
+        schemas = json.loads((resources.files("daemon.review") / "assets" / "mcap-schemas.json").read_text())
         channels: dict[str, int] = {}
         for record in run.records:
             stamp = _nanoseconds(record)
             for topic, schema, message in _messages(folder, record, stamp):
                 if topic not in channels:
-                    number = writer.register_schema(schema, "jsonschema", json.dumps(SCHEMAS[schema]).encode())
+                    number = writer.register_schema(schema, "jsonschema", json.dumps(schemas[schema]).encode())
                     channels[topic] = writer.register_channel(topic, "json", number)
                 writer.add_message(channels[topic], stamp, json.dumps(message).encode(), stamp)
         writer.finish()
     return out
 
 
-_TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-_TEXT, _NUMBER = {"type": "string"}, {"type": "number"}
-_XYZ = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBER)}
-_XYZW = {"type": "object", "properties": dict.fromkeys("xyzw", _NUMBER)}
-SCHEMAS: dict[str, Any] = {
-    "foxglove.CompressedImage": {
-        "type": "object",
-        "properties": {
-            "timestamp": _TIME, "frame_id": _TEXT, "format": _TEXT,
-            "data": {"type": "string", "contentEncoding": "base64"},
-        },
-    },
-    "foxglove.FrameTransform": {
-        "type": "object",
-        "properties": {
-            "timestamp": _TIME, "parent_frame_id": _TEXT, "child_frame_id": _TEXT,
-            "translation": _XYZ, "rotation": _XYZW,
-        },
-    },
-    "foxglove.Log": {
-        "type": "object",
-        "properties": {"timestamp": _TIME, "level": {"type": "integer"}, "message": _TEXT, "name": _TEXT},
-    },
-    "facetd.Estimate": {
-        "type": "object",
-        "properties": {
-            "label": _TEXT,
-            **dict.fromkeys(("cycle", "stop", "predicted_mm", "predicted_deg", "chi2"), _NUMBER),
-        },
-    },
-}  # fmt: skip
 INFO, WARNING, ERROR = 2, 3, 4
 
 
@@ -154,3 +125,60 @@ def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
 def _nanoseconds(record: dict[str, Any]) -> int:
     moment = datetime.fromisoformat(str(record.get("t") or "1970-01-01T00:00:00+00:00").replace("Z", "+00:00"))
     return int(moment.timestamp() * 1000) * 10**6
+
+
+Row = dict[str, Any]
+
+CYCLE_COLUMNS = (
+    "cell", "day", "run", "cycle", "started", "seconds", "label", "outcome", "looks", "predicted_mm", "predicted_deg",
+    "true_mm", "true_deg", "why", "model", "calibration",
+)  # fmt: skip
+LOOK_COLUMNS = (
+    "cell", "day", "run", "seq", "cycle", "stop", "purpose", "taken", "ms", "parts", "named", "labels",
+    "best_confidence", "residual_mm", "epipolar_px", "noise", "predicted_mm", "chi2",
+)  # fmt: skip
+
+
+def tables(run: Digest, cell: str) -> dict[str, tuple[tuple[str, ...], list[Row]]]:
+    """Each table's name -> its columns and its rows."""
+    return {"cycles": (CYCLE_COLUMNS, cycle_rows(run, cell)), "looks": (LOOK_COLUMNS, look_rows(run, cell))}
+
+
+def cycle_rows(run: Digest, cell: str) -> list[Row]:
+    """One row a cycle, with CYCLE_COLUMNS."""
+    plain = (
+        *("started", "label", "outcome", "looks", "predicted_mm", "predicted_deg", "true_mm", "true_deg", "why"),
+        *("model", "calibration"),
+    )
+    return [
+        {"cell": cell, "run": run.name}
+        | {name: getattr(cycle, name) for name in plain}
+        | {"day": cycle.started[:10], "cycle": cycle.number, "seconds": round(cycle.seconds, 3)}
+        for cycle in run.cycles
+    ]
+
+
+def look_rows(run: Digest, cell: str) -> list[Row]:
+    """One row a look, with LOOK_COLUMNS."""
+    estimates = {id(s.look): s.estimate or {} for s in run.stops}
+    return [_look_row(look, estimates.get(id(look), {}), cell, run.name) for look in run.of("look")]
+
+
+def _look_row(look: Record, estimate: Record, cell: str, run: str) -> Row:
+    health, parts, taken = look.get("health") or {}, parts_of(look), str(look.get("t") or "")
+    named = [part for part in parts if part["label"] != "unknown"]
+    return {
+        **{name: look.get(name) for name in ("seq", "cycle", "stop", "purpose")},
+        **{name: health.get(name) for name in ("epipolar_px", "noise")},
+        **{name: estimate.get(name) for name in ("predicted_mm", "chi2")},
+        "cell": cell,
+        "day": taken[:10],
+        "run": run,
+        "taken": taken,
+        "ms": (look.get("scene") or {}).get("ms"),
+        "parts": len(parts),
+        "named": len(named),
+        "labels": " ".join(sorted(part["label"] for part in named)),
+        "best_confidence": max((part["confidence"] for part in named), default=None),
+        "residual_mm": residual_mm(named),
+    }

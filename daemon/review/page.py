@@ -6,6 +6,7 @@ import html
 import json
 from collections.abc import Container, Iterable
 from datetime import datetime, timedelta
+from difflib import unified_diff
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,14 @@ import cv2
 
 from daemon.errors import spelt
 from daemon.review.brief import read_runs_with_picks
-from daemon.review.compare import kept_differences
-from daemon.review.digest import Digest, digest
+from daemon.review.digest import Digest, digest, short_hash
 from daemon.review.pagedata import page_data
 from daemon.review.production import compared, production
 from daemon.store.files import being_written, write_atomically
-from daemon.store.outside import FileError, open_below
+from daemon.store.outside import FileError, open_below, read_below
 from daemon.store.pictures import read_grey
 from daemon.store.runs import RunError, check_wire, list_runs, read_run
+from daemon.store.yamlfile import LARGEST_BYTES
 
 PAGE_BYTES = 4_800_000
 """Most bytes of a page beside its program, so that it opens fast and can be sent. Failed cycles have their looks and
@@ -172,3 +173,37 @@ def jpeg_of(folder: Path, name: str) -> bytes:
 def embedded(jpeg: bytes) -> str:
     """A JPEG as a data URI."""
     return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+
+
+def kept_differences(before_folder: Path, before: Digest, after_folder: Path, after: Digest) -> list[dict[str, Any]]:
+    """One entry each for config, calibration and model: both hashes, and the differing lines of the text files."""
+    entries = []
+    for name in ("config", "calibration"):
+        files = [(d.start or {}).get(name) for d in (before, after)]
+        lines = [_lines(folder, file) for folder, file in zip((before_folder, after_folder), files, strict=True)]
+        changed = [
+            line
+            for line in unified_diff(lines[0], lines[1], before.name, after.name, n=0, lineterm="")
+            if not line.startswith("@@")
+        ]
+        entries.append(_entry(name, files[0], files[1], changed))
+    models = [d.models()[-1] if d.models() else None for d in (before, after)]
+    entries.append(_entry("model", models[0], models[1], []))
+    return entries
+
+
+def _entry(name: str, before: str | None, after: str | None, lines: list[str]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "before": short_hash(before),
+        "after": short_hash(after),
+        "same": before == after and before is not None,
+        "lines": lines,
+    }
+
+
+def _lines(folder: Path, file: str | None) -> list[str]:
+    try:
+        return read_below(folder, file, LARGEST_BYTES).decode().splitlines() if file else []
+    except (FileError, UnicodeDecodeError):
+        return []

@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daemon.arrays import Array, Index
+from daemon.arrays import Array, Flags, Index
 from daemon.teaching.blends import Blends, blends
-from daemon.teaching.closed_surface import closed_surface
+from daemon.teaching.closed_surface import Surface, closed_surface
 from daemon.teaching.curved_surfaces import CurvedSurface, curved_surfaces, owners
 from daemon.teaching.flat_regions import FlatRegions, flat_regions
 from daemon.teaching.holes import holes_of, sunk_loops
 from daemon.teaching.mesh import Mesh, MeshError, read_mesh
 from daemon.teaching.outlines import outlines
-from daemon.teaching.shaded_surface import ShadedSurface, shaded_surface
 from daemon.vision.geometry import OutlineArc, Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
@@ -27,6 +26,20 @@ MOST_FACETS = 200
 WORN = "small fillets and chamfers ({} in all, those that meet as one) are taken for edges that are worn"
 DRAWN_MM = 0.05
 """How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShadedSurface:
+    """A drawing's surface as it looks, for pictures of a simulated cell; nothing is recognised by it.
+
+    corners_mm (K, 3) and triangles (T, 3), anticlockwise from outside; normals (T, 3, 3), unit, at their corners;
+    part_of (T,): which flat face or curved surface each is of; flat (T,): which are of a flat face."""
+
+    corners_mm: Array
+    triangles: Index
+    normals: Array
+    part_of: Index
+    flat: Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,3 +118,22 @@ def _solid(
     holes = tuple(replace(one, ring_mm=one.ring_mm - middle) for one in rims)
     arcs = tuple(OutlineArc(facet, along - middle) for facet, along in made.arcs)
     return Polyhedron(points, facets, covariance, types, smooth, holes=holes, arcs=arcs), middle
+
+
+def shaded_surface(surface: Surface, regions: FlatRegions, owner: Index, origin_mm: Array) -> ShadedSurface:
+    """The surface about a point (3,) of the drawing; owner (R,): the curved surface each region is of, or -1."""
+    triangles = np.array(surface.triangles, np.intp)
+    region = np.zeros(len(triangles), np.intp)
+    for number, members in enumerate(regions.members):
+        region[list(members)] = number
+    part_of = np.where(owner[region] < 0, region, len(owner) + owner[region])
+    normals = regions.normals[region][:, None].repeat(3, 1)
+    for number in np.unique(owner[owner >= 0]).tolist():
+        own = np.flatnonzero(owner[region] == number)
+        pairs = np.unique(np.stack([triangles[own].ravel(), region[own].repeat(3)], 1), axis=0)
+        total = np.zeros_like(surface.corners)
+        np.add.at(total, pairs[:, 0], regions.normals[pairs[:, 1]])
+        there = total[triangles[own]]
+        normals[own] = there / np.maximum(np.linalg.norm(there, axis=2, keepdims=True), 1e-9)
+    flat = np.asarray(owner[region] < 0)
+    return ShadedSurface(surface.corners - origin_mm, triangles, normals, part_of, flat)

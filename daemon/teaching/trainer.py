@@ -20,8 +20,7 @@ from daemon.store.model import ModelFile
 from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
-from daemon.teaching.shaded_surface import ShadedSurface
-from daemon.teaching.solid_from_mesh import read_drawing, solid_drawn
+from daemon.teaching.solid_from_mesh import ShadedSurface, read_drawing, solid_drawn
 from daemon.teaching.sufficiency import Sufficiency, imagined_group, judge
 from daemon.teaching.walked_round import solid_from, solid_json, stl_of
 from daemon.vision.facets import TablePlane, table_of

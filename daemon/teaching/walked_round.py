@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daemon import frames
 from daemon.arrays import Array
 from daemon.teaching.closed_surface import in_triangles
-from daemon.teaching.stl import STL_ROW
+from daemon.teaching.mesh import STL_ROW
 from daemon.vision.facets import Fused, only
 from daemon.vision.geometry import Fits, Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_shared, type_facet

@@ -107,7 +107,7 @@ def _obey(orders: Path, adapter: Adapter) -> None:
 def main(arguments: list[str]) -> int:
     """facetd behind an adapter."""
     from daemon import main as program
-    from daemon.cell import real_cell, simulated_cell
+    from daemon.cell import own_cells, simulated_cell
 
     folder = Path(arguments[arguments.index("--config") + 1]).parent
     made = simulated_cell.arm_on_link
@@ -119,7 +119,7 @@ def main(arguments: list[str]) -> int:
         threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
         return made(str(folder / BY_ID), *more)
 
-    real_cell.arm_on_link = simulated_cell.arm_on_link = behind  # type: ignore[assignment]
+    own_cells.arm_on_link = simulated_cell.arm_on_link = behind  # type: ignore[assignment]
     return program.main(arguments)
 
 

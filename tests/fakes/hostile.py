@@ -35,9 +35,9 @@ from daemon.frontends.socket_server import _message
 from daemon.review.brief import read_brief
 from daemon.review.cli import record_line
 from daemon.review.digest import digest
+from daemon.review.export import tables
 from daemon.review.pagedata import page_data
 from daemon.review.replay import compare
-from daemon.review.tables import tables
 from daemon.review.week import week_data
 from daemon.store.folders import HOUSE
 from daemon.store.library import load_facets, load_parts

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from daemon import main
-from daemon.cell import real_cell
+from daemon.cell import own_cells
 from drivers.camera.pair import CameraError, StereoCamera, StereoPair
 
 PLACE = "FACETD_LENT_EYES"
@@ -84,5 +84,5 @@ class BorrowedEyes:
 
 
 if __name__ == "__main__":
-    real_cell.V4L2StereoCamera = BorrowedEyes  # type: ignore[assignment,misc]
+    own_cells.V4L2StereoCamera = BorrowedEyes  # type: ignore[assignment,misc]
     sys.exit(main.main())

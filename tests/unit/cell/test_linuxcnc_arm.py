@@ -20,8 +20,8 @@ from daemon.arm.permit import Grant
 from daemon.cell import sections
 from daemon.cell.backends import Surroundings
 from daemon.cell.linuxcnc_arm import BLEND_DEG, LinuxcncArm, LinuxcncSettings
-from daemon.cell.linuxcnc_cell import BACKEND
 from daemon.cell.no_arm import CellError
+from daemon.cell.own_cells import LINUXCNC as BACKEND
 from daemon.store.yamlfile import ConfigError
 from drivers.linuxcnc.shell import RemoteShell, ShellError
 from drivers.puma560 import ArmGeometry

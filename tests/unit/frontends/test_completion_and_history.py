@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("prompt_toolkit")
 
 from daemon.frontends.client import files_begun
-from daemon.frontends.completion_and_history import HISTORY_LINES, CommandHistory
+from daemon.frontends.console_prompt import HISTORY_LINES, CommandHistory
 
 
 def test_commands_come_back_the_newest_first_and_a_long_file_is_cut(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from daemon.review.digest import carried_out, digest
+from daemon.review.export import cycle_rows
 from daemon.review.page import read_digest
 from daemon.review.pagedata import page_data, stop_json
-from daemon.review.tables import cycle_rows
 from daemon.store.runs import read_run
 from tests.fakes.made_run import MadeRun
 

@@ -8,6 +8,7 @@ import pytest
 
 from daemon.review import pagedata
 from daemon.review.digest import Digest, digest, duration_s, short_hash
+from daemon.review.export import tables
 from daemon.review.measures import Strip, strips
 from daemon.review.page import read_digest
 from daemon.review.pagedata import (
@@ -20,7 +21,6 @@ from daemon.review.pagedata import (
     timeline,
 )
 from daemon.review.space import moments_of
-from daemon.review.tables import tables
 from tests.fakes.made_run import MadeRun
 
 Json = dict[str, Any]

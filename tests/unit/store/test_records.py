@@ -13,8 +13,8 @@ import pytest
 from daemon.events.records import record_of
 from daemon.review.cli import record_line
 from daemon.review.digest import digest
+from daemon.review.export import tables
 from daemon.review.pagedata import page_data
-from daemon.review.tables import tables
 from daemon.store.runs import read_run
 from tests.fakes.made_run import MadeRun, part
 
