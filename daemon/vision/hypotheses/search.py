@@ -23,7 +23,7 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array, Flags, Index
 from daemon.vision.geometry import Baseline, PlanarShape, Polyhedron
-from daemon.vision.hypotheses.circles import circles_seen, poses_from_circles, rims_of
+from daemon.vision.hypotheses.circles import circles_seen, poses_from_circles, taught_radii
 from daemon.vision.hypotheses.directional_edge_map import DirectionalEdgeMap, evidence, promising
 from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_junctions
 from daemon.vision.hypotheses.pose_batch import COVERED, PoseBatch, ideal, pixels, taught_solids
@@ -100,8 +100,7 @@ def prepare(model: Model) -> None:
         places_of(shapes)
         kinds_of(shapes)
         junction_kinds(shapes)
-        for shape in shapes:
-            rims_of(shape)
+        taught_radii(shapes)
         resting_junctions_of(shapes)
 
 
@@ -132,9 +131,9 @@ def hypotheses_from_junctions(search: Search, spent: Callable[[], float]) -> Ran
 
 
 def _by_circles(search: Search) -> tuple[PoseBatch, Array]:
-    """What circles could be rims of, where any part has one, and what further circles speak for each, nats (G,)."""
+    """What circles could be rims of, and what further circles speak for each, nats (G,)."""
     solids = taught_solids(search.model)
-    return poses_from_circles(circles_seen(search.eyes) if any(map(rims_of, solids.shapes)) else [], solids)
+    return poses_from_circles(circles_seen(search.eyes, taught_radii(solids.shapes)), solids)
 
 
 def _by_facets(search: Search) -> tuple[PoseBatch, Array]:

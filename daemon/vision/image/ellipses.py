@@ -7,7 +7,7 @@ to where the grey levels across it have the edge. Source: direct least squares f
 OpenCV's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -33,6 +33,11 @@ LEAST_SWEEP, LEAST_SHARE = np.radians(100.0), 0.3
 SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
 """Axes that are fitted, and how far inside the image an edge must lie."""
 REACH_PX, NEAR_PX, ROUNDS = 3, 1.2, 3
+SAME_RUN_PX = 0.5
+"""Two runs along the two sides of one edge give ellipses that differ by less."""
+MOST_EDGES, MOST = 400, 80
+"""Edges that are followed, and ellipses that are fitted between pixels: a patterned table has a thousand and hundreds,
+most of them smaller than rims."""
 _SCALE = 16.0
 
 
@@ -52,24 +57,31 @@ class Ellipse(NamedTuple):
         slope = np.linalg.norm(unit / self.radii, axis=1) / np.maximum(away, 1e-9)
         return (away - 1) / np.maximum(slope, 1e-9), np.arctan2(unit[:, 1], unit[:, 0])
 
-    def same(self, other: "Ellipse") -> bool:
-        """Whether two are one, found from either side of an edge."""
-        near = np.linalg.norm(self.centre - other.centre) < 2 * ON_PX
-        return bool(near and np.abs(self.radii - other.radii).max() < 2 * ON_PX)
+    def like(self, others: Sequence["Ellipse"], within_px: float) -> bool:
+        """Whether it is nearly one of others: found from either side of an edge, or twice along one."""
+        centres, radii = np.array([one.centre for one in others]), np.array([one.radii for one in others])
+        near = (np.abs(radii - self.radii) < within_px).all(1)
+        return bool((near & (((centres - self.centre) ** 2).sum(1) < within_px**2)).any())
 
 
 def find_ellipses(smooth: Fine, window: Window | None, grain: float) -> list[Ellipse]:
-    """Ellipses in the part of an image (H, W) that shows edges; smooth: of unit noise, after a Gaussian of
-    SMOOTHING_PX, its noise grain times that of white noise."""
-    found = list[Ellipse]()
-    for edge in _edges(smooth, window, grain):
-        for run in _round_runs(edge):
-            rough = _fitted(run)
-            if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
-                continue
-            fine = _between_pixels(rough, smooth, grain)
-            if fine is not None and not any(fine.same(other) for other in found):
-                found.append(fine)
+    """Ellipses in the part of an image (H, W) that shows edges, those with the longest edges; smooth: of unit noise,
+    after a Gaussian of SMOOTHING_PX, its noise grain times that of white noise."""
+    found, tried = list[Ellipse](), list[Ellipse]()
+    edges = sorted(_edges(smooth, window, grain), key=len, reverse=True)[:MOST_EDGES]
+    every = [run for edge in edges for run in _round_runs(edge)]
+    for run in sorted(every, key=len, reverse=True):
+        rough = _fitted(run)
+        if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
+            continue
+        if tried and rough.like(tried, SAME_RUN_PX):
+            continue
+        tried.append(rough)
+        fine = _between_pixels(rough, smooth, grain)
+        if fine is not None and not (found and fine.like(found, 2 * ON_PX)):
+            found.append(fine)
+        if len(tried) == MOST:
+            break
     return found
 
 
@@ -93,11 +105,11 @@ def _round_runs(edge: Array) -> Iterator[Array]:
     count = len(corners)
     if count < 3:
         return
-    way = np.roll(edge[corners], -1, 0) - edge[corners]
-    before, length = np.roll(way, 1, 0), np.linalg.norm(way, axis=1)
+    ways = np.diff(edge[corners.take(range(-1, count + 1), mode="wrap")], axis=0)
+    before, way, lengths = ways[:-1], ways[1:], np.hypot(*ways.T)
     turn = np.arctan2(before[:, 0] * way[:, 1] - before[:, 1] * way[:, 0], (before * way).sum(1))
-    lengths = np.sort(np.stack([length, np.roll(length, 1)]), axis=0)
-    gentle = (np.abs(turn) < MOST_TURN) & (lengths[1] < UNEVEN * lengths[0])
+    longer, shorter = (choose(lengths[:-1], lengths[1:]) for choose in (np.maximum, np.minimum))
+    gentle = (np.abs(turn) < MOST_TURN) & (longer < UNEVEN * shorter)
     for one_way in (turn > 0, turn < 0):
         goes_on = gentle & one_way
         if goes_on.all():
@@ -119,7 +131,10 @@ def _chords(edge: Array) -> Index:
     # There and back a border passes a pixel twice: the corners come in its order, so each is the next such pixel.
     keys, found, at = (pixels @ [1, width]).tolist(), list[int](), 0
     for key in (corners @ [1, width]).tolist():
-        at = keys.index(key, at) if key in keys[at:] else keys.index(key)
+        try:
+            at = keys.index(key, at)
+        except ValueError:
+            at = keys.index(key)
         found.append(at)
     first = int(np.argmin(found))
     return np.array(found[first:] + found[:first], np.intp)

@@ -21,6 +21,7 @@ def rim_slopes(smooth: Fine, px: Array, normal: Array, reach_px: int) -> Image32
     offsets = np.arange(-reach_px - 0.5, reach_px + 1.0)[:, None]
     x, y = (np.asarray(px[:, k] + offsets * normal[:, k], np.float32) for k in (0, 1))
     levels = bilinear(smooth, x, y)
-    mean = np.mean([np.roll(levels, step, 1) for step in range(-ROWS, ROWS + 1)], 0, dtype=np.float32)
+    count, round_ = levels.shape[1], np.concatenate([levels[:, -ROWS:], levels, levels[:, :ROWS]], 1)
+    mean = sum(round_[:, row : row + count] for row in range(2 * ROWS + 1)) * np.float32(1 / (2 * ROWS + 1))
     independent = max((2 * ROWS + 1) * STEP_PX / SMOOTHING_ROW_PX, 1.0)
     return np.asarray(np.diff(mean, axis=0).T * np.float32(np.sqrt(independent) / SLOPE_NOISE))

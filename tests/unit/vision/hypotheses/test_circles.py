@@ -11,8 +11,8 @@ import pytest
 from daemon import frames
 from daemon.arrays import Array
 from daemon.vision.geometry import Hole, Polyhedron, SolidBatch
-from daemon.vision.hypotheses.circles import Circle, circles_seen, poses_from_circles, rims_of
-from daemon.vision.image import open_stereo
+from daemon.vision.hypotheses.circles import Circle, circles_seen, poses_from_circles, rims_of, taught_radii
+from daemon.vision.image import StereoImages, open_stereo
 from tests.fakes.drawn import block
 from tests.fakes.painted import paint_pair
 from tests.fakes.rigs import rig
@@ -47,9 +47,15 @@ def where() -> Array:
 
 
 @cache
+def painted() -> StereoImages:
+    """Both cameras' pictures of it."""
+    return open_stereo(*paint_pair([(bored(), where())], np.random.default_rng(2), rig()), rig())
+
+
+@cache
 def seen() -> list[Circle]:
-    """What both cameras see of it, painted."""
-    return circles_seen(open_stereo(*paint_pair([(bored(), where())], np.random.default_rng(2), rig()), rig()))
+    """What both cameras see of it."""
+    return circles_seen(painted(), taught_radii((bored(),)))
 
 
 def test_the_rims_of_bores_are_found_in_space_with_their_normals_and_radii() -> None:
@@ -65,7 +71,15 @@ def test_the_rims_of_bores_are_found_in_space_with_their_normals_and_radii() -> 
 
 def test_two_ellipses_at_different_heights_are_no_circle() -> None:
     images = paint_pair([(bored(), where())], np.random.default_rng(2), rig())
-    assert circles_seen(open_stereo(images[0], np.roll(images[1], 9, axis=0), rig())) == []
+    lower = open_stereo(images[0], np.roll(images[1], 9, axis=0), rig())
+    assert circles_seen(lower, taught_radii((bored(),))) == []
+
+
+def test_circles_of_other_radii_than_the_taught_rims_are_left_out() -> None:
+    assert circles_seen(painted(), np.array([20.0])) == []
+    assert circles_seen(painted(), np.zeros(0)) == []
+    (one,) = circles_seen(painted(), np.array([3.0]))
+    assert one.radius_mm == pytest.approx(3.0, rel=0.06)
 
 
 def test_of_the_turns_about_a_rim_the_other_rims_speak_for_the_right_one() -> None:
