@@ -17,7 +17,7 @@ from daemon.pick.two_fingers import TwoFingers
 from daemon.quantities import Coordinate, Name
 from daemon.signals.settings import VALVES, ModbusSettings, SignalSettings, check_signals
 from daemon.store import folders
-from daemon.store.calibrations import Calibrations, CalibrationsError
+from daemon.store.calibrations import Calibrations
 from daemon.store.job_file import FOLDER as JOBS
 from daemon.store.mounted_gripper import MountedGripper, load_mounted
 from daemon.store.place_file import FILE as PLACES
@@ -311,10 +311,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
         config = with_mounted(config, load_mounted(config.state))
         notes += [] if config.gripper else [unsaid(config)]
     _check_valves(config)
-    try:
-        made, old = config.calibrations.in_use, config.calibrations.passed_over
-    except CalibrationsError as error:
-        raise ConfigError(str(error)) from None
+    made, old = config.calibrations.in_use, config.calibrations.passed_over
     if old is not None:
         notes.append(
             f"{made} has changed: it is in use instead of calibration {old}; go back with `calibrate use {old}`"

@@ -430,7 +430,7 @@ class Service:
 
 
 def read_files(config_path: Path, simulated: bool) -> tuple[Config, Calibration, Trainer]:
-    """Read every file that a start needs; no device is opened. Raises ConfigError, ModelError, ModelStoreError."""
+    """Read every file that a start needs; no device is opened. Raises FileError."""
     config = load_config(config_path, simulated)
     sections.check(config)
     config = replace(config, notes=(*config.notes, *sections.out_of_reach(config)))

@@ -24,9 +24,10 @@ from daemon.frontends.client import DaemonLink
 from daemon.frontends.keyboard import InputLines
 from daemon.quantities import decimal
 from daemon.store.files import write_atomically
-from daemon.store.outside import JSON_ERRORS, FileError, read_file
+from daemon.store.json_file import read_json
+from daemon.store.outside import FileError
 
-FILE, LARGEST_BYTES = "commission.json", 100_000
+FILE = "commission.json"
 
 
 class StepProof(msgspec.Struct, frozen=True):
@@ -117,14 +118,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _read_proofs(path: Path) -> dict[str, StepProof]:
     """The proofs of earlier sessions. Raises FileError."""
-    try:
-        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=CommissioningFile).steps
-    except FileError:
-        if not path.exists():
-            return {}
-        raise
-    except JSON_ERRORS as error:
-        raise FileError(f"{path}: {error}; move it away to start again") from None
+    found = read_json(path, CommissioningFile, "move it away to start again")
+    return {} if found is None else found.steps
 
 
 def _write_proofs(path: Path, proofs: Mapping[str, StepProof]) -> None:

@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from daemon.vision.values import Scene
 
 
-class OfflineError(FacetdError):
-    """An argument or a file cannot be used: which, and why."""
-
-
 class ListedView(msgspec.Struct, forbid_unknown_fields=True):
     left: str
     right: str
@@ -116,7 +112,7 @@ def _draw(path: Path, left: Any, right: Any, scene: Scene) -> None:
     from daemon.store.files import failing_as, write_atomically
     from daemon.vision.draw import draw_scene
 
-    with failing_as(OfflineError, f"{path}: cannot be written"):
+    with failing_as(FacetdError, f"{path}: cannot be written"):
         write_atomically(path, cv2.imencode(".png", draw_scene(left, right, scene))[1].tobytes())
 
 
@@ -130,9 +126,9 @@ def _train(args: argparse.Namespace) -> int:
     from daemon.vision.model import empty_model
 
     if not args.views and not args.mesh:
-        raise OfflineError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
+        raise FacetdError("nothing to learn from: give --views YAML, or --mesh LABEL=FILE")
     if args.unit not in UNITS_MM:
-        raise OfflineError(f"--unit {args.unit}: expected one of {', '.join(UNITS_MM)}")
+        raise FacetdError(f"--unit {args.unit}: expected one of {', '.join(UNITS_MM)}")
     calibration = load_calibration(args.calibration)
     model = empty_model(load_facets(args.facets or FACETS))
     parts = load_parts(args.parts or PARTS) if args.parts or PARTS.exists() else {}
@@ -140,11 +136,11 @@ def _train(args: argparse.Namespace) -> int:
         model = _taught_views(model, args.views, calibration)
     model, refused = _taught_drawings(model, args.mesh, args.unit)
     if len(refused) == 1 and not model.labels:
-        raise OfflineError(refused[0])
+        raise FacetdError(refused[0])
     for line in refused:
         print(f"facetctl {args.command}: not learned: {line}", file=sys.stderr)
     if not model.labels:
-        raise OfflineError(f"none of {plural(len(refused), 'drawing')} can be learned")
+        raise FacetdError(f"none of {plural(len(refused), 'drawing')} can be learned")
     codes = {label: parts[label].code for label in model.labels} if set(model.labels) <= set(parts) else None
     save(model, args.out, trained=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"), codes=codes)
     taught, views = plural(len(model.labels), "part"), plural(len(model.views), "view")
@@ -153,7 +149,7 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, list[str]]:
-    """The model with every drawing that can be learnt, and a line for each that cannot. Raises OfflineError."""
+    """The model with every drawing that can be learnt, and a line for each that cannot. Raises FacetdError."""
     from daemon.pick.two_fingers import TwoFingers
     from daemon.store.outside import read_file
     from daemon.teaching.foreign_drawings import in_own_format
@@ -183,7 +179,7 @@ def _taught_drawings(model: Model, words: list[str], unit: str) -> tuple[Model, 
 def _drawing(word: str) -> tuple[str, Path]:
     label, _, file = word.partition("=")
     if not label or not file:
-        raise OfflineError(f"--mesh {spelt(word)}: expected LABEL=FILE, such as cube=cube.stl")
+        raise FacetdError(f"--mesh {spelt(word)}: expected LABEL=FILE, such as cube=cube.stl")
     return label, Path(file)
 
 
@@ -199,7 +195,7 @@ def _taught_views(model: Model, path: Path, calibration: Calibration) -> Model:
         try:
             model = _taught(model, view, path.parent, calibration)
         except (FileError, TeachError, VisionError) as error:
-            raise OfflineError(str(document.error((index,), f"{view.label}: {error}"))) from None
+            raise FacetdError(str(document.error((index,), f"{view.label}: {error}"))) from None
     return model
 
 

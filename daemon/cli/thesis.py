@@ -13,10 +13,6 @@ from daemon.errors import DONE, FacetdError, spelt
 from daemon.quantities import decimal, within
 
 
-class SilhouetteError(FacetdError):
-    """A picture in which no object stands out: which file."""
-
-
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `thesis` to facetctl."""
     thesis = subparsers.add_parser("thesis", help="experiments of the thesis on pictures of your own")
@@ -34,7 +30,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def _silhouettes(args: argparse.Namespace) -> int:
-    """Raises FileError, SilhouetteError."""
+    """Raises FileError, FacetdError."""
     import numpy as np
 
     from daemon.art import ART1
@@ -47,7 +43,7 @@ def _silhouettes(args: argparse.Namespace) -> int:
         try:
             patterns.append(silhouette(read_grey(path)))
         except VisionError as error:
-            raise SilhouetteError(f"{spelt(str(path))}: {error}") from error
+            raise FacetdError(f"{spelt(str(path))}: {error}") from error
     nodes = ART1(rho=args.vigilance).learn(np.stack(patterns)).tolist()
     if args.json:
         print(json.dumps({"categories": [n + 1 for n in nodes]}))

@@ -19,7 +19,7 @@ from daemon.pick.set_down import HeldHere
 from daemon.store.files import failing_as, write_atomically
 from daemon.store.outside import FileError
 from daemon.store.place_file import NAME, PlaceEntry, PlacesFile, pattern_of, with_place, without_place, write_places
-from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus, PlaceStatusError
+from daemon.store.place_status import FILLABLE, PlaceState, PlaceStatus
 from daemon.vision.geometry import Polyhedron
 
 USAGE = "place show [NAME|PART] | check [NAME] | plan PART [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
@@ -344,7 +344,7 @@ def report_moved(context: CommandContext) -> None:
     """Report the places that are to be looked at as they have moved, or lie where something was left; once each."""
     try:
         moved = context.cycle.placing.moved()
-    except PlaceStatusError as error:
+    except FileError as error:
         context.troubles.report("places", str(error))
         return
     text = "; ".join(f"place {name}: {why}" for name, why in list(moved.items())[:MOST_TOLD])

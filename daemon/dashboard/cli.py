@@ -21,7 +21,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until control-C. Raises DashboardError."""
+    """Serve until control-C. Raises FacetdError."""
     from daemon.dashboard.server import serve
 
     print(f"http://127.0.0.1:{args.port}/   (control-C ends it; nothing can be moved from the page)", flush=True)

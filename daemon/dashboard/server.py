@@ -37,16 +37,12 @@ SPACE_POLICY = CONTENT_POLICY.replace("script-src 'self'", "script-src 'self' 'u
 """For the 3-D page alone: plotly compiles its drawing code and sets styles in the page."""
 
 
-class DashboardError(FacetdError):
-    """The page cannot be served: why, and what to do."""
-
-
 def serve(port: int, socket_path: Path | None) -> None:
-    """Serve until control-C. Raises DashboardError without the libraries, or where the port is in use."""
+    """Serve until control-C. Raises FacetdError without the libraries, or where the port is in use."""
     try:
         import uvicorn
     except ImportError:
-        raise DashboardError(f"needs an extra: {how_to_add('dashboard')}") from None
+        raise FacetdError(f"needs an extra: {how_to_add('dashboard')}") from None
     config = uvicorn.Config(
         app(socket_path), LOOPBACK, port, log_level="error", access_log=False, timeout_graceful_shutdown=1
     )
@@ -54,11 +50,11 @@ def serve(port: int, socket_path: Path | None) -> None:
         try:
             uvicorn.Server(config).run()
         except SystemExit:
-            raise DashboardError(f"port {port} is not available; choose another with --port") from None
+            raise FacetdError(f"port {port} is not available; choose another with --port") from None
 
 
 def app(socket_path: Path | None) -> Any:
-    """The dashboard as an ASGI application. Raises DashboardError without the libraries."""
+    """The dashboard as an ASGI application. Raises FacetdError without the libraries."""
     try:
         from starlette.applications import Starlette
         from starlette.middleware import Middleware
@@ -67,7 +63,7 @@ def app(socket_path: Path | None) -> Any:
         from starlette.responses import Response, StreamingResponse
         from starlette.routing import Route
     except ImportError:
-        raise DashboardError(f"needs an extra: {how_to_add('dashboard')}") from None
+        raise FacetdError(f"needs an extra: {how_to_add('dashboard')}") from None
     now = DashboardState()
     run = RunFollower(now)
 

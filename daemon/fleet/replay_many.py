@@ -93,7 +93,7 @@ def release() -> str:
 def replay_with(names: Sequence[str]) -> ReplayWith:
     """Interpret each `--with`: a model (a file, 3, latest), a calibration, or the section `vision` of a facetd.yaml.
 
-    Raises StoreError, ConfigError, ModelStoreError.
+    Raises StoreError, FileError.
     """
     files: dict[str, str] = {}
     settings: VisionSettings | None = None

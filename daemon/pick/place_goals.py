@@ -300,7 +300,7 @@ class PlaceTable:
         return {place.part for place in self.places.places}
 
     def status(self, name: str) -> PlaceStatus:
-        """The status of a place. Raises PlaceStatusError."""
+        """The status of a place. Raises FileError."""
         return self.statuses.of(name).status
 
     def know(self, shapes: Mapping[str, Polyhedron]) -> None:
@@ -325,7 +325,7 @@ class PlaceTable:
 
     def free(self, label: str, name: str | None = None) -> list[Goal]:
         """Goals that a part may be brought to, in the order in which they are filled; name: only this place, or those
-        of this pattern. Raises PlaceStatusError."""
+        of this pattern. Raises FileError."""
         return [
             self.goals[place.name]
             for place in self.places.of(label, name)
@@ -335,16 +335,16 @@ class PlaceTable:
         ]
 
     def taken(self) -> list[Goal]:
-        """Goals at which something lies, or may lie. Raises PlaceStatusError."""
+        """Goals at which something lies, or may lie. Raises FileError."""
         return [goal for name, goal in self.goals.items() if self.status(name) not in FILLABLE]
 
     def unseen(self) -> list[Goal]:
         """Goals that are to be looked at first: a pick that was cut off has left them, or they have moved. Raises
-        PlaceStatusError."""
+        FileError."""
         return [goal for name, goal in self.goals.items() if self.status(name) in UNSEEN]
 
     def moved(self) -> dict[str, str]:
         """Why each place is to be looked at that has moved since its status was kept, or lies where something was left.
-        Raises PlaceStatusError."""
+        Raises FileError."""
         states = {name: self.statuses.of(name) for name in self.goals}
         return {name: state.why for name, state in states.items() if state.status is PlaceStatus.TO_LOOK_AT}

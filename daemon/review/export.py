@@ -21,10 +21,6 @@ from daemon.store.outside import FileError, read_below
 from daemon.store.pictures import LARGEST_BYTES
 
 
-class ExportError(FacetdError):
-    """The export cannot be written; the message says what is missing."""
-
-
 def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
     """Write cycles.csv and looks.csv into the folder `out`. Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
@@ -41,12 +37,12 @@ def to_csv(run: Digest, out: Path, cell: str) -> list[Path]:
 def to_mcap(folder: Path, run: Digest, out: Path) -> Path:
     """Write one MCAP file: images, poses of arm and parts (foxglove's FrameTransform), estimates, and the log.
 
-    Raises ExportError without mcap, OSError.
+    Raises FacetdError without mcap, OSError.
     """
     try:
         from mcap.writer import Writer
     except ImportError:
-        raise ExportError(f"MCAP needs the library mcap: {how_to_add('export')}") from None
+        raise FacetdError(f"MCAP needs the library mcap: {how_to_add('export')}") from None
     with out.open("wb") as file:
         writer: Any = Writer(file)
         writer.start(profile="", library="facetd")

@@ -4,19 +4,18 @@ No source shows what a controller prints, so nothing is assumed: a form counts w
 on and is the first one again when it is off. An answer that is neither of the two is an error, never a level.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
 from daemon.errors import FacetdError
-from daemon.store.files import write_atomically
-from daemon.store.outside import FileError, read_file
+from daemon.store.files import failing_as, write_atomically
+from daemon.store.json_file import read_json
+from daemon.store.outside import FileError
 
 FILE = "signal-reading.json"
 """Its name in the state folder."""
-LARGEST_BYTES = 10_000
 FORMS = ("LISTR SIG({number})", "DO TYPE SIG({number})")
 """Forms of words that print one input, in the order in which they are tried; none of them sets anything."""
 
@@ -58,20 +57,13 @@ def form_found(printed: Mapping[str, Sequence[str | None]]) -> InputForm | None:
 def load_form(folder: Path) -> InputForm | None:
     """What was kept; None where nothing was found yet. Raises FileError."""
     path = folder / FILE
-    if not os.path.lexists(path):
-        return None
-    try:
-        found = msgspec.json.decode(read_file(path, LARGEST_BYTES), type=InputForm)
-    except (msgspec.MsgspecError, UnicodeDecodeError):
-        raise FileError(f"{path}: damaged: delete it, then `signal find`") from None
-    if found.form not in FORMS or found.on == found.off:
+    found = read_json(path, InputForm, "delete it, then `signal find`")
+    if found is not None and (found.form not in FORMS or found.on == found.off):
         raise FileError(f"{path}: not a form of words that reads an input: delete it, then `signal find`")
     return found
 
 
 def keep_form(folder: Path, form: InputForm) -> None:
     """Keep it. Raises FileError."""
-    try:
+    with failing_as(FileError, f"{folder / FILE}: not kept"):
         write_atomically(folder / FILE, msgspec.json.encode(form))
-    except OSError as error:
-        raise FileError(f"{folder / FILE}: not kept: {error.strerror or error}") from None

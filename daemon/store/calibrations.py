@@ -14,17 +14,13 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.errors import FacetdError
 from daemon.store.files import failing_as, number_of, write_atomically
-from daemon.store.outside import JSON_ERRORS, FileError, read_file
+from daemon.store.json_file import read_json
+from daemon.store.outside import FileError, read_file
+from daemon.store.yamlfile import LARGEST_BYTES
 
-LARGEST_BYTES = 1_000_000
 CONFIGURED = 0
 """The number of the file that the configuration names."""
-
-
-class CalibrationsError(FacetdError):
-    """A calibration cannot be stored or found: where, and why."""
 
 
 class _CalibrationState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,20 +37,20 @@ class Calibrations:
 
     @property
     def current(self) -> int:
-        """The number of the calibration in use. Raises CalibrationsError."""
+        """The number of the calibration in use. Raises FileError."""
         state = self._state()
         return state.current if state.current and state.instead_of == self._digest() else CONFIGURED
 
     @property
     def passed_over(self) -> int | None:
         """The number of the calibration that is no longer used because the configured file has changed. Raises
-        CalibrationsError."""
+        FileError."""
         state = self._state()
         return state.current if state.current and state.instead_of != self._digest() else None
 
     @property
     def in_use(self) -> Path:
-        """The file of the calibration in use. Raises CalibrationsError."""
+        """The file of the calibration in use. Raises FileError."""
         return self.path(self.current)
 
     def path(self, number: int) -> Path:
@@ -71,8 +67,8 @@ class Calibrations:
         return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="minutes")[:16].replace("T", " ")
 
     def check(self) -> None:
-        """Check that a new calibration can be stored. Raises CalibrationsError."""
-        with failing_as(CalibrationsError, f"{self.folder}: a calibration cannot be stored here"):
+        """Check that a new calibration can be stored. Raises FileError."""
+        with failing_as(FileError, f"{self.folder}: a calibration cannot be stored here"):
             self.folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.folder) as file:
                 file.write(bytes(4096))
@@ -81,27 +77,22 @@ class Calibrations:
         self._state()
 
     def keep(self, content: bytes) -> int:
-        """Store a new calibration and take it into use; returns its number. Raises CalibrationsError."""
+        """Store a new calibration and take it into use; returns its number. Raises FileError."""
         number = max(self.numbers(), default=0) + 1
-        with failing_as(CalibrationsError, f"{self.path(number)}: not written"):
+        with failing_as(FileError, f"{self.path(number)}: not written"):
             write_atomically(self.path(number), content)
         self.use(number)
         return number
 
     def use(self, number: int) -> None:
-        """Take a stored calibration, or the configured file, into use. Raises CalibrationsError."""
+        """Take a stored calibration, or the configured file, into use. Raises FileError."""
         path = self.folder / "state.json"
-        with failing_as(CalibrationsError, f"{path}: not written"):
+        with failing_as(FileError, f"{path}: not written"):
             write_atomically(path, msgspec.json.encode(_CalibrationState(number, self._digest() if number else "")))
 
     def _state(self) -> _CalibrationState:
-        path = self.folder / "state.json"
-        try:
-            return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=_CalibrationState)
-        except (FileError, *JSON_ERRORS) as error:
-            if not os.path.lexists(path):
-                return _CalibrationState()
-            raise CalibrationsError(f"{path}: cannot be read: {error}; remove it, and `calibrate use N`") from None
+        mend = "remove it, and `calibrate use N`"
+        return read_json(self.folder / "state.json", _CalibrationState, mend) or _CalibrationState()
 
     def _digest(self) -> str:
         try:

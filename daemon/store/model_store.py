@@ -30,6 +30,7 @@ from daemon.quantities import WHOLE, whole
 from daemon.store import folders
 from daemon.store import model as files
 from daemon.store.files import failing_as, number_of, plain, write_atomically
+from daemon.store.json_file import read_json
 from daemon.store.outside import JSON_ERRORS, FileError, read_below, read_file
 from daemon.store.pictures import PictureError, read_grey
 from daemon.vision.model import Model
@@ -38,10 +39,6 @@ Image = NDArray[np.uint8]
 LARGEST_NOTE, LARGEST_LAST = 1_000_000, 10_000_000
 LOCK_WAIT_S = 60.0
 """Longest wait for another process that changes the store: a halted one never ends."""
-
-
-class ModelStoreError(FileError):
-    """A view or a model cannot be read or written: which file, why, what to do."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class StoredView:
         return next((p for p in (self.folder / "mesh.stl", self.folder / "mesh.obj") if p.exists()), None)
 
     def images(self) -> tuple[Image, Image]:
-        """Left and right, (H, W) grey, of a view that is not a drawing. Raises FileError, ModelStoreError."""
+        """Left and right, (H, W) grey, of a view that is not a drawing. Raises FileError."""
         return _read_image(self.folder, "left.png"), _read_image(self.folder, "right.png")
 
 
@@ -111,18 +108,18 @@ class ModelStore:
         return sorted({view.label for view in self.views()})
 
     def add_view(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
-        """Store a view, whole or not at all, under the next free number. Raises ModelStoreError."""
+        """Store a view, whole or not at all, under the next free number. Raises FileError."""
         pair = {"left.png": left, "right.png": right}
         files = {name: cv2.imencode(".png", pixels)[1].tobytes() for name, pixels in pair.items()}
         return self._add(label, files, note)
 
     def add_mesh(self, label: str, kind: Literal["stl", "obj"], content: bytes, note: dict[str, Any]) -> StoredView:
-        """Store a drawing, whole or not at all, under the next free number. Raises ModelStoreError."""
+        """Store a drawing, whole or not at all, under the next free number. Raises FileError."""
         return self._add(label, {f"mesh.{kind}": content}, note)
 
     def _add(self, label: str, files: Mapping[str, bytes], note: dict[str, Any]) -> StoredView:
         parent = self.folder / "views" / label
-        with failing_as(ModelStoreError, f"{parent}: the view is not stored"):
+        with failing_as(FileError, f"{parent}: the view is not stored"):
             parent.mkdir(parents=True, exist_ok=True)
             making = Path(tempfile.mkdtemp(dir=parent, prefix=".new-"))
             try:
@@ -141,10 +138,10 @@ class ModelStore:
         return StoredView(label, number, parent / str(number), note)
 
     def drop_views(self, label: str, number: int | None = None) -> int:
-        """Remove a label's views, or one of them; returns how many were removed. Raises ModelStoreError."""
+        """Remove a label's views, or one of them; returns how many were removed. Raises FileError."""
         views, parent = self.views(label), self.folder / "views" / label
         chosen = [view for view in views if number in (None, view.number)]
-        with failing_as(ModelStoreError, f"{parent}: not removed"):
+        with failing_as(FileError, f"{parent}: not removed"):
             self._record_highest_number(label, views)
             for view in chosen:
                 doomed = view.folder.with_name(f".gone-{view.folder.name}")
@@ -212,7 +209,7 @@ class ModelStore:
     def put_candidate(self, model: Model, codes: Mapping[str, str] | None = None) -> int:
         """Store a trained model as the candidate; returns its version. codes: each part's ART-b bits.
 
-        Raises ModelStoreError.
+        Raises FileError.
         """
         with self._locked():
             version = max(self.versions(), default=0) + 1
@@ -229,9 +226,9 @@ class ModelStore:
         with self._locked():
             state = self._state()
             if state.candidate is None:
-                raise ModelStoreError("there is no candidate: `train` makes one")
+                raise FileError("there is no candidate: `train` makes one")
             if state.candidate != version:
-                raise ModelStoreError(f"the candidate is now version {state.candidate}: try it with `try`")
+                raise FileError(f"the candidate is now version {state.candidate}: try it with `try`")
             file = self.load(state.candidate)
             self._write(_ModelState(state.candidate, None, state.past()))
         return state.candidate, file
@@ -241,7 +238,7 @@ class ModelStore:
         with self._locked():
             state = self._state()
             if not state.history:
-                raise ModelStoreError("there is no earlier model to go back to")
+                raise FileError("there is no earlier model to go back to")
             file = self.load(state.history[-1])
             self._write(_ModelState(state.history[-1], state.current, state.history[:-1]))
         return state.history[-1], file
@@ -255,13 +252,13 @@ class ModelStore:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """Exclude other threads and processes from changing the store. Raises ModelStoreError."""
+        """Exclude other threads and processes from changing the store. Raises FileError."""
         path = self.folder / "models" / "lock"
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o640)
         except OSError as error:
-            raise ModelStoreError(f"{path}: {plain(error)}") from error
+            raise FileError(f"{path}: {plain(error)}") from error
         try:
             ends_s = time.monotonic() + LOCK_WAIT_S
             while True:
@@ -270,33 +267,24 @@ class ModelStore:
                     break
                 except BlockingIOError:
                     if time.monotonic() > ends_s:
-                        raise ModelStoreError(f"{path.parent}: another process is changing it; try again") from None
+                        raise FileError(f"{path.parent}: another process is changing it; try again") from None
                     time.sleep(0.05)
             yield
         finally:
             os.close(handle)
 
     def _state(self) -> _ModelState:
-        path = self.folder / "models" / "state.json"
-        try:
-            return msgspec.json.decode(read_file(path, LARGEST_NOTE), type=_ModelState)
-        except FileError:
-            if not os.path.lexists(path):
-                return _ModelState()
-            raise
-        except JSON_ERRORS as error:
-            raise ModelStoreError(
-                f"{path}: cannot be read: {error}; restore it, or remove it and `train` again"
-            ) from None
+        mend = "restore it, or remove it and `train` again"
+        return read_json(self.folder / "models" / "state.json", _ModelState, mend) or _ModelState()
 
     def _write(self, state: _ModelState) -> None:
         path = self.folder / "models" / "state.json"
-        with failing_as(ModelStoreError, f"{path}: not written"):
+        with failing_as(FileError, f"{path}: not written"):
             write_atomically(path, msgspec.json.encode(state))
 
 
 def model_file(named: Path) -> Path:
-    """The model file that `named` means: a path, or a stored version (3, latest). Raises ModelStoreError."""
+    """The model file that `named` means: a path, or a stored version (3, latest). Raises FileError."""
     word = str(named)
     if named.exists() or not (word == "latest" or WHOLE.fullmatch(word)):
         return named
@@ -305,7 +293,7 @@ def model_file(named: Path) -> Path:
     found = versions[-1:] if word == "latest" else [version for version in versions if version == whole(word)]
     if not found:
         stored = ", ".join(map(str, versions)) or "none"
-        raise ModelStoreError(f"{word}: no such model in {store.folder / 'models'} (stored: {stored})")
+        raise FileError(f"{word}: no such model in {store.folder / 'models'} (stored: {stored})")
     return store.path(found[0])
 
 
@@ -343,4 +331,4 @@ def _read_image(folder: Path, name: str) -> Image:
     try:
         return read_grey(Path(name), folder)
     except PictureError:
-        raise ModelStoreError(f"{folder / name}: not an image; `forget` this view and teach it again") from None
+        raise FileError(f"{folder / name}: not an image; `forget` this view and teach it again") from None

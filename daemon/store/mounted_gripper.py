@@ -1,6 +1,5 @@
 """The mounted gripper, as an operator reported it last (`gripper use`): gripper.json in the state folder."""
 
-import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -8,10 +7,10 @@ import msgspec
 from msgspec import Meta
 
 from daemon.store.files import failing_as, write_atomically
-from daemon.store.outside import JSON_ERRORS, FileError, read_file
+from daemon.store.json_file import read_json
+from daemon.store.outside import FileError
 
 FILE = "gripper.json"
-LARGEST_BYTES = 10_000
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
 
 
@@ -26,13 +25,7 @@ class MountedGripper(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def load_mounted(folder: Path) -> MountedGripper | None:
     """The last report; None where there is none yet. Raises FileError."""
-    path = folder / FILE
-    if not os.path.lexists(path):
-        return None
-    try:
-        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=MountedGripper)
-    except JSON_ERRORS:
-        raise FileError(f"{path}: damaged: delete it, start facetd, then `gripper use NAME`") from None
+    return read_json(folder / FILE, MountedGripper, "delete it, start facetd, then `gripper use NAME`")
 
 
 def keep_mounted(folder: Path, mounted: MountedGripper | None) -> None:

@@ -27,10 +27,6 @@ LARGEST_BYTES = 4_000_000
 Four = tuple[float, float, float, float]
 
 
-class NamedPositionsError(FileError):
-    """The file of positions cannot be written."""
-
-
 class _PositionLine(msgspec.Struct):
     v: int
     t: Annotated[str, Meta(max_length=40)]
@@ -73,7 +69,7 @@ class NamedPositions:
         return {name: pose for name, pose in last.items() if pose is not None}
 
     def keep(self, name: str, world_from_tool: Array | None, who: str) -> None:
-        """Store a position under a name; None: drop the name. Raises NamedPositionsError."""
+        """Store a position under a name; None: drop the name. Raises FileError."""
         line = {
             "v": 1,
             "t": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -81,7 +77,7 @@ class NamedPositions:
             "name": name,
             "world_from_tool": None if world_from_tool is None else np.asarray(world_from_tool, float).tolist(),
         }
-        with failing_as(NamedPositionsError, f"{self.path}: not kept"):
+        with failing_as(FileError, f"{self.path}: not kept"):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.is_file() and self.path.stat().st_size > LARGEST_BYTES // 2:
                 self._shorten()

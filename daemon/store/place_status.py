@@ -10,7 +10,6 @@ used. That is worked out at each reading from what is on the disk and where the 
 matter who edited places.yaml when.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -25,11 +24,12 @@ from msgspec import Meta
 from daemon import frames
 from daemon.arrays import Array
 from daemon.store.files import failing_as, write_atomically
-from daemon.store.outside import JSON_ERRORS, FileError, read_file
+from daemon.store.json_file import read_json
+from daemon.store.outside import FileError
 
 FILE = "place-status.json"
 """Its name in the state folder."""
-LARGEST_BYTES = 4_000_000
+MEND = "look at every place, delete the file, and set each with `place check` or `place clear`"
 MOST_LEFT = 1000
 """So many spots at which something was left are kept, the latest."""
 AT_PLACE_MM = 40.0
@@ -72,10 +72,6 @@ LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.TO_LOOK_AT: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
 }
 """Which status may follow which; an operator's word (EMPTIED), and the status that a place has already, always may."""
-
-
-class PlaceStatusError(FileError):
-    """The status of a place cannot be read or kept: nothing is set down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +146,7 @@ class PlaceStatuses:
         self._spots, self._states = spots, None
 
     def of(self, name: str) -> PlaceState:
-        """What is known of a place. Raises PlaceStatusError."""
+        """What is known of a place. Raises FileError."""
         if self._states is None:
             self._states = _known(self._file(), self._spots)
         return self._states.get(name, PlaceState())
@@ -165,7 +161,7 @@ class PlaceStatuses:
         spot: PlaceSpot | None = None,
     ) -> PlaceState:
         """Write a status down, synced. spot: where the place is from now on, as it is being taught; any status may come
-        then. Raises PlaceStatusError, and then the one before holds; ValueError where the status cannot follow the one
+        then. Raises FileError, and then the one before holds; ValueError where the status cannot follow the one
         before."""
         before, file = self.of(name).status, self._file()
         follows = spot is not None or status in (before, PlaceStatus.EMPTIED, *LEADS_TO[before])
@@ -184,7 +180,7 @@ class PlaceStatuses:
 
     def forget(self, names: set[str]) -> None:
         """Drop the status of places that the file of places no longer has; what may lie there is kept as left. Raises
-        PlaceStatusError."""
+        FileError."""
         file = self._file()
         gone = [state for name, state in file.places.items() if name in names]
         self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *gone])
@@ -195,26 +191,15 @@ class PlaceStatuses:
         return self._kept
 
     def _read(self) -> _StatusFile:
-        if not os.path.lexists(self.path):
-            return _StatusFile(2, {})
-        try:
-            file = msgspec.json.decode(read_file(self.path, LARGEST_BYTES), type=_StatusFile)
-        except FileError as error:
-            raise PlaceStatusError(str(error)) from None
-        except JSON_ERRORS:
-            raise self._damaged() from None
+        file = read_json(self.path, _StatusFile, MEND) or _StatusFile(2, {})
         if any(s.status is PlaceStatus.TO_LOOK_AT for s in (*file.places.values(), *file.left)):
-            raise self._damaged()
+            raise FileError(f"{self.path}: damaged, a status that is never written; {MEND}")
         return file
-
-    def _damaged(self) -> PlaceStatusError:
-        text = "damaged: look at every place, delete the file, and set each with `place check` or `place clear`"
-        return PlaceStatusError(f"{self.path}: {text}")
 
     def _write(self, places: dict[str, _State], left: list[_State]) -> None:
         kept = [each for each in left if each.status not in FILLABLE and each.spot is not None][-MOST_LEFT:]
         file = _StatusFile(2, places, tuple(kept))
-        with failing_as(PlaceStatusError, f"{self.path}: not kept"):
+        with failing_as(FileError, f"{self.path}: not kept"):
             write_atomically(self.path, msgspec.json.encode(file))
         self._kept, self._states = file, None
 

@@ -17,7 +17,7 @@ from daemon.pick.moved_pair import Places, places_of, with_arm
 from daemon.pick.recogniser import Image, ModelRecogniser
 from daemon.store.library import PartEntry
 from daemon.store.model import ModelFile
-from daemon.store.model_store import ModelStore, ModelStoreError, StoredView
+from daemon.store.model_store import ModelStore, StoredView
 from daemon.store.outside import FileError, read_below
 from daemon.teaching.mesh import LARGEST_BYTES, MeshError
 from daemon.teaching.solid_from_mesh import ShadedSurface, read_drawing, solid_drawn
@@ -102,7 +102,7 @@ class Trainer:
         memory: MemorySettings | None = None,
     ) -> None:
         """start: the model to use while none was accepted here; memory: how the next one learns. Raises ModelError,
-        ModelStoreError."""
+        FileError."""
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
         self.memory = memory or MemorySettings()
         self.model = start or empty_model(library)
@@ -152,13 +152,13 @@ class Trainer:
         return group, others
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
-        """Keep a view on disk. Raises ModelStoreError, and TeachError or VisionError as check does."""
+        """Keep a view on disk. Raises FileError, and TeachError or VisionError as check does."""
         self.check(label, left, right, table_of(note.get("table")), places_of(note.get("moved")))
         return self.model_store.add_view(label, left, right, note)
 
     def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
         """What a person should be asked about before a drawing is kept under a label: that it is there already, under
-        this label or another, or is another shape than the one known. Raises MeshError, ModelStoreError."""
+        this label or another, or is another shape than the one known. Raises MeshError, FileError."""
         for view in self.model_store.views():
             with contextlib.suppress(FileError):  # one that cannot be read any more is not this one
                 if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
@@ -169,7 +169,7 @@ class Trainer:
         return _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
-        """Keep a drawing of a part on disk, which is STL or OBJ. Raises ModelStoreError, MeshError, TeachError."""
+        """Keep a drawing of a part on disk, which is STL or OBJ. Raises FileError, MeshError, TeachError."""
         solid = solid_drawn(name, content, unit, self.library)
         learn_solid(empty_model(self.library), solid, label)
         kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
@@ -177,7 +177,7 @@ class Trainer:
         return self.model_store.add_mesh(label, kind, content, note)
 
     def store_round(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
-        """Keep what was learnt of a part by walking round it, with an STL of it. Raises ModelStoreError, TeachError."""
+        """Keep what was learnt of a part by walking round it, with an STL of it. Raises FileError, TeachError."""
         learn_solid(empty_model(self.library), learnt, label)
         note = {"mesh": "mesh.stl", "facets": [list(learnt.types)], ROUND: solid_json(learnt), **note}
         return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
@@ -223,7 +223,7 @@ class Trainer:
         for view in sorted(self.model_store.views(), key=lambda view: (view.mesh is not None, _is_drawn(view))):
             try:
                 if view.damage:
-                    raise ModelStoreError(view.damage)
+                    raise FileError(view.damage)
                 if ROUND in view.note:
                     walked[view.label] = (*walked.get(view.label, ()), self._solid(view))
                     whole = merge_views(walked[view.label], self.library).solid
@@ -263,7 +263,7 @@ class Trainer:
     def train(self) -> Trained:
         """Make a candidate of every stored view and try it on each. The model in use is not touched.
 
-        Raises TeachError where there is nothing to train on, ModelStoreError.
+        Raises TeachError where there is nothing to train on, FileError.
         """
         began = perf_counter()
         model, left_out = self.learnt()

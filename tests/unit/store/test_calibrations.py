@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from daemon.store.calibrations import CONFIGURED, Calibrations, CalibrationsError
+from daemon.store.calibrations import CONFIGURED, Calibrations
+from daemon.store.outside import FileError
 
 
 @pytest.fixture
@@ -42,14 +43,14 @@ def test_where_nothing_can_be_kept_is_known_before(kept: Calibrations) -> None:
     kept.check()
     kept.folder.rmdir()
     kept.folder.write_text("in the way")
-    with pytest.raises(CalibrationsError, match="a calibration cannot be stored here"):
+    with pytest.raises(FileError, match="a calibration cannot be stored here"):
         kept.check()
 
 
 def test_a_state_that_cannot_be_read_is_said_and_not_guessed(kept: Calibrations) -> None:
     kept.keep(b"one")
     (kept.folder / "state.json").write_text("{")
-    with pytest.raises(CalibrationsError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         _ = kept.in_use
 
 
@@ -57,5 +58,5 @@ def test_a_state_that_is_no_text_says_so(tmp_path: Path) -> None:
     calibrations = Calibrations(tmp_path, "real", tmp_path / "c.yaml")
     calibrations.folder.mkdir(parents=True)
     (calibrations.folder / "state.json").write_bytes(b'{"instead_of":"\xff"}')
-    with pytest.raises(CalibrationsError, match="cannot be read"):
+    with pytest.raises(FileError, match="cannot be read"):
         _ = calibrations.current

@@ -15,7 +15,8 @@ import pytest
 
 from daemon.store.library import load_facets
 from daemon.store.model import ModelError
-from daemon.store.model_store import ModelStore, ModelStoreError, model_file
+from daemon.store.model_store import ModelStore, model_file
+from daemon.store.outside import FileError
 from daemon.vision.model.model import Model, empty_model
 
 
@@ -66,7 +67,7 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(
         path.write_bytes(content)
 
     monkeypatch.setattr("daemon.store.model_store.write_atomically", fail_on_the_second)
-    with pytest.raises(ModelStoreError, match="the view is not stored: No space left on device"):
+    with pytest.raises(FileError, match="the view is not stored: No space left on device"):
         model_store.add_view("cube", picture(1), picture(2), {})
     assert model_store.views() == []
     assert list((model_store.folder / "views" / "cube").iterdir()) == []
@@ -74,14 +75,14 @@ def test_a_disk_that_fills_up_in_the_middle_leaves_no_half_view(
 
 def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_store: ModelStore, model: Model) -> None:
     assert (model_store.current, model_store.candidate) == (None, None)
-    with pytest.raises(ModelStoreError, match="no candidate"):
+    with pytest.raises(FileError, match="no candidate"):
         model_store.accept(model_store.candidate)
     assert model_store.put_candidate(model) == 1
     assert (model_store.current, model_store.candidate) == (None, 1)
     assert model_store.accept(model_store.candidate)[0] == 1
     assert model_store.put_candidate(model) == 2
     assert model_store.put_candidate(model) == 3
-    with pytest.raises(ModelStoreError, match="the candidate is now version 3"):
+    with pytest.raises(FileError, match="the candidate is now version 3"):
         model_store.accept(2)
     assert model_store.current == 1
     assert model_store.accept(model_store.candidate)[0] == 3
@@ -90,7 +91,7 @@ def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_s
     assert (model_store.current, model_store.candidate) == (1, 3), "what was gone back from can be accepted again"
     assert model_store.accept(model_store.candidate)[0] == 3
     assert model_store.rollback()[0] == 1
-    with pytest.raises(ModelStoreError, match="no earlier model"):
+    with pytest.raises(FileError, match="no earlier model"):
         model_store.rollback()
     assert model_store.put_candidate(model) == 4, "a version is never used twice"
 
@@ -98,7 +99,7 @@ def test_a_candidate_is_not_in_use_until_accepted_and_rollback_goes_back(model_s
 def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, model: Model) -> None:
     view = model_store.add_view("cube", picture(1), picture(2), {})
     (view.folder / "left.png").write_bytes(b"\x89PNG cut")
-    with pytest.raises(ModelStoreError, match=r"left\.png: not an image; `forget` this view"):
+    with pytest.raises(FileError, match=r"left\.png: not an image; `forget` this view"):
         view.images()
     (view.folder / "view.json").write_text("{")
     model_store.put_candidate(model)
@@ -107,7 +108,7 @@ def test_what_cannot_be_read_is_named_with_what_to_do(model_store: ModelStore, m
     with pytest.raises(ModelError):
         model_store.load(1)
     (model_store.folder / "models" / "state.json").write_text('{"current": "one"}')
-    with pytest.raises(ModelStoreError, match=r"state\.json: cannot be read"):
+    with pytest.raises(FileError, match=r"state\.json: cannot be read"):
         _ = model_store.current
 
 
@@ -134,7 +135,7 @@ def test_who_accepts_while_another_trains_is_not_undone_and_no_two_models_share_
         return model_store.put_candidate(model)
 
     def accept(_: int) -> None:
-        with contextlib.suppress(ModelStoreError):
+        with contextlib.suppress(FileError):
             accepted.append(model_store.accept(model_store.candidate)[0])
 
     with ThreadPoolExecutor(4) as pool:
@@ -154,7 +155,7 @@ def test_who_was_halted_in_the_middle_is_not_waited_for_for_ever(
     model_store.put_candidate(model)
     halted = os.open(model_store.folder / "models" / "lock", os.O_RDONLY)
     fcntl.flock(halted, fcntl.LOCK_EX)
-    with pytest.raises(ModelStoreError, match=r"models: another process is changing it; try again"):
+    with pytest.raises(FileError, match=r"models: another process is changing it; try again"):
         model_store.accept(model_store.candidate)
     os.close(halted)
     assert model_store.accept(model_store.candidate)[0] == 1
@@ -181,7 +182,7 @@ def test_why_a_view_is_not_stored_is_said_whatever_became_of_what_was_begun(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("daemon.store.model_store.write_atomically", full)
-    with pytest.raises(ModelStoreError, match="cube: the view is not stored: No space left on device"):
+    with pytest.raises(FileError, match="cube: the view is not stored: No space left on device"):
         model_store.add_view("cube", picture(1), picture(2), {})
 
 
@@ -218,14 +219,14 @@ def test_a_model_is_named_by_its_file_its_number_or_as_the_latest(
     monkeypatch.setenv("STATE_DIRECTORY", str(model_store.folder))
     monkeypatch.chdir(tmp_path)
     for word in ("latest", "1"):
-        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(stored: none\)$"):
+        with pytest.raises(FileError, match=rf"^{word}: no such model in .*models \(stored: none\)$"):
             model_file(Path(word))
     for _ in range(2):
         model_store.put_candidate(model)
     assert model_file(Path("latest")) == model_store.path(2)
     assert model_file(Path("1")) == model_store.path(1)
     for word in ("3", "0"):
-        with pytest.raises(ModelStoreError, match=rf"^{word}: no such model in .*models \(stored: 1, 2\)$"):
+        with pytest.raises(FileError, match=rf"^{word}: no such model in .*models \(stored: 1, 2\)$"):
             model_file(Path(word))
     assert model_file(Path("some.npz")) == Path("some.npz")
     (tmp_path / "2").touch()
@@ -241,12 +242,12 @@ def test_why_the_state_is_not_written_is_said_in_the_systems_words_where_it_has_
 
     model_store.put_candidate(model)
     monkeypatch.setattr("daemon.store.model_store.write_atomically", failing)
-    with pytest.raises(ModelStoreError, match=rf"state\.json: not written: {words[-1]}$"):
+    with pytest.raises(FileError, match=rf"state\.json: not written: {words[-1]}$"):
         model_store.accept(model_store.candidate)
-    with pytest.raises(ModelStoreError, match=rf"cube: the view is not stored: {words[-1]}$"):
+    with pytest.raises(FileError, match=rf"cube: the view is not stored: {words[-1]}$"):
         model_store.add_view("cube", picture(1), picture(2), {})
     monkeypatch.undo()
     model_store.add_view("cube", picture(1), picture(2), {})
     monkeypatch.setattr("daemon.store.model_store.shutil.rmtree", failing)
-    with pytest.raises(ModelStoreError, match=rf"cube: not removed: {words[-1]}$"):
+    with pytest.raises(FileError, match=rf"cube: not removed: {words[-1]}$"):
         model_store.drop_views("cube")

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from daemon.store import named_positions
-from daemon.store.named_positions import NamedPositions, NamedPositionsError
+from daemon.store.named_positions import NamedPositions
+from daemon.store.outside import FileError
 
 
 def at(x: float) -> np.ndarray:
@@ -43,7 +44,7 @@ def test_a_line_that_lost_its_end_is_passed_over_and_the_next_is_whole(tmp_path:
 
 def test_what_cannot_be_kept_is_said(tmp_path: Path) -> None:
     (tmp_path / "places.jsonl").mkdir()
-    with pytest.raises(NamedPositionsError, match=r"places\.jsonl: "):
+    with pytest.raises(FileError, match=r"places\.jsonl: "):
         NamedPositions(tmp_path).keep("a", at(1.0), "anna")
 
 
@@ -57,7 +58,7 @@ def test_what_was_said_not_to_be_kept_is_not(tmp_path: Path, monkeypatch: pytest
 
     with monkeypatch.context() as patched:
         patched.setattr(os, "fsync", full)
-        with pytest.raises(NamedPositionsError, match="No space left"):
+        with pytest.raises(FileError, match="No space left"):
             places.keep("a", at(2.0), "ben")
     assert {name: pose[0, 3] for name, pose in places.now().items()} == {"a": 1.0}
     places.keep("b", at(3.0), "anna")
@@ -84,10 +85,10 @@ def test_years_of_names_do_not_make_the_file_too_large_to_be_read(
 @pytest.mark.timeout(20)
 def test_a_fifo_where_places_are_kept_holds_nobody_up(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "places.jsonl")
-    with pytest.raises(NamedPositionsError, match=r"places\.jsonl: not kept: "):
+    with pytest.raises(FileError, match=r"places\.jsonl: not kept: "):
         NamedPositions(tmp_path).keep("a", at(1.0), "anna")
     reader = os.open(tmp_path / "places.jsonl", os.O_RDONLY | os.O_NONBLOCK)
-    with pytest.raises(NamedPositionsError, match=r"not kept: not a regular file"):
+    with pytest.raises(FileError, match=r"not kept: not a regular file"):
         NamedPositions(tmp_path).keep("a", at(1.0), "anna")
     os.close(reader)
 

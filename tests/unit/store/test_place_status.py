@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.store import place_status
+from daemon.store.outside import FileError
 from daemon.store.place_status import (
     AT_PLACE_MM,
     FILLABLE,
@@ -18,7 +19,6 @@ from daemon.store.place_status import (
     UNSEEN,
     PlaceSpot,
     PlaceStatus,
-    PlaceStatusError,
     PlaceStatuses,
 )
 
@@ -67,7 +67,7 @@ def test_a_disk_that_does_not_take_it_leaves_what_was(tmp_path: Path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(place_status, "write_atomically", full)
-    with pytest.raises(PlaceStatusError, match=r"place-status\.json: not kept: No space left"):
+    with pytest.raises(FileError, match=r"place-status\.json: not kept: No space left"):
         statuses.put("nest", PlaceStatus.SET)
     assert statuses.of("nest").status is PlaceStatus.CLAIMED
 
@@ -75,7 +75,7 @@ def test_a_disk_that_does_not_take_it_leaves_what_was(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize("content", [b"", b"{", b'{"v": 1, "places": {"nest": {"status": "full"}}}', b"\xff" * 50])
 def test_a_damaged_file_is_no_free_place(tmp_path: Path, content: bytes) -> None:
     (tmp_path / place_status.FILE).write_bytes(content)
-    with pytest.raises(PlaceStatusError, match="damaged"):
+    with pytest.raises(FileError, match="damaged"):
         PlaceStatuses(tmp_path).of("nest")
 
 

@@ -1,0 +1,22 @@
+"""Small JSON files in the state folder, each one structure. They are written by files.py's write_atomically."""
+
+import os
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from daemon.store.outside import JSON_ERRORS, FileError, read_file
+
+T = TypeVar("T")
+LARGEST_BYTES = 4_000_000
+
+
+def read_json(path: Path, kind: type[T], mend: str) -> T | None:
+    """Read a file of facetd's own; None where there is none. mend: what to do about a damaged one. Raises FileError."""
+    if not os.path.lexists(path):
+        return None
+    try:
+        return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=kind)
+    except JSON_ERRORS as error:
+        raise FileError(f"{path}: damaged, cannot be read: {error}; {mend}") from None
