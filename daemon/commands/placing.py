@@ -103,8 +103,8 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
     lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
     if not words:
         lines += [
-            f"pattern {one.pattern}: the fourth corner is {one.off_mm:.2f} mm from where the other three have it"
-            for one in placing.places.residuals
+            f"pattern {name}: the fourth corner is {off_mm:.2f} mm from where the other three have it"
+            for name, off_mm in placing.places.residuals_mm.items()
         ]
         lines += [
             f"fixture {one.name}: its solid has {plural(len(one.entry.solid), 'piece')}"

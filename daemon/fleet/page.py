@@ -5,9 +5,10 @@ A cell is reported only where chance does not explain the difference: its succes
 errors below that of the other cells, or drift, light or faults exceed the limits of its own daemon.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import date, timedelta
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +34,13 @@ USUAL = timedelta(days=6)
 """Period after a calibration that gives the usual camera angles, so that slow drift shows too."""
 SIGMAS = 4.0
 """With forty cells of five parts each, one page in a hundred reports a difference that is chance."""
-LOOKED_AT = (PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.MISSING)
+LOOKED_AT = [str(status) for status in (PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.MISSING)]
 """What the look after a set-down finds, in the order of the page."""
 LEAST_SHARE = 0.01
 """Smallest difference of success rates worth a report."""
+ANGLE = """CREATE MACRO angle(deg, sigma_deg) AS
+    sum(deg / sigma_deg ** 2) FILTER (sigma_deg > 0) / sum(1 / sigma_deg ** 2) FILTER (sigma_deg > 0)"""
+"""Mean weighted by the inverse variance of each look."""
 STATES = ("faults", "misses", "one camera", "drifts", "dark", "silent", "well")
 """A cell has the first state that applies."""
 
@@ -61,7 +65,7 @@ def fleet_data(store: Store, days: int) -> Json:
     between = f"day BETWEEN '{first}' AND '{last}'"
     of: Callable[[str], list[tuple[Any, ...]]] = lambda sql: views.execute(sql).fetchall()  # noqa: E731
     shown = [first + timedelta(days=k) for k in range(days)]
-    cells = _cells(of, between, since, first, shown, calibrated)
+    cells = _cells(views, first, last, calibrated)
     _set_states(cells, last)
     parts = _summed(c["parts"] for c in cells)
     causes = dict(sum((Counter(c["causes"]) for c in cells), Counter[str]()).most_common())
@@ -93,123 +97,33 @@ def _calibrated(store: Store, months: Sequence[str]) -> dict[str, tuple[date, da
     return {cell: (day, day + USUAL) for cell, day in rows.fetchall()}
 
 
-def _cells(
-    of: Any, between: str, since: date, first: date, shown: Sequence[date], calibrated: Mapping[str, tuple[date, date]]
-) -> list[Json]:
-    begun = " OR ".join(f"cell = '{c}' AND day BETWEEN '{a}' AND '{b}'" for c, (a, b) in calibrated.items())
-    before = f"day >= '{since}' AND day < '{first}'"
-    picked = "count(*) FILTER (outcome = 'picked')"
-    totals = _by(
-        of(f"""SELECT cell, count(*), sum(interventions), arg_max(release, t) FROM runs
-        WHERE {between} GROUP BY cell""")
+def _cells(views: Any, first: date, last: date, calibrated: Mapping[str, tuple[date, date]]) -> list[Json]:
+    views.execute("CREATE TABLE calibrated (cell VARCHAR, first_day DATE, last_day DATE)")
+    for cell, (begin, end) in calibrated.items():
+        views.execute("INSERT INTO calibrated VALUES (?, ?, ?)", [cell, begin, end])
+    views.execute(ANGLE)
+    query = (resources.files("daemon.fleet") / "assets" / "cells.sql").read_text()
+    found = views.execute(
+        query,
+        {"first": first, "last": last, "since": first - BEFORE, "none_chosen": NONE_CHOSEN, "looked_at": LOOKED_AT},
     )
-    latest = _by(
-        of("""SELECT cell, max(t + to_milliseconds((1000 * coalesce(seconds, 0))::BIGINT))::TIMESTAMP FROM runs
-        GROUP BY cell""")
-    )  # end of the last run, which lasts for days on an idle cell
-    usual = _by(of(f"SELECT cell, {picked}, count(*) FROM cycles WHERE tried AND {before} GROUP BY cell"))
-    ever = [cell for (cell,) in of("SELECT DISTINCT cell FROM runs ORDER BY cell")]
-    daily = _days(
-        of(f"""SELECT cell, day, {picked}, count(*),
-        median(seconds) FILTER (outcome = 'picked' AND coalesce(times_life, 1) = 1),
-        median(predicted_mm::DOUBLE) FILTER (outcome = 'picked')
-        FROM cycles LEFT JOIN (SELECT cell, run, times_life FROM runs) USING (cell, run) WHERE tried AND {between}
-        GROUP BY cell, day""")
-    )
-    health = _days(
-        of(f"""SELECT cell, day, {_turns()}, median(least(darkness_left, darkness_right)::DOUBLE),
-        median(epipolar_pair::DOUBLE) FROM health
-        WHERE {between} GROUP BY cell, day""")
-    )
-    rest = _by(of(f"SELECT cell, {_turns()} FROM health WHERE {begun} GROUP BY cell"))
-    looks = _by(
-        of(
-            f"SELECT cell, median(ms::DOUBLE), arg_max(eyes, (t, seq)), count(*) FILTER (eyes <> 'both') FROM looks "
-            f"WHERE {between} GROUP BY cell"
-        )
-    )
-    parts = _nested(
-        of(f"""SELECT cell, coalesce(label, '{NONE_CHOSEN}') AS part, [{picked}, count(*)] FROM cycles
-        WHERE tried AND {between} GROUP BY cell, part ORDER BY part""")
-    )
-    placed = _by(
-        of(f"""SELECT cell, {", ".join(f"count(*) FILTER (place_status = '{each}')" for each in LOOKED_AT)} FROM cycles
-        WHERE {between} GROUP BY cell""")
-    )
-    causes = _nested(
-        of(f"""SELECT cell, cause, count(*) AS n FROM cycles
-        WHERE cause IS NOT NULL AND {between} GROUP BY cell, cause ORDER BY n DESC""")
-    )
-    faults: dict[str, dict[tuple[str, str], int]] = defaultdict(dict)
-    for cell, code, text, count in of(f"""SELECT cell, code, text, count(*) FROM faults
-        WHERE kind = 'fault' AND {between} GROUP BY cell, code, text"""):
-        faults[cell][str(code), str(text)] = count
-    found = []
-    for cell in ever:
-        of_day = [daily.get((cell, day), (0, 0, None, None)) for day in shown]
-        measured = [health.get((cell, day), (None,) * 5) for day in shown]
-        count, interventions, version = totals.get(cell, (0, 0, None))
-        (at,) = latest[cell]
-        ms, cameras, one_camera = looks.get(cell, (None, None, 0))
-        found.append(
-            {
-                "name": cell,
-                "last": at.isoformat(),
-                "runs": count,
-                "interventions": interventions,
-                "release": version,
-                "picked": sum(d[0] for d in of_day),
-                "tried": sum(d[1] for d in of_day),
-                "before": list(usual.get(cell, (0, 0))),
-                "success": [[d[0], d[1]] for d in of_day],
-                "seconds": [_short(d[2]) for d in of_day],
-                "mm": [_short(d[3]) for d in of_day],
-                "parts": parts.get(cell, {}),
-                "placed": list(placed.get(cell, (0,) * len(LOOKED_AT))),
-                "causes": causes.get(cell, {}),
-                "faults": _by_cause(faults.get(cell, {})),
-                "ms": _short(ms),
-                "eyes": [cameras, one_camera],
-                "turn": {axis: [_short(m[k]) for m in measured] for k, axis in enumerate(AXES)},
-                "usual": {axis: _short(rest.get(cell, (None,) * 3)[k]) for k, axis in enumerate(AXES)},
-                "light": [_short(m[3]) for m in measured],
-                "epipolar": [_short(m[4]) for m in measured],
-            }
-        )
-    return found
+    names = [column[0] for column in found.description]
+    cells = [_short(dict(zip(names, row, strict=True))) for row in found.fetchall()]
+    for cell in cells:
+        cell["eyes"] = [cell.pop("cameras"), cell.pop("one_camera")]
+        cell["last"], cell["faults"] = cell["last"].isoformat(), _by_cause(cell["faults"])
+    return cells
 
 
-def _by_cause(faults: Mapping[tuple[str, str], int]) -> dict[str, int]:
-    """Number of faults by cause, most frequent first, from counts of (code, text). A person's stop does not count. Rows
-    of earlier versions have no code of the catalogue: their text gives the cause."""
+def _by_cause(faults: Sequence[Json]) -> dict[str, int]:
+    """Number of faults by cause, most frequent first, from code, text and count of each kind. A person's stop does not
+    count. Rows of earlier versions have no code of the catalogue: their text gives the cause."""
     counts = Counter[str]()
-    for (code, text), count in faults.items():
+    for code, text, count in ((str(one["code"]), str(one["text"]), one["count"]) for one in faults):
         known = CauseCode(code) if code in CauseCode.__members__.values() else cause_code(read_prose(text)["code"])
         if known.stage != "operator":
             counts[code if known is CauseCode.INTERNAL else known.summary] += count
     return dict(counts.most_common())
-
-
-def _turns() -> str:
-    """SQL for the mean of each axis, weighted by the inverse variance of each look."""
-    measured = "FILTER ({0}_sigma_deg > 0)"
-    mean = f"sum({{0}}_deg / {{0}}_sigma_deg ** 2) {measured} / sum(1 / {{0}}_sigma_deg ** 2) {measured}"
-    return ", ".join(mean.format(axis) for axis in AXES)
-
-
-def _by(rows: Sequence[tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
-    return {row[0]: row[1:] for row in rows}
-
-
-def _days(rows: Sequence[tuple[Any, ...]]) -> dict[tuple[str, date], tuple[Any, ...]]:
-    return {(row[0], row[1]): row[2:] for row in rows}
-
-
-def _nested(rows: Sequence[tuple[Any, ...]]) -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = defaultdict(dict)
-    for cell, name, value in rows:
-        found[cell][name] = value
-    return found
 
 
 def _models(of: Any, between: str) -> list[Json]:
@@ -222,8 +136,15 @@ def _models(of: Any, between: str) -> list[Json]:
     ]
 
 
-def _short(value: Any) -> float | None:
-    return None if value is None or not np.isfinite(value) else float(f"{value:.4g}")
+def _short(value: Any) -> Any:
+    """Numbers, in whatever lists and mappings, with four digits; None for one that is not finite."""
+    if isinstance(value, dict):
+        return {name: _short(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_short(one) for one in value]
+    if isinstance(value, float):
+        return float(f"{value:.4g}") if np.isfinite(value) else None
+    return value
 
 
 def _summed(shares: Any) -> dict[str, list[int]]:

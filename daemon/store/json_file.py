@@ -19,4 +19,4 @@ def read_json(path: Path, kind: type[T], mend: str) -> T | None:
     try:
         return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=kind)
     except JSON_ERRORS as error:
-        raise FileError(f"{path}: damaged, cannot be read: {error}; {mend}") from None
+        raise FileError(f"{path}: cannot be read: {error}; {mend}") from None

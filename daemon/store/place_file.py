@@ -185,22 +185,14 @@ class Fixture:
 
 
 @dataclass(frozen=True, eq=False)
-class Residual:
-    """How well the fourth corner of a pattern agrees with the other three, mm."""
-
-    pattern: str
-    off_mm: float
-
-
-@dataclass(frozen=True, eq=False)
 class CellPlaces:
-    """All of the file. places: in the order in which they are filled; residuals: of the patterns that have a fourth
-    corner."""
+    """All of the file. places: in the order in which they are filled; residuals_mm: how far the fourth corner of a
+    pattern is from where the other three have it, by its name, where it has one."""
 
     file: PlacesFile = field(default_factory=lambda: PlacesFile(version=1))
     places: tuple[Place, ...] = ()
     fixtures: tuple[Fixture, ...] = ()
-    residuals: tuple[Residual, ...] = ()
+    residuals_mm: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, label: str, name: str | None = None) -> tuple[Place, ...]:
         """The places of a part; none: it goes to the bin. name: only the place or pattern of that name."""
@@ -224,20 +216,20 @@ def load_places(path: Path) -> CellPlaces:
     file = document.convert(PlacesFile)
     _check_names(document, file)
     places: list[Place] = []
-    residuals: list[Residual] = []
+    residuals_mm: dict[str, float] = {}
     corners = {name for pattern in file.patterns.values() for name in pattern.corners.values()}
     for name, entry in file.places.items():
         place = _place(document, file, name, entry)
         places += [] if name in corners else [place]
     for name, pattern in file.patterns.items():
-        of_pattern, residual = _pattern(document, file, name, pattern)
+        of_pattern, off_mm = _pattern(document, file, name, pattern)
         places += of_pattern
-        if residual is not None:
-            residuals.append(residual)
+        if off_mm is not None:
+            residuals_mm[name] = off_mm
     if len(places) > MOST_PLACES:
         raise document.error((), f"expected at most {MOST_PLACES} places, found {len(places)}")
     fixtures = tuple(Fixture(name, entry) for name, entry in file.fixtures.items())
-    return CellPlaces(file, tuple(places), fixtures, tuple(residuals))
+    return CellPlaces(file, tuple(places), fixtures, residuals_mm)
 
 
 def with_place(places: CellPlaces, name: str, entry: PlaceEntry) -> PlacesFile:
@@ -323,23 +315,20 @@ def _place(document: Document, file: PlacesFile, name: str, entry: PlaceEntry) -
     return Place(name, entry, frame, None, entry.side_down, entry.point_mm, entry.heading_deg)
 
 
-def _pattern(
-    document: Document, file: PlacesFile, name: str, entry: PatternEntry
-) -> tuple[list[Place], Residual | None]:
+def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntry) -> tuple[list[Place], float | None]:
     keys: tuple[Key, ...] = ("patterns", name)
     frame = _frame(document, file, keys, entry)
     first = _corner_pose(document, file, name, "first", entry.first)
     along_row = _corner(document, file, name, "row_end_mm", entry.row_end_mm) - first[:3, 3]
     along_column = _corner(document, file, name, "column_end_mm", entry.column_end_mm) - first[:3, 3]
     _check_grid(document, keys, entry, along_row, along_column)
-    residual = None
+    off = None
     if entry.check_mm is not None:
         fourth = _corner(document, file, name, "check_mm", entry.check_mm)
         off = float(np.linalg.norm(first[:3, 3] + along_row + along_column - fourth))
         if off > RESIDUAL_MM:
             problem = f"{off:.1f} mm from where the other three corners have it, {RESIDUAL_MM:g} is the most"
             raise document.error((*keys, "check_mm"), problem)
-        residual = Residual(name, off)
     places: list[Place] = []
     named: dict[tuple[int, int, int], str] = {}
     for number, (layer, row, column) in enumerate(_cells(entry), start=1):
@@ -350,7 +339,7 @@ def _pattern(
         pose[2, 3] += layer * (entry.layer_mm or 0.0)
         named[layer, row, column] = f"{name}.{number}"
         places.append(Place(f"{name}.{number}", entry, frame, pose, on_top_of=named.get((layer - 1, row, column))))
-    return places, residual
+    return places, off
 
 
 def _corner_pose(document: Document, file: PlacesFile, name: str, key: str, corner: Matrix | str) -> Array:

@@ -138,12 +138,13 @@ def test_less_than_others_by_chance_is_nothing_needs_attention() -> None:
 
 
 def test_faults_are_told_by_their_cause_and_those_that_tell_none_by_their_code() -> None:
-    said = {
-        ("SuspectError", "SuspectError: looks 1 and 2 disagree; suspect: hand-eye"): 1, ("hand_eye", "whatever"): 1,
-        ("NoAnswer", "NoAnswer: to WHERE"): 1, ("controller_silent", "NoAnswer: to DO"): 1, ("arm_lost", "gone"): 3,
-        ("stopped by ann", "stopped by ann"): 1, ("operator_stop", "whatever"): 1,
-    }  # fmt: skip
-    assert _by_cause(said) == {"arm_lost": 3, "hand-eye": 2, "controller silent": 2}
+    said = [
+        ("SuspectError", "SuspectError: looks 1 and 2 disagree; suspect: hand-eye", 1), ("hand_eye", "whatever", 1),
+        ("NoAnswer", "NoAnswer: to WHERE", 1), ("controller_silent", "NoAnswer: to DO", 1), ("arm_lost", "gone", 3),
+        ("stopped by ann", "stopped by ann", 1), ("operator_stop", "whatever", 1),
+    ]  # fmt: skip
+    faults = [{"code": code, "text": text, "count": count} for code, text, count in said]
+    assert _by_cause(faults) == {"arm_lost": 3, "hand-eye": 2, "controller silent": 2}
 
 
 def test_a_store_without_runs_is_one_line(tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def test_layers_stand_on_one_another_and_skipped_places_stay_empty(tmp_path: Pat
 
 def test_the_fourth_corner_checks_the_other_three(tmp_path: Path) -> None:
     near = {**TRAY, "check_mm": [520.3, -20.4, -275]}
-    assert load_places(written(tmp_path, patterns={"tray": near})).residuals[0].off_mm == pytest.approx(0.5)
+    assert load_places(written(tmp_path, patterns={"tray": near})).residuals_mm["tray"] == pytest.approx(0.5)
     with pytest.raises(
         ConfigError, match=r"check_mm: 5\.0 mm from where the other three corners have it, 2 is the most"
     ):
@@ -163,7 +163,7 @@ def test_the_corners_of_a_pattern_may_be_places_that_were_taught(tmp_path: Path)
     assert [place.name for place in found.places] == ["nest", *(place.name for place in plain.places)]
     for ours, theirs in zip(found.places[1:], plain.places, strict=True):
         assert ours.frame_from_part == pytest.approx(theirs.frame_from_part)
-    assert found.residuals[0].off_mm == pytest.approx(0.5)
+    assert found.residuals_mm["tray"] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("place", [None, {"part": "cube", "side_down": 1, "point_mm": [0, 0, 0]},
