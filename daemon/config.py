@@ -22,7 +22,7 @@ from daemon.store.job_file import FOLDER as JOBS
 from daemon.store.mounted_gripper import MountedGripper, load_mounted
 from daemon.store.place_file import FILE as PLACES
 from daemon.store.place_file import CellPlaces, load_places
-from daemon.store.yamlfile import ConfigError, Document, read
+from daemon.store.yamlfile import Document, read
 from daemon.vision.settings import MemorySettings, VisionSettings
 
 Row4 = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
@@ -390,6 +390,3 @@ def _check_files(document: Document, values: ConfigFile) -> None:
         value = getattr(values.files, name)
         if value is not None and not (folder / Path(value).expanduser()).is_file():
             raise document.error(("files", name), f"expected a file, found none at {folder / value}")
-
-
-__all__ = ["Config", "ConfigError", "load_config"]

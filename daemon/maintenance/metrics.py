@@ -9,11 +9,11 @@ from socketserver import ThreadingMixIn
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-from daemon.config import ConfigError
 from daemon.events.outcomes import DEFINITION
 from daemon.maintenance.troubles import WatchedDaemon
 from daemon.signals.packml import PackMLState
 from daemon.store.folders import how_to_add
+from daemon.store.yamlfile import ConfigError
 
 LOOPBACK = "127.0.0.1"
 MOST_SCRAPES, SILENCE_S, LONGEST_S = 8, 5.0, 10.0

@@ -15,11 +15,11 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.cell.recorded_arm import RecordedArm, recorded_arm
-from daemon.config import ConfigError
 from daemon.events.records import Record
 from daemon.review.digest import parts_of
 from daemon.store.outside import FileError
 from daemon.store.runs import RunError, kept_file
+from daemon.store.yamlfile import ConfigError
 
 Json = dict[str, Any]
 

@@ -19,8 +19,8 @@ import yaml
 
 from daemon.cell import sections
 from daemon.cell.linuxcnc_arm import LinuxcncSettings
-from daemon.config import OBSOLETE, ConfigError, ConfigFile, load_config
-from daemon.store.yamlfile import UNIONS, Key, dotted
+from daemon.config import OBSOLETE, ConfigFile, load_config
+from daemon.store.yamlfile import UNIONS, ConfigError, Key, dotted
 from drivers.camera.settings import CameraSettings
 from drivers.val2.dialect import Dialect
 

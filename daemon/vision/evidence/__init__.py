@@ -4,5 +4,3 @@ from daemon.vision.evidence.by_edges import named_by_edges
 from daemon.vision.evidence.counter_evidence import verified_names
 from daemon.vision.evidence.hole_rims import hole_nats
 from daemon.vision.evidence.overlaps import all_accounted_for, without_overlaps
-
-__all__ = ["all_accounted_for", "hole_nats", "named_by_edges", "verified_names", "without_overlaps"]

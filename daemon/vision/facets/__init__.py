@@ -7,23 +7,3 @@ from daemon.vision.facets.looks_adjustment import shared_motion
 from daemon.vision.facets.reconstruct import facets_seen, find_facets, with_lone_outlines
 from daemon.vision.facets.table_estimation import seen_table
 from daemon.vision.facets.table_plane import TablePlane, table_at, table_of, without_table
-
-__all__ = [
-    "Fused",
-    "SeenFrom",
-    "TablePlane",
-    "connected",
-    "facets_seen",
-    "find_facets",
-    "fuse",
-    "group_of",
-    "merge_vertices",
-    "only",
-    "seen_table",
-    "shared_motion",
-    "table_at",
-    "table_of",
-    "triangulate",
-    "with_lone_outlines",
-    "without_table",
-]

@@ -16,28 +16,3 @@ from daemon.vision.health.examination import (
 )
 from daemon.vision.health.exposure import Pictures, exposure_factors
 from daemon.vision.health.steadiness import MOST_IMAGES, Steadiness, measure_steadiness, overridden
-
-__all__ = [
-    "AXES",
-    "MEASURES",
-    "MOST_IMAGES",
-    "SAID",
-    "Clue",
-    "Finding",
-    "Pictures",
-    "Steadiness",
-    "cause_of_nothing",
-    "clue_of",
-    "depth_doubt",
-    "drift",
-    "examine",
-    "exposure_factors",
-    "findings_json",
-    "health_fields",
-    "measure_steadiness",
-    "misleading",
-    "overridden",
-    "sharpness",
-    "troubles",
-    "with_causes",
-]

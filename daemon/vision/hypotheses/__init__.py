@@ -21,26 +21,3 @@ from daemon.vision.hypotheses.search import (
     perturbed_poses,
     prepare,
 )
-
-__all__ = [
-    "COVERED",
-    "FEWEST_IN_VIEW",
-    "SEARCHED",
-    "EdgeHypothesis",
-    "Search",
-    "SupportPlane",
-    "edge_distances",
-    "hypotheses_from_facets",
-    "hypotheses_from_junctions",
-    "hypotheses_on_support",
-    "in_sizes",
-    "indistinguishable_turns",
-    "lies_on_support",
-    "perturbed_poses",
-    "pixels",
-    "prepare",
-    "self_similarity",
-    "snapped_to_support",
-    "snapped_where_it_lies",
-    "turns_about_axis",
-]

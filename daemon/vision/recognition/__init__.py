@@ -14,21 +14,3 @@ from daemon.vision.recognition.group_recognition import (
     typed_as,
     without_name,
 )
-
-__all__ = [
-    "CandidatePose",
-    "PoseEvidence",
-    "Recognised",
-    "fitted",
-    "joined",
-    "kinds_of",
-    "places_of",
-    "recalled",
-    "recognise",
-    "recognise_group",
-    "recognised",
-    "standing",
-    "suspected",
-    "typed_as",
-    "without_name",
-]

@@ -7,5 +7,3 @@ from daemon.vision.thesis.borders import slope_corners
 from daemon.vision.thesis.corners import find_corners
 from daemon.vision.thesis.depth import Converging, by_formula, converging
 from daemon.vision.thesis.silhouettes import silhouette
-
-__all__ = ["Converging", "by_formula", "converging", "find_corners", "silhouette", "slope_corners"]

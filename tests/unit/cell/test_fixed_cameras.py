@@ -16,9 +16,10 @@ from daemon.calibration.file import Calibration, load_calibration
 from daemon.cell import sections
 from daemon.cell.pick_cell import WORST_MM, pick_cell
 from daemon.cell.puma_arm import PumaArm
-from daemon.config import Config, ConfigError, load_config
+from daemon.config import Config, load_config
 from daemon.pick.settings import Settings
 from daemon.store import folders
+from daemon.store.yamlfile import ConfigError
 from drivers.puma560 import PUMA560
 
 ETC = folders.HOUSE / "etc"

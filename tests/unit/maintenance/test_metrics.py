@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from daemon.config import ConfigError
 from daemon.maintenance.metrics import MOST_SCRAPES, MetricsServer
+from daemon.store.yamlfile import ConfigError
 
 pytest.importorskip("prometheus_client")
 

@@ -75,7 +75,7 @@ def test_a_disk_that_does_not_take_it_leaves_what_was(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize("content", [b"", b"{", b'{"v": 1, "places": {"nest": {"status": "full"}}}', b"\xff" * 50])
 def test_a_damaged_file_is_no_free_place(tmp_path: Path, content: bytes) -> None:
     (tmp_path / place_status.FILE).write_bytes(content)
-    with pytest.raises(FileError, match="cannot be read: .*look at every place, delete the file"):
+    with pytest.raises(FileError, match=r"cannot be read: .*look at every place, delete the file"):
         PlaceStatuses(tmp_path).of("nest")
 
 
