@@ -27,6 +27,7 @@ YES = (b"Y", b"y")
 SPOIL = CANCEL + b"!!\r"
 """Takes a typed line back; makes it an error where the controller knows no such key."""
 GREETING = "The controller's own terminal. Control-] returns, control-C stops the arm."
+LEFT = "\nYou left the controller's terminal. facetd waits until the arm is at rest, and stops a motion that goes on."
 ASKED = "this may move the arm, and the guard does not check it. Send it? [y/n]"
 NO_TURNING_OVER = "it changes the arm configuration, which facetd does not know (turn the joints by DO DRIVE instead)"
 POLL_S = 0.2
@@ -137,6 +138,7 @@ async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResu
                 typist.typed(keys, send)
 
         await _while_connected(context, frontend.terminal(typed))
+        await frontend.say(LEFT)
     back = f"\nBack at the console; {plural(typist.lines, 'line')} sent to the controller."
     return CommandResult("\n".join([back, *told]), {"lines": typist.lines})
 

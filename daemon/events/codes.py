@@ -46,7 +46,8 @@ class CauseCode(StrEnum):
     LINE_NOISE = ("line_noise", "noise on the line", "line",
         "check the serial cable, its shield and earth, and arm.dialect.baud; then `resume`")
     ARM_NOT_THERE = ("arm_not_there", "arm not where it was sent", "arm",
-        "check brakes, encoders and load: move it with `go home`, compare `where`; then `robot cal`")
+        "see whether arm power is on, and what the controller says (`robot monitor STATUS`); then check brakes, "
+        "encoders and load: move it with `go home`, compare `where`; then `robot cal`")
     OUT_OF_REACH = ("out_of_reach", "out of the arm's reach", "arm",
         "move the part nearer, or turn it so that the arm can grasp it from another side")
     NOT_ENABLED = "not_enabled", "arm not enabled", "operator", "`enable`, once the cell is clear"

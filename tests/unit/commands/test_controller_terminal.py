@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from itertools import count
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,7 @@ from daemon.arm.belief import BeliefSource
 from daemon.arm.body import PERHAPS_HELD
 from daemon.cell.arm_on_link import ArmOnLink
 from daemon.cell.no_arm import CellError
-from daemon.commands.controller_terminal import SPOIL, Typist, shown
+from daemon.commands.controller_terminal import LEFT, SPOIL, Typist, monitor, shown
 from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
 from daemon.store.runs import check_wire, list_runs, read_run
@@ -119,6 +120,27 @@ def test_what_is_held_after_the_hand_was_worked_here_is_guarded_as_what_nobody_s
     context.cycle.recogniser = TruthRecogniser(World(np.random.default_rng(0)))
     context.cycle.guard_the_hand()
     assert [capsule.name for capsule in context.cycle.supervisor.mover.belief.capsules] == [PERHAPS_HELD]
+
+
+def test_who_leaves_sees_that_at_once_and_not_only_when_the_arm_is_at_rest() -> None:
+    """Nothing was shown for as long as that took."""
+    context, frontend, said = standing(), Shown(answers=["y"]), list[list[str]]()
+
+    async def at_once(typed: Any) -> None:
+        typed(b"WHERE\r")
+
+    @contextlib.asynccontextmanager
+    async def terminal(show: Any, tell: Any) -> AsyncIterator[Any]:
+        yield len
+        said.append(frontend.said[-1:])
+        tell("ended")
+
+    frontend.terminal = at_once  # type: ignore[attr-defined]
+    robot = context.hardware.robot
+    robot.connected, robot.controller.question, robot.controller.terminal = True, None, terminal
+    told = asyncio.run(monitor(context, frontend))
+    assert said == [[LEFT]]
+    assert told.text == "\nBack at the console; 1 line sent to the controller.\nended"
 
 
 @pytest.mark.parametrize("line", [b"DO FLIP", b"d lef", b"DO BEL", b"DO R"])
@@ -319,6 +341,7 @@ def test_a_person_talks_to_the_controller_and_comes_back(daemon: Running) -> Non
     person.sees("may not move now")
     person.types("SPEED 12\r")
     person.types("\x1d")
+    person.sees("You left the controller's terminal")
     person.sees("Back at the console; 2 lines sent to the controller.")
     assert person.leaves() == 0
     assert daemon.do("where")["status"] == 0
