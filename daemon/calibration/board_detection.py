@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from daemon.arrays import Array
 from daemon.calibration.board import Board, BoardError, SeenBoard, dictionary_named
-from daemon.calibration.corners import WORST_MISFIT, FittedCorners, fit_corners, nearest_px
+from daemon.calibration.corners import NEIGHBOURS, WORST_MISFIT, FittedCorners, fit_corners, nearest_px
 
 Grey = NDArray[np.uint8]
 
 FEWEST_CORNERS = 8
 SMALLEST_SQUARE_PX = 8.0
+LEAST_MODULE_PX = 2.0
+"""A marker is read where its modules are so wide; where the image is sharp narrower ones, too."""
 SHARP_ENOUGH_PX = 2.5
 """Widest blur (sigma of the black-white edge) of usable corners."""
 SCALES = (1, 2)
@@ -43,7 +45,9 @@ LARGEST_TRIED = 24
 OFF_SQUARES = 0.2
 """Largest distance, in squares, of a marker from its place in a layout."""
 LEAST_AGREEING = 0.8
-"""Share of the markers in view that must fit a layout for the message to name it."""
+"""Share of the markers in view that must fit a layout for the board to be of it."""
+BESIDE = 0.6
+"""Distance, in squares along rows and columns, of the middle of a marker from a corner of its square."""
 FEWEST_SQUARES = 3
 """Squares of a row that must be in view for the row to count as printed, or as blank."""
 
@@ -76,13 +80,18 @@ def _find_chessboard(image: Grey, board: Board) -> SeenBoard:
 def _find_charuco(image: Grey, board: Board) -> SeenBoard:
     ids, corners = _charuco_corners(image, board)
     if len(ids) < FEWEST_CORNERS:
-        missing = f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed"
+        marker_px = LEAST_MODULE_PX * (dictionary_named(board.dictionary).markerSize + 2)
+        missing = (
+            f"only {len(ids)} of its corners in view, {FEWEST_CORNERS} are needed: show more of it, or bring it nearer "
+            f"until each marker is {marker_px:g} px wide"
+        )
         raise BoardError(_named_by_markers(image, board) or missing)
-    if (other := _of_other_rows(image, corners, ids, board)) is not None:
-        raise BoardError(other)
     fitted = _fitted(image, corners, ids, board)
     if np.median(fitted.misfit) > FITS_WELL:
         fitted = _fitted(image, corners, ids, _of_its_markers_size(image, corners, ids, board))
+    sound = fitted.misfit < WORST_MISFIT
+    if sound.any() and (other := _of_other_rows(image, fitted.corners_px[sound], ids[sound], board)) is not None:
+        raise BoardError(other)
     return _seen(image, ids, fitted, board)
 
 
@@ -121,17 +130,42 @@ def _row_levels(image: Grey, squares_px: Array, board: Board, row: int) -> tuple
 
 def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Array]:
     """Corner numbers (N,) and positions (N, 2) to a pixel, from the image or, where that shows too few, enlarged."""
-    detector = cv2.aruco.CharucoDetector(board.charuco())
     best: tuple[NDArray[np.int64], Array] = np.zeros(0, np.int64), np.zeros((0, 2))
     for scale in SCALES:
-        raw, ids, *_ = detector.detectBoard(_enlarged(image, scale))
-        if ids is not None and len(ids) > len(best[0]):
-            order = np.argsort(ids.ravel())
-            places = (np.asarray(raw, float).reshape(-1, 2)[order] + 0.5) / scale - 0.5
-            best = ids.ravel()[order].astype(np.int64), places
+        markers, middles = _markers_in(_enlarged(image, scale), board.dictionary)
+        found = _beside(markers, (middles + 0.5) / scale - 0.5, board)
+        if len(found[0]) > len(best[0]):
+            best = found
         if len(best[0]) >= FEWEST_CORNERS:
             break
     return best
+
+
+def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
+    """Numbers (N,) of the corners beside a marker, and where they are by the middles (M, 2) px of the markers around
+    them: whatever the size of the markers, which nobody names, and of one that is misread."""
+    squares_of = _marker_squares(board.columns, board.rows, board.legacy)
+    on_board = markers < len(squares_of)
+    markers, px = markers[on_board], middles[on_board]
+    ids, corners = list[int](), list[Array]()
+    squares = squares_of[markers] - 0.5  # from the first inner corner to the middle of the square
+    if len(squares) < 4 or np.linalg.svd(squares - squares.mean(axis=0), compute_uv=False)[-1] < 1.0:
+        return np.zeros(0, np.int64), np.zeros((0, 2))
+    as_named, other = (
+        _agreeing(markers, px, board.columns, board.rows, one) for one in (board.legacy, not board.legacy)
+    )
+    if as_named < max(LEAST_AGREEING * len(markers), other):
+        return np.zeros(0, np.int64), np.zeros((0, 2))
+    for k, corner in enumerate(board.points_mm()[:, :2] / board.square_mm):
+        gaps = np.abs(squares - corner).max(axis=1)
+        near = np.argsort(gaps, kind="stable")[:NEIGHBOURS]
+        if gaps[near[0]] > BESIDE:
+            continue
+        found, _ = cv2.findHomography(squares[near], px[near], cv2.LMEDS)
+        if found is not None:
+            ids.append(k)
+            corners.append(cv2.perspectiveTransform(corner[None, None], np.asarray(found, float))[0, 0])
+    return np.array(ids, np.int64), np.array(corners, float).reshape(-1, 2)
 
 
 def _enlarged(image: Grey, scale: int) -> Grey:
@@ -235,7 +269,10 @@ def _best_layout(ids: NDArray[np.int64], middles: Array, board: Board) -> tuple[
 
 def _markers_in(image: Grey, dictionary: str) -> tuple[NDArray[np.int64], Array]:
     """Numbers (N,) and middles (N, 2) px of the markers in view."""
-    detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary))
+    # Of modules a few px wide only the middle is read: blur mixes the rim with the neighbours.
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.perspectiveRemovePixelPerCell, parameters.perspectiveRemoveIgnoredMarginPerCell = 8, 0.3
+    detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary), parameters)
     corners, ids, _ = detector.detectMarkers(image)
     if ids is None:
         return np.zeros(0, np.int64), np.zeros((0, 2))
@@ -254,15 +291,20 @@ def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
 
 def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
     """How many markers fit a board of this size and layout, which numbers them along its white squares."""
-    row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
-    white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
-    places = np.column_stack([column[white], row[white]]).astype(float)
+    places = _marker_squares(columns, rows, legacy)
     if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):
         return 0
     squares_from_image, kept = cv2.findHomography(middles, places[ids], cv2.RANSAC, OFF_SQUARES)
     if squares_from_image is None or np.linalg.det(squares_from_image) <= 0:
         return 0
     return int(kept.sum())
+
+
+def _marker_squares(columns: int, rows: int, legacy: bool) -> Array:
+    """(M, 2) column and row of the white square of each marker, in the order of their numbers."""
+    row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
+    white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
+    return np.column_stack([column[white], row[white]]).astype(float)
 
 
 def _named_by_squares(image: Grey, board: Board) -> str | None:

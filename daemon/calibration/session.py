@@ -237,7 +237,8 @@ def _board_in_gripper(session: CalibrationSession, first: BoardView) -> tuple[Ca
 
 
 async def _see(session: CalibrationSession, reading: Reading, name: str) -> BoardView:
-    """Capture a settled pair and find the board in the images of the cameras in use. Raises BoardError."""
+    """Capture a settled pair and find the board in the images of the cameras in use. Raises BoardError, also where they
+    share too few corners."""
     cell = session.supervisor.mover.cell
     pictures = (await settled_pair(cell, cell.clock(), session.settling)).pictures
     cell.log.record(
@@ -252,7 +253,10 @@ async def _see(session: CalibrationSession, reading: Reading, name: str) -> Boar
     right = None
     if cell.alone is None:
         right = await asyncio.to_thread(find_board, pictures.right.pixels, session.board)
-    return BoardView(reading.world_from_tool, Pair(name, left, right))
+    pair = Pair(name, left, right)
+    if right is not None:
+        matched(pair, session.board)
+    return BoardView(reading.world_from_tool, pair)
 
 
 async def show_by_hand(session: CalibrationSession, say: Say) -> list[BoardView]:
@@ -380,7 +384,7 @@ def verify(views: Sequence[BoardView], board: Board, calibration: Calibration) -
         errors.append(found - true)
         gaps.append(epipolar_distances(rig, match.left_px, match.right_px))
     if not errors:
-        raise SessionError("no two consecutive poses are far enough apart to be a stereo pair; verify again")
+        raise SessionError("no two consecutive poses are a stereo pair: they are too near, or share too few corners")
     for view in views:
         corners.append(frames.apply(board_at_rest(view, board, calibration), board.points_mm()))
     placed = np.array(corners)
@@ -424,7 +428,11 @@ def _stereo_views(
         ]
         rig = StereoRig(cameras[0], cameras[1], calibration.rig.image_size)
         if rig.baseline_mm >= SHORTEST_MM:
-            yield rig, matched(replace(one.pair, right=next_.pair.left), board)
+            try:
+                match = matched(replace(one.pair, right=next_.pair.left), board)
+            except BoardError:  # the two poses show different parts of the board
+                continue
+            yield rig, match
 
 
 def triangulate(rig: StereoRig, left_px: Array, right_px: Array) -> Array:
@@ -459,7 +467,7 @@ def board_at_rest(view: BoardView, board: Board, calibration: Calibration) -> Ar
 
 
 def sample_of(view: BoardView, board: Board) -> Sample:
-    """The view as a Sample for the hand-eye solver. Raises StereoError where the cameras share too few corners."""
+    """The view as a Sample for the hand-eye solver. Raises BoardError where the cameras share too few corners."""
     if view.pair.right is None:
         seen = view.pair.left
         return Sample(view.world_from_tool, board.points_mm()[seen.corner_ids], seen.corners_px, None)

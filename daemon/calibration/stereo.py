@@ -11,7 +11,7 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.calibration.board import Board, SeenBoard
+from daemon.calibration.board import Board, BoardError, SeenBoard
 from daemon.calibration.least_squares import (
     INTRINSICS,
     MatchedCorners,
@@ -69,13 +69,15 @@ class StereoResult:
 
 
 def matched(pair: Pair, board: Board) -> MatchedCorners:
-    """Corners in both images of a pair. Raises StereoError where they are fewer than FEWEST_SHARED, or only one
-    camera is in use."""
+    """Corners in both images of a pair. Raises BoardError where they are fewer than FEWEST_SHARED, StereoError where
+    only one camera is in use."""
     if pair.right is None:
         raise StereoError(f"{pair.name}: one camera saw the board, both are needed")
     ids, left, right = np.intersect1d(pair.left.corner_ids, pair.right.corner_ids, return_indices=True)
     if len(ids) < FEWEST_SHARED:
-        raise StereoError(f"{pair.name}: the cameras share {len(ids)} corners, {FEWEST_SHARED} are needed")
+        raise BoardError(
+            f"the cameras share {len(ids)} of its corners, {FEWEST_SHARED} are needed: show more of it to both"
+        )
     return MatchedCorners(board.points_mm()[ids], pair.left.corners_px[left], pair.right.corners_px[right])
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from daemon import frames
 from daemon.calibration.board import DICTIONARIES, MOST_CORNERS, Board, BoardError, parse_board
-from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, find_board
+from daemon.calibration.board_detection import FEWEST_CORNERS, _agreeing, _beside, find_board
 from tests.fakes.boards import BOARD, Painter, drawn_board, tilted
 from tests.fakes.rigs import rig
 
@@ -62,6 +62,7 @@ RIG = rig(centres_px=((322.7, 241.0), (316.8, 237.4)))
         (Board(9, 7, 16.0), 450.0, 1.2),
         (Board(9, 6, 16.0, "charuco"), 330.0, 0.6),
         (Board(9, 6, 16.0, "charuco", 0.5), 300.0, 0.9),
+        (Board(9, 6, 16.0, "charuco", 0.5), 400.0, 0.9),  # modules 2 px wide
         (Board(8, 5, 16.0, "charuco", 0.6, legacy=True), 360.0, 0.7),
         (Board(9, 6, 16.0, "charuco", 0.8, "DICT_5X5_100"), 360.0, 0.7),
     ],
@@ -170,11 +171,32 @@ def test_eight_corners_of_a_charuco_board_are_enough_and_four_are_not() -> None:
     board, square_px = Board(4, 6, 10.0, "charuco"), 40
     whole = np.pad(board.charuco().generateImage((5 * square_px, 7 * square_px)), square_px, constant_values=255)
     image = cv2.GaussianBlur(whole, (0, 0), 0.7)
-    image[square_px * 7 // 2 + square_px :] = 60
-    assert len(find_board(image, board).corner_ids) == 8
     image[square_px * 5 // 2 + square_px :] = 60
-    with pytest.raises(BoardError, match="only 4 of its corners in view, 8 are needed"):
+    assert len(find_board(image, board).corner_ids) == 8
+    image[square_px * 3 // 2 + square_px :] = 60
+    with pytest.raises(BoardError, match="only 0 of its corners in view, 8 are needed"):
         find_board(image, board)
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_corners_are_sought_beside_markers_whatever_their_size_and_though_some_are_misread(legacy: bool) -> None:
+    board = Board(9, 6, 16.0, "charuco", legacy=legacy)
+    middles_mm = (
+        np.array([np.asarray(corners)[:, :2].mean(axis=0) for corners in board.charuco().getObjPoints()]) - 16.0
+    )
+
+    def seen(points_mm: np.ndarray) -> np.ndarray:
+        return np.asarray(points_mm @ [[1.2, 0.2], [-0.2, 1.2]] + [200.0, 150.0])
+
+    rng = np.random.default_rng(2)
+    markers, middles = np.arange(len(middles_mm)), seen(middles_mm) + rng.uniform(-0.3, 0.3, middles_mm.shape)
+    middles[[4, 20]] += [9.0, -7.0]
+    ids, corners = _beside(np.append(markers, 40), np.vstack([middles, [[5.0, 5.0]]]), board)  # 40 is not on the board
+    assert list(ids) == list(range(54))
+    assert np.linalg.norm(corners - seen(board.points_mm()[:, :2]), axis=1).max() < 1.5
+    few, _ = _beside(markers[[0, 9, 10, 1]], middles[[0, 9, 10, 1]], board)
+    assert 4 < len(few) < 16
+    assert len(_beside(markers[:5], middles[:5], board)[0]) == 0, "markers in one row place nothing across it"
 
 
 def test_a_corner_that_glare_covers_is_left_out_and_the_others_stay() -> None:

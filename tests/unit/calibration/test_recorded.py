@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.calibration import recorded
-from daemon.calibration.board import BoardError
+from daemon.calibration.board import Board, BoardError
 from daemon.calibration.file import Calibration, save_calibration
 from daemon.calibration.recorded import read_pairs, register, run
 from daemon.calibration.stereo import calibrate_stereo
@@ -32,6 +32,22 @@ def test_a_picture_of_another_size_is_named_and_left_out(tmp_path: Path) -> None
     assert [pair.name for pair in pairs] == ["left1.png, right1.png", "left2.png, right2.png"]
     assert size == drawn_board().shape[1::-1]
     assert "most are" in unused["left0.png, right0.png"]
+
+
+def test_a_pair_whose_cameras_share_too_few_corners_is_named_and_left_out(tmp_path: Path) -> None:
+    """Of a ChArUco board each camera may see another part."""
+    board, square_px = Board(9, 6, 16.0, "charuco"), 40
+    whole = np.pad(board.charuco().generateImage((10 * square_px, 7 * square_px)), square_px, constant_values=255)
+    whole, files = cv2.GaussianBlur(whole, (0, 0), 0.7), []
+    for number, hidden in enumerate((slice(0), slice(6 * square_px, None))):
+        files.append((tmp_path / f"left{number}.png", tmp_path / f"right{number}.png"))
+        for path, columns in zip(files[-1], (hidden, slice(hidden.stop or 0, 5 * square_px)), strict=True):
+            image = whole.copy()
+            image[:, columns if number else slice(0)] = 60
+            cv2.imwrite(str(path), image)
+    pairs, unused, _ = read_pairs(files, board)
+    assert [pair.name for pair in pairs] == ["left0.png, right0.png"]
+    assert "the cameras share 0 of its corners, 8 are needed" in unused["left1.png, right1.png"]
 
 
 def test_a_picture_that_cannot_be_read_is_named_with_what_is_wrong(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_one_eye_that_was_nowhere_far_enough_from_where_it_was_says_so() -> None
     seen = find_board(drawn_board(), BOARD)
     views = [BoardView(np.eye(4), Pair(f"pose {k}", seen, None)) for k in range(4)]
     calibration = replace(Calibration(unlike_rig(), np.eye(4)), alone="left")
-    with pytest.raises(SessionError, match="far enough apart"):
+    with pytest.raises(SessionError, match="too near, or share too few"):
         verify(views, BOARD, calibration)
 
 
@@ -390,15 +390,23 @@ def test_the_board_is_sought_in_the_pictures_of_the_cameras_in_use_and_both_are_
         return SimpleNamespace(pictures=pictures)
 
     monkeypatch.setattr(session, "settled_pair", settled)
-    monkeypatch.setattr(session, "find_board", lambda pixels, _: f"the board in {pixels}")
+    ids = {"left's": np.arange(20), "right's": np.arange(12, 54)}
+    monkeypatch.setattr(
+        session, "find_board", lambda pixels, _: SeenBoard(ids[pixels], np.zeros((len(ids[pixels]), 2)), 1)
+    )
     log = SimpleNamespace(record=lambda kind, **fields: logged.append({"kind": kind, **fields}))
     cell = SimpleNamespace(clock=lambda: 0.0, log=log, alone=alone)
     supervisor = SimpleNamespace(mover=SimpleNamespace(cell=cell))
     one: Any = SimpleNamespace(supervisor=supervisor, settling=None, board=BOARD)
     there: Any = SimpleNamespace(world_from_tool=np.eye(4))
     view = asyncio.run(session._see(one, there, "pose 3"))
-    seen: Any = (view.pair.left, view.pair.right)
-    assert seen == ("the board in left's", None if alone else "the board in right's")
+    assert view.pair.left.corner_ids is ids["left's"]
+    assert (view.pair.right is None) is (alone is not None)
     assert (view.pair.name, logged[0]["purpose"]) == ("pose 3", "calibrate pose 3")
     assert logged[0]["images"] == {"left": "left's", "right": "right's"}
     assert view.world_from_tool is logged[0]["where"] is there.world_from_tool
+    ids["left's"] = np.arange(19)
+    if alone is None:
+        assert view.pair.right.corner_ids is ids["right's"]
+        with pytest.raises(BoardError, match="share 7 of its corners"):  # the tour goes on without it
+            asyncio.run(session._see(one, there, "pose 4"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from daemon import frames
-from daemon.calibration.board import SeenBoard
+from daemon.calibration.board import BoardError, SeenBoard
 from daemon.calibration.stereo import FEWEST_SHARED, Pair, StereoError, calibrate_stereo, matched
 from tests.fakes.boards import BOARD
 from tests.fakes.rigs import unlike_rig
@@ -89,7 +89,7 @@ def test_corners_are_matched_by_their_ids_and_must_be_enough() -> None:
         of_left, of_right = np.sort(ids[: 20 + shared]), np.sort(ids[20:])
         some = Pair("view", only(pair.left, of_left), only(pair.right, of_right))
         if shared < FEWEST_SHARED:
-            with pytest.raises(StereoError, match=f"share {shared} corners, {FEWEST_SHARED} are needed"):
+            with pytest.raises(BoardError, match=f"share {shared} of its corners, {FEWEST_SHARED} are needed"):
                 matched(some, BOARD)
             continue
         both = np.sort(ids[20 : 20 + shared])
