@@ -91,15 +91,19 @@ class Board:
 def _markers(board: Board) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Marker number of each square (rows, columns), -1 in black squares; modules of each marker with its black border,
     (markers, modules, modules), True where white."""
-    charuco = board.charuco()
-    dictionary, ids = charuco.getDictionary(), np.ravel(charuco.getIds())
+    dictionary, squares = dictionary_named(board.dictionary), marker_squares(board.columns, board.rows, board.legacy)
     which = np.full((board.rows + 1, board.columns + 1), -1)
-    for k, corners in enumerate(charuco.getObjPoints()):
-        column, row = np.floor(np.asarray(corners)[:, :2].mean(axis=0) / board.square_mm).astype(int)
-        which[row, column] = k
+    which[squares[:, 1], squares[:, 0]] = np.arange(len(squares))
     modules = dictionary.markerSize + 2
-    drawn = [cv2.aruco.generateImageMarker(dictionary, int(one), modules) > 127 for one in ids]
+    drawn = [cv2.aruco.generateImageMarker(dictionary, one, modules) > 127 for one in range(len(squares))]
     return which, np.array(drawn)
+
+
+def marker_squares(columns: int, rows: int, legacy: bool) -> NDArray[np.int64]:
+    """(M, 2) column and row of the white square of each marker of a ChArUco board, in the order of their numbers."""
+    row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
+    white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
+    return np.column_stack([column[white], row[white]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.arrays import Array
-from daemon.calibration.board import Board, BoardError, SeenBoard, dictionary_named
+from daemon.calibration.board import Board, BoardError, SeenBoard, dictionary_named, marker_squares
 from daemon.calibration.corners import NEIGHBOURS, WORST_MISFIT, FittedCorners, fit_corners, nearest_px
 
 Grey = NDArray[np.uint8]
@@ -144,7 +144,7 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
 def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
     """Numbers (N,) of the corners beside a marker, and where they are by the middles (M, 2) px of the markers around
     them: whatever the size of the markers, which nobody names, and of one that is misread."""
-    squares_of = _marker_squares(board.columns, board.rows, board.legacy)
+    squares_of = marker_squares(board.columns, board.rows, board.legacy)
     on_board = markers < len(squares_of)
     markers, px = markers[on_board], middles[on_board]
     ids, corners = list[int](), list[Array]()
@@ -291,20 +291,13 @@ def _smallest(family: tuple[str, ...], count: int, named: str) -> list[str]:
 
 def _agreeing(ids: NDArray[np.int64], middles: Array, columns: int, rows: int, legacy: bool) -> int:
     """How many markers fit a board of this size and layout, which numbers them along its white squares."""
-    places = _marker_squares(columns, rows, legacy)
+    places = marker_squares(columns, rows, legacy)
     if ids.max() >= len(places) or len(np.unique(ids)) < len(ids):
         return 0
-    squares_from_image, kept = cv2.findHomography(middles, places[ids], cv2.RANSAC, OFF_SQUARES)
+    squares_from_image, kept = cv2.findHomography(middles, places[ids].astype(float), cv2.RANSAC, OFF_SQUARES)
     if squares_from_image is None or np.linalg.det(squares_from_image) <= 0:
         return 0
     return int(kept.sum())
-
-
-def _marker_squares(columns: int, rows: int, legacy: bool) -> Array:
-    """(M, 2) column and row of the white square of each marker, in the order of their numbers."""
-    row, column = np.divmod(np.arange((columns + 1) * (rows + 1)), columns + 1)
-    white = (row + column + (legacy and rows % 2 == 1)) % 2 == 1
-    return np.column_stack([column[white], row[white]]).astype(float)
 
 
 def _named_by_squares(image: Grey, board: Board) -> str | None:

@@ -69,13 +69,16 @@ RIG = rig(centres_px=((322.7, 241.0), (316.8, 237.4)))
     ids=str,
 )
 def test_corners_are_where_they_are_whatever_is_printed_beside_them(
-    board: Board, distance_mm: float, blur_px: float
+    board: Board, distance_mm: float, blur_px: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
     rng = np.random.default_rng(4)
     painter = Painter(RIG.left, board, blur_px=blur_px)
     pose = tilted(board, rng, distance_mm)
     named = replace(board, marker_share=0.75)  # nobody says how large its markers are
-    seen = find_board(painter.picture(pose, rng), named)
+    image = painter.picture(pose, rng)
+    capfd.readouterr()
+    seen = find_board(image, named)
+    assert capfd.readouterr() == ("", ""), "OpenCV prints what it thinks of a marker's size"
     true_px = RIG.left.project(frames.apply(pose, board.points_mm()))[seen.corner_ids]
     off = seen.corners_px - true_px
     assert len(seen.corner_ids) > 0.6 * board.columns * board.rows
