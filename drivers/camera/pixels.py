@@ -46,15 +46,23 @@ FORMATS = {
 
 def _mjpeg(data: bytes, layout: Layout) -> Image:
     try:
-        body = data[: check_whole(data)]
+        end = check_whole(data)
     except JpegError as error:
         raise DamagedFrameError(f"JPEG: {error}") from None
+    body = _unpadded(data[:end])
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
         raise DamagedFrameError(f"JPEG of {len(body)} bytes cannot be decoded")
     if image.shape != (layout.height, layout.width):
         raise DamagedFrameError(f"JPEG is {image.shape[1]}x{image.shape[0]}, not {layout.width}x{layout.height}")
     return np.asarray(image, np.uint8)
+
+
+def _unpadded(data: bytes) -> bytes:
+    """A complete JPEG without zeros before its end mark, for each of which libjpeg prints a line to stderr."""
+    scan = data[:-2].rstrip(b"\x00")
+    stuffing = data[len(scan) : len(scan) + 1] if scan.endswith(b"\xff") and len(scan) < len(data) - 2 else b""
+    return scan + stuffing + data[-2:]
 
 
 def stride(code: str, width: int, granted: int) -> int:

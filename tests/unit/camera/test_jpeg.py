@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.camera.jpeg import JpegError, check_whole
-from drivers.camera.pixels import DamagedFrameError, Layout, read_grey
+from drivers.camera.pixels import DamagedFrameError, Layout, _unpadded, read_grey
 
 SIZE = (160, 120)
 LAYOUT = Layout("MJPEG", *SIZE, 0)
@@ -69,10 +69,20 @@ def test_a_frame_that_lost_a_packet_or_its_end_is_refused_and_a_padded_one_is_re
 
 
 @pytest.mark.parametrize("padding", [b"\x00", b"\x00\x00\x00", b"\xff", b"\xff\xff"])
-def test_padding_before_the_end_mark_is_no_damage(padding: bytes) -> None:
-    data = frame(np.random.default_rng(3))
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_padding_before_the_end_mark_is_no_damage_and_fills_no_journal(
+    padding: bytes, seed: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data = frame(np.random.default_rng(seed))
     padded = data[:-2] + padding + data[-2:]
     assert check_whole(padded) == len(padded)
+    assert np.array_equal(read_grey(padded, LAYOUT), read_grey(data, LAYOUT))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_picture_whose_last_byte_is_a_stuffed_one_keeps_it() -> None:
+    scan = b"\xff\xd8...\xff\x00"
+    assert _unpadded(scan + b"\xff\xd9") == _unpadded(scan + b"\x00\x00\xff\xd9") == scan + b"\xff\xd9"
 
 
 @pytest.mark.parametrize(
