@@ -1,13 +1,13 @@
 """Schema of a run's records: one structure a kind, each field with its type, unit and meaning.
 
-Writers, readers, checks and pages use it, and `document` makes the table of deploy/RUNS.md from it. Every field may be
-absent or null: older releases did not have it. A kind or a field that is not listed belongs to a newer release and
-passes unchanged. Bytes in, records out; no file.
+Writers, readers, checks and pages use it; tests/manuals/records.py makes the table of deploy/RUNS.md from it. Every
+field may be absent or null: older releases did not have it. A kind or a field that is not listed belongs to a newer
+release and passes unchanged. Bytes in, records out; no file.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any, Literal, Required, TypedDict, get_args, get_type_hints
+from typing import Annotated, Any, Literal, Required, TypedDict
 
 import msgspec
 from msgspec import Meta
@@ -115,7 +115,7 @@ class SkippedRecord(TypedDict, total=False):
 
 
 def meaning(description: str, unit: str | None = None) -> Meta:
-    """What a field means, and its unit, for the table that `document` makes."""
+    """What a field means, and its unit, for the table of deploy/RUNS.md."""
     return Meta(description=description, extra={"unit": unit})
 
 
@@ -505,10 +505,6 @@ SCHEMA: Mapping[str, type[EventRecord]] = {
 """Every kind of record by its name."""
 for _shape in (*SCHEMA.values(), EventRecord):
     msgspec.json.Decoder(_shape)  # built now: built at the first record of a kind, it would swallow a control-C
-FIELDS: Mapping[str, frozenset[str]] = {
-    kind: frozenset(field.encode_name for field in msgspec.structs.fields(shape)) for kind, shape in SCHEMA.items()
-}
-"""The names that a kind's fields have in a line."""
 
 
 def record_of(line: bytes) -> Record:
@@ -523,25 +519,3 @@ def record_of(line: bytes) -> Record:
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise ValueError(str(error)) from None
     return upgraded(found)
-
-
-def document() -> str:
-    """The lists of deploy/RUNS.md: every kind, its fields, units and meanings; `cycle` is explained there, once."""
-    return "\n".join(f"**`{kind}`**: {text}\n" for kind, text in _sections())
-
-
-def _sections() -> Iterator[tuple[str, str]]:
-    for kind, shape in SCHEMA.items():
-        hints = get_type_hints(shape, include_extras=True)
-        of_pick = issubclass(shape, CycleRecord)
-        lines = [f"{(shape.__doc__ or '').strip()}{' (of a pick)' if of_pick else ''}", ""]
-        for field in msgspec.structs.fields(shape):
-            if field.name not in CycleRecord.__struct_fields__:
-                meta = get_args(hints[field.name])[1]
-                unit = (meta.extra or {}).get("unit")
-                lines.append(f"- `{field.encode_name}`{f' ({unit})' if unit else ''}: {meta.description}")
-        yield kind, "\n".join(lines).strip()
-
-
-if __name__ == "__main__":
-    print(document(), end="")

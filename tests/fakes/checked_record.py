@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from daemon.events.codes import CauseCode, DecisionCode
 from daemon.events.outcomes import Outcome
-from daemon.events.records import FIELDS
+from daemon.events.records import SCHEMA
 
+FIELDS: Mapping[str, frozenset[str]] = {
+    kind: frozenset(field.encode_name for field in msgspec.structs.fields(shape)) for kind, shape in SCHEMA.items()
+}
+"""The names that a kind's fields have in a line."""
 CODES = {
     "fault": frozenset(CauseCode),
     "decision": frozenset({*DecisionCode, *CauseCode}),

@@ -6,9 +6,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from daemon.events import records
 from daemon.store.folders import HOUSE
-from tests.manuals import causes, commands, data, man, settings, states
+from tests.manuals import causes, commands, data, man, records, settings, states
 
 DOCS = HOUSE / "docs"
 PAGES: dict[Path, Callable[[], str]] = {

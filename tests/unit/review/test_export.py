@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from daemon import ctl
-from daemon.events.records import document
 from daemon.review.export import _messages, _nanoseconds, _transform
 from daemon.store import folders
 from tests.fakes.made_run import MadeRun
+from tests.manuals.records import document
 
 reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 
