@@ -93,7 +93,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
         tour = view_tour(session, POSES[kind], frontend.say, SPEED_PCT, mounting_alone=kind == "hand-eye")
         views = await with_questions(context, tour, frontend)
         if kind == "verify":
-            return _verified(views, board, context.calibration)
+            return verification_result(verify(views, board, context.calibration))
         if kind == "touch":
             return await _touch(context, views[0], board, frontend)
         return await _solved(context, kind, views, session, frontend)
@@ -308,11 +308,7 @@ def _moved(before: Calibration, after: Calibration) -> str:
     return f"The hand-eye has changed since the calibration before by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
-def _verified(views: list[BoardView], board: Board, calibration: Calibration) -> CommandResult:
-    return told_verified(verify(views, board, calibration))
-
-
-def told_verified(found: Verified) -> CommandResult:
+def verification_result(found: Verified) -> CommandResult:
     """The errors of a verification in words. The first view, from where the arm stood, is one of its poses."""
     lines = [
         f"From {found.poses - 1} new poses and the first one: lengths {found.length_mm:.2f} mm off "

@@ -158,11 +158,6 @@ def parse(path: Path, content: bytes) -> Document:
         raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
 
 
-def load(path: Path, kind: type[T]) -> T:
-    """Read and convert a file. Raises FileError, ConfigError."""
-    return read(path).convert(kind)
-
-
 def dotted(keys: tuple[Key, ...]) -> str:
     """('cameras', 0, 'device') -> 'cameras[0].device'."""
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")

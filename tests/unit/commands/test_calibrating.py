@@ -19,7 +19,7 @@ from daemon.calibration.file import load_calibration
 from daemon.calibration.hand_eye_doubt import ArmError
 from daemon.calibration.session import CalibrationSession, Verified
 from daemon.commands import calibrating, every_command
-from daemon.commands.calibrating import arm_line, grasp_lines, told_verified
+from daemon.commands.calibrating import arm_line, grasp_lines, verification_result
 from daemon.console.interpreter import CommandError, CommandResult, Interpreter
 from daemon.errors import FacetdError
 from daemon.pick.following import CameraMount
@@ -208,5 +208,5 @@ def test_a_calibration_that_was_solved_while_another_was_taken_over_is_kept_and_
 
 def test_a_verification_counts_the_poses_that_it_announced() -> None:
     """It announced 8 poses and reported 9: the first view, from where the arm stood, counts as well."""
-    text = told_verified(Verified(9, -0.0029, 0.16, 0.05, 0.48, ())).text
+    text = verification_result(Verified(9, -0.0029, 0.16, 0.05, 0.48, ())).text
     assert text.startswith("From 8 new poses and the first one: lengths 0.16 mm off (scale -0.29 %)")

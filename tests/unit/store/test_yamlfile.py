@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from daemon.store.yamlfile import DEEPEST, LARGEST_BYTES, MOST_VALUES, ConfigError, dotted, load, read
+from daemon.store.yamlfile import DEEPEST, LARGEST_BYTES, MOST_VALUES, ConfigError, dotted, read
 
 
 class Inner(msgspec.Struct, forbid_unknown_fields=True):
@@ -36,7 +36,7 @@ def told(folder: Path, text: str, kind: Any = Outer) -> str:
     """What is said of a file, without its folder."""
     (folder / "f.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError) as refused:
-        load(folder / "f.yaml", kind)
+        read(folder / "f.yaml").convert(kind)
     return str(refused.value).removeprefix(f"{folder}/")
 
 
@@ -83,7 +83,7 @@ def test_what_is_wrong_is_said_with_its_place(text: str, expected: str, tmp_path
 
 def test_what_is_right_is_read(tmp_path: Path) -> None:
     (tmp_path / "f.yaml").write_text("version: 1\ninner:\nmany: [{speed: 100}]\nfree: {a: 0, b: 0.5}")
-    found = load(tmp_path / "f.yaml", Outer)
+    found = read(tmp_path / "f.yaml").convert(Outer)
     assert found.inner == Inner()
     assert found.many == (Inner(speed=100),)
     assert found.free == {"a": 0, "b": 0.5}
@@ -160,7 +160,7 @@ def test_a_place_that_the_file_has_not_is_told_all_the_same(keys: tuple[str | in
 )
 def test_numbers_with_exponents_are_numbers_as_yaml_1_2_has_them(tmp_path: Path, text: str, value: float) -> None:
     (tmp_path / "f.yaml").write_text(f"version: 1\nfree: {{a: {text}}}\n")
-    assert load(tmp_path / "f.yaml", Outer).free == {"a": value}
+    assert read(tmp_path / "f.yaml").convert(Outer).free == {"a": value}
 
 
 def test_a_quoted_number_stays_text_and_a_word_like_one_too(tmp_path: Path) -> None:
