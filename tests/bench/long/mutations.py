@@ -95,7 +95,7 @@ TURNED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt}
 COUNTS = frozenset({"len", "range", "count", "int", "round", "ord", "bit_count", "count_nonzero", "randrange"})
 """Functions and methods that give whole numbers."""
-COUNTED = frozenset({"ndim", "size", "shape"})
+COUNTED = frozenset({"ndim", "size"})
 MEASURED = re.compile(r"_(s|ms|mm|m|px|deg|rad|pct|g|n)$")
 """Of a name: the unit of what was measured."""
 
@@ -180,7 +180,8 @@ def _counts(sides: Sequence[ast.expr]) -> bool:
     if any(isinstance(p, ast.Div) or (isinstance(p, ast.Constant) and isinstance(p.value, float)) for p in parts):
         return False
     literal = any(isinstance(p, ast.Constant) and isinstance(p.value, int) and p in sides for p in parts)
-    return literal or not names.isdisjoint(COUNTS | COUNTED)
+    one_of_shape = any(isinstance(p, ast.Subscript) and getattr(p.value, "attr", "") == "shape" for p in parts)
+    return literal or one_of_shape or not names.isdisjoint(COUNTS | COUNTED)
 
 
 def _other(value: bool | int | float) -> bool | int | float:

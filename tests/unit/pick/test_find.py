@@ -1,5 +1,7 @@
 """Finding, state by state: looks that got old, questions that another look settles or does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,10 @@ from daemon.pick import find
 from daemon.pick.find import MOST_OLD
 from daemon.pick.outcome import PickResult
 from daemon.pick.plan import NoPlan
+from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError
-from tests.fakes.fake_cell import one_part
+from tests.fakes.fake_cell import ON_HAND, one_part
 from tests.fakes.pick_steps import begun, brought_to, step
 
 
@@ -40,6 +43,26 @@ def test_a_part_skipped_before_is_not_chosen_again_and_one_beside_it_is():
     fake.reach_mm = 900.0
     assert step(context, world, PickState.CHOOSE) is PickEvent.CHOSEN
     assert {first, world.the_target().label} == {"cube", "pyramid"}
+
+
+def test_a_table_from_which_parts_were_skipped_is_looked_at_from_every_survey_and_from_none_of_the_last_ones():
+    fake = one_part()
+    fake.lying.clear()
+    one, two, last = Settings().surveys[:3]
+    settings = replace(Settings(), surveys=(one, two), last_surveys=(last,))
+    context, world = begun(fake, settings)
+    world.skipped.append(PickResult(Outcome.UNREACHABLE, "too far", "cube"))
+    assert step(context, world, PickState.SURVEY) is PickEvent.NOTHING
+    looks = [(look["purpose"], look["stop"]) for look in fake.said("look")]
+    assert looks == [("survey 1", 0), ("survey 2", 0)]
+
+
+def test_a_survey_of_which_only_the_place_is_said_looks_at_it_leaning_along_x():
+    pose = SurveyView(centre_mm=(500.0, 50.0, -300.0)).pose(ON_HAND)
+    eye = ON_HAND.world_from_cyclopean_at(pose)
+    away = np.array([500.0, 50.0, -300.0]) - eye[:3, 3]
+    assert np.cross(away, eye[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-6)
+    assert pose[:3, 2] == pytest.approx([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], abs=1e-6)
 
 
 def questioned(fake):

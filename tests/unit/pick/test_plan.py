@@ -10,7 +10,7 @@ from daemon import frames
 from daemon.events.codes import CauseCode
 from daemon.pick import plan as planning
 from daemon.pick import viewpoints
-from daemon.pick.plan import NoPlan, last_stretch, plan_part, same_grasp, stable_sides
+from daemon.pick.plan import Destination, NoPlan, last_stretch, plan_part, same_grasp, stable_sides
 from daemon.pick.settings import Settings
 from daemon.pick.two_fingers import in_the_way
 from daemon.store import folders
@@ -19,6 +19,7 @@ from daemon.teaching.solid_from_mesh import read_drawing
 from daemon.vision.geometry import exact
 from drivers.simcell.parts import part_shape
 from tests.fakes.fake_cell import ON_HAND, TOOL_FROM_CYCLOPEAN, shape_of
+from tests.fakes.regrasps import goal_on
 
 
 def everywhere(poses):
@@ -168,6 +169,13 @@ def test_why_there_is_no_plan_counts_the_grasps_and_those_that_a_neighbour_bars(
     assert none == NoPlan(
         expected, f"none of its {len(every)} grasps can be reached all the way ({blocked} blocked by a neighbour)"
     )
+
+
+def test_where_no_grasp_is_reached_the_place_that_a_part_belongs_at_is_not_to_blame():
+    shape, goals = shape_of("cube"), Destination([goal_on("cube", shape_of("cube"), 0)])
+    none = plan_part(shape, lying("cube", 0), [], Settings(), ON_HAND, lambda p: ~everywhere(p), destination=goals)
+    assert isinstance(none, NoPlan)
+    assert none.code is CauseCode.OUT_OF_REACH
 
 
 def test_a_part_amid_neighbours_that_bar_most_of_its_grasps_is_said_to_be_blocked():

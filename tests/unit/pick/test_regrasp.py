@@ -14,8 +14,9 @@ from daemon.pick.regrasp import MOST_GRASPS, Regrasping, grasp_table, resting
 from daemon.pick.settings import Settings
 from daemon.pick.suction import SuctionCup
 from daemon.pick.viewpoints import view_worth
+from daemon.vision.geometry import exact
 from tests.bench import machined
-from tests.fakes.fake_cell import HEAD_DOWN, ON_HAND, World, build, joints, rig, shape_of
+from tests.fakes.fake_cell import HEAD_DOWN, ON_HAND, TOOL_FROM_CYCLOPEAN, World, build, joints, rig, shape_of
 from tests.fakes.regrasps import START, goal_on, pairs_by_brute_force, start_on
 from tests.unit.pick.test_plan import everywhere
 
@@ -104,6 +105,26 @@ def test_a_part_laid_down_is_looked_at_from_where_it_shows_best_of_what_the_arm_
     for look in looks[allowed]:
         other = ON_HAND.world_from_cyclopean_at(look)[:3, 3]
         assert view_worth(shape, way.pose, eye) >= view_worth(shape, way.pose, other)
+
+
+def shown(shape, x_mm, z_mm, turned=(0.0, 0.0, 0.0)):
+    """Which share of a part shows in the gripper where it lies so in front of the cameras."""
+    asked = Regrasping(shape, Destination([]), SETTINGS, ON_HAND, everywhere, rig())
+    cyclopean_from_part = frames.rigid(frames.rotation_from_vector(np.array(turned)), np.array([x_mm, 0.0, z_mm]))
+    return asked._shows_held(TOOL_FROM_CYCLOPEAN @ cyclopean_from_part)
+
+
+def test_of_a_part_in_the_gripper_as_much_shows_as_both_cameras_have_of_the_edges_that_face_them():
+    cube = shape_of("cube")
+    assert shown(cube, 0.0, 400.0, (0.4, 0.3, 0.0)) == 1.0
+    assert shown(cube, 2000.0, 400.0) == 0.0
+    assert 0.4 < shown(cube, 130.0, 400.0) < 0.7, "it lies over the rim of a picture"
+    needle = exact(
+        np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, -50]]),
+        [(0, 1, 2, 3), (1, 0, 4), (2, 1, 4), (3, 2, 4), (0, 3, 4)],
+    )
+    assert shown(needle, 0.0, 400.0) == 0.0, "its point faces them, and no side of it"
+    assert shown(needle, 0.0, 400.0, (np.pi / 2, 0.0, 0.0)) == 1.0
 
 
 def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(reach):

@@ -42,6 +42,17 @@ def taken(solid, world_from_part, cup=CUP, **how):
     return cup.grasps(solid, world_from_part, -300.0, ERROR_MM, **how)
 
 
+@pytest.mark.parametrize(
+    ("key", "most"), [("vacuum_bar", 1.0), ("friction", 5.0), ("safety", 10.0), ("density_g_cm3", 25.0)]
+)
+def test_what_no_cup_and_no_material_has_is_refused(key, most):
+    """A figure in another unit (kPa, percent, kg/m3) would make any part light enough."""
+    assert getattr(msgspec.convert({key: most}, SuctionCup), key) == most
+    for wrong in (1.01 * most, 0.0):
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert({key: wrong}, SuctionCup)
+
+
 def test_room_is_the_distance_to_the_nearest_edge_or_hole_and_none_is_in_a_hole():
     solid, top = plate()
     points, rooms = rooms_on(bored(solid, top, (20.0, 30.0), 8.0), top)
