@@ -41,6 +41,7 @@ def test_whichever_letters_somebody_types_they_count(letter: str) -> None:
     [
         ("", b"", True),
         ("..", b"\x15", True),
+        (".....", b"\x15", True),
         ("^U", b"\x15", True),
         ("^U. ^U!!", b"\x15", True),
         ("\x15\x15\x15!!", b"\x15", True),

@@ -444,6 +444,57 @@ def test_behind_a_prompt_that_was_found_what_is_ours_is_left_alone(heard: bytes)
     lived(story())
 
 
+def test_with_nothing_owed_too_the_echo_of_a_search_is_left_alone_behind_its_prompt() -> None:
+    async def story() -> None:
+        wire = Wire()
+        wire.answers = [(0.001, PROMPT)]
+        await wire.session.find_prompt(wire.session.talk)
+        wire.hear(b"^U!!\r\n.")
+        await asyncio.sleep(0.1)
+        async with wire.session.turn():
+            pass
+
+    lived(story())
+
+
+@pytest.mark.parametrize(("heard", "told"), [(b"WHERE\r\n.", NoAnswer), (b"SPEED 9\r\n.", Disturbed)])
+def test_an_echo_that_comes_too_late_is_nobody_elses_line(heard: bytes, told: type[Exception]) -> None:
+    async def story() -> None:
+        wire = Wire()
+        with pytest.raises(NoAnswer, match="no echo"):
+            await wire.session.talk.ask("WHERE", (), 5.0)
+        await as_after_an_answer(wire)
+        wire.hear(heard)
+        await asyncio.sleep(0.1)
+        with pytest.raises(told):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+
+    lived(story())
+
+
+def test_prompts_to_what_looked_for_one_in_vain_are_nobody_elses_when_they_come_at_last() -> None:
+    async def story() -> None:
+        wire = Wire()
+        with pytest.raises(NoAnswer, match="after 3 attempts"):
+            await wire.session.find_prompt(wire.session.talk)
+        await as_after_an_answer(wire)
+        wire.hear(b"\r\n.")
+        await asyncio.sleep(0.1)
+        with pytest.raises(NoAnswer, match="too late"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+
+    lived(story())
+
+
+async def as_after_an_answer(wire: Wire) -> None:
+    """The prompt is found again, and a line was answered since."""
+    wire.answers = [(0.001, PROMPT)]
+    await wire.session.find_prompt(wire.session.talk)
+    wire.session.talk.line_may_hold_rest = False
+
+
 @pytest.mark.parametrize("stopped", [True, False])
 def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_found_it(stopped: bool) -> None:
     """As he took back what they had half typed; what he had found was told to nobody."""
