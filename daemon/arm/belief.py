@@ -157,7 +157,7 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.TURN_TYPED: frozenset({"turned"}),
     VoidingEvent.GRIPPER_TYPED: GRIPPER,
     VoidingEvent.MOVED_BY_OTHERS: PLACE | {"closed", "load"},
-    VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER | {"turned"},
+    VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
     VoidingEvent.GRIPPER_CHANGED: CONTROLLER | GRIPPER | {"turned"},
 }
 """Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go. A

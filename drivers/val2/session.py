@@ -220,13 +220,7 @@ class LineSession:
             self._refuse_others(talk.unheard_of_others())
             try:
                 answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
-                said_by_itself = answer.question is not None or answer.errors
-                if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
-                    lines = [line for line in answer.of_text if not of_a_table(line)]
-                    self._refuse_others([line for line in lines if _is_no_noise(line)])
-                    if len(lines) < len(answer.of_text):
-                        raise Garbled(f"of the answer to {text!r} a line came twice")
-                return answer
+                return self.ours_alone(text, answer)
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
             if isinstance(problem, Interleaved):
@@ -240,6 +234,17 @@ class LineSession:
         if said:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
+
+    def ours_alone(self, text: str, answer: ControllerAnswer) -> ControllerAnswer:
+        """The answer to a line, where nothing of somebody else's came amid it. Raises Disturbed, NoAnswer where an
+        answer of ours came too late amid it, Garbled where a line came twice."""
+        said_by_itself = answer.question is not None or answer.errors
+        if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
+            lines = [line for line in answer.of_text if not of_a_table(line)]
+            self._refuse_others([line for line in lines if _is_no_noise(line)])
+            if len(lines) < len(answer.of_text):
+                raise Garbled(f"of the answer to {text!r} a line came twice")
+        return answer
 
     async def past_a_rest(
         self, talk: Conversation, type_it: Callable[[], Awaitable[ControllerAnswer]]

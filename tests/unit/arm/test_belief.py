@@ -61,7 +61,7 @@ PLACE, CONTROLLER = {"position", "planned"}, {"position", "planned", "tool", "cl
         (VoidingEvent.TURN_TYPED, {"turned"}),
         (VoidingEvent.GRIPPER_TYPED, {"closed", "holding", "held", "load"}),
         (VoidingEvent.MOVED_BY_OTHERS, PLACE | {"closed", "load"}),
-        (VoidingEvent.OTHERS_TYPED, set(FACTS)),
+        (VoidingEvent.OTHERS_TYPED, set(FACTS) - {"turned"}),
         (VoidingEvent.GRIPPER_CHANGED, set(FACTS)),
     ],
 )

@@ -319,10 +319,19 @@ def test_an_arm_that_gets_there_turned_over_has_not_gone_the_way_that_was_looked
         asyncio.run(mover.go(command(NEAR, straight, 50.0)))
 
 
-@pytest.mark.parametrize("void", [None, VoidingEvent.STOPPED, VoidingEvent.FAULT_CLEARED, VoidingEvent.TURN_TYPED])
+@pytest.mark.parametrize(
+    "void",
+    [
+        None,
+        VoidingEvent.STOPPED,
+        VoidingEvent.FAULT_CLEARED,
+        VoidingEvent.OTHERS_TYPED,
+        VoidingEvent.TURN_TYPED,
+    ],
+)
 def test_an_arm_that_a_pendant_turned_over_is_sent_on_by_no_move_of_its_joints(void):
-    """The controller turned the wrist back, and the camera bar went through a post. What a person types at the
-    controller may have turned it as well: then nobody knows."""
+    """The controller turned the wrist back, and the camera bar went through a post. A word that an operator types to
+    the controller may have turned it as well: then nobody knows. Whatever somebody else types, the pendant did it."""
     world = World(np.random.default_rng(0))
     mover = mover_in(world)
     asyncio.run(mover.go(command(NEAR, False, 50.0)))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 import yaml
 
@@ -516,6 +517,25 @@ def test_no_arm_that_was_told_to_turn_its_wrist_over_goes_a_way_that_nobody_look
     assert turned_over is (told == "otherwise")
     assert ("At bin." in story.texts) is not turned_over
     assert any("against the planned path" in text for text in story.texts) is turned_over
+    assert story.violations() == ()
+
+
+def test_an_arm_that_a_pendant_turned_over_waits_also_where_somebody_else_has_typed_since(story: Story) -> None:
+    """What was known of the wrist was dropped with all else, and a move turned it back, the camera bar into a post."""
+    story.sockets[0].say("go bin")
+    story.wait(8.0)
+    there = story.cell.controller.machine.joints()
+    story.by_pendant(4, -2.0 * float(np.degrees(there[4])))
+    story.wait(8.0)
+    story.type_beside("WHERE")
+    for text in ("go survey", "resume", "enable", "go survey"):
+        story.sockets[0].say(text)
+        story.wait(3.0)
+        if story.sockets[0].question is not None:
+            story.sockets[0].answer("y")
+            story.wait(3.0)
+    assert any("turned shoulder, elbow or wrist over" in text for text in story.texts), story.texts
+    assert configuration_of(story.cell.controller.machine.joints()) != configuration_of(there)
     assert story.violations() == ()
 
 
