@@ -39,6 +39,8 @@ LEAST_SLOPE, LEG_FACES, LEGS_APART_MM = 1e-6, 0.9, 3.0
 far two legs are apart."""
 SWEPT_MM = 80.0
 """How long the last stretch is, on which neighbours must leave room."""
+UPRIGHT = 0.95
+"""Height of what is one long and stands upright, from here on."""
 SLIPS_DEG = 45.0
 """Contacts this far off square hold nothing."""
 ALONG_DEG = 9.0
@@ -225,20 +227,19 @@ def closing_directions(solid: Polyhedron, flat: int) -> list[Array]:
     faces, the first ones, are no strips of something round.
 
     Each side face's normal, evenly between two faces that look away from each other, and along and across the longest
-    edge (D'Souza, section 6.1).
+    edge (D'Souza, section 6.1). What stands nearly upright has no direction: which way it leans is the look's error.
     """
-    seeds = [a - b for a, b in combinations(solid.normals[:flat], 2) if a @ b < -0.3]
-    seeds += [n for n in solid.normals if abs(n[2]) < 0.95]
     here, after, _ = solid.steps
     sides = solid.corners_mm[after] - solid.corners_mm[here]
     longest = sides[int(np.linalg.norm(sides, axis=1).argmax())]
-    seeds += [longest, np.cross(UP, longest)]
+    seeds = [a - b for a, b in combinations(solid.normals[:flat], 2) if a @ b < -0.3]
+    seeds = [seed for seed in (*seeds, *solid.normals, longest) if abs(seed[2]) < UPRIGHT * np.linalg.norm(seed)]
+    seeds += [np.cross(UP, seed) for seed in seeds if seed is longest]
     found: list[Array] = []
     for seed in seeds:
-        level = seed * (1.0, 1.0, 0.0)
-        size = float(np.linalg.norm(level))
-        if size > 1e-6 and not any(abs(float(level @ d)) / size > np.cos(np.radians(4.0)) for d in found):
-            found.append(level / size)
+        level = seed * (1.0, 1.0, 0.0) / np.linalg.norm(seed[:2])
+        if not any(abs(float(level @ d)) > np.cos(np.radians(4.0)) for d in found):
+            found.append(level)
     return found
 
 

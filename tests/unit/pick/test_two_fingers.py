@@ -326,6 +326,21 @@ def test_closing_directions_are_level_of_length_one_and_no_two_alike(label):
     assert alike.max() <= np.cos(np.radians(4.0))
 
 
+@given(st.sampled_from(["cube", "triangular_prism"]), st.integers(0, 2**32 - 1))
+def test_a_part_that_looks_lean_a_little_is_closed_on_along_the_same_directions(label, seed):
+    """What stands upright in it leans anywhere then, and says nothing of where the fingers should close."""
+    rng, flat = np.random.default_rng(seed), hull(part_shape(label).hull.vertices)
+    leant = frames.rotation_from_vector(np.radians(0.2) * rng.normal(size=3) * (1.0, 1.0, 0.0))
+    rest = part_shape(label).rests[int(rng.integers(len(part_shape(label).rests)))]
+    lies, leans = (
+        np.array(
+            closing_directions(replace(flat, corners_mm=flat.corners_mm @ (turn @ rest[:3, :3]).T), len(flat.facets))
+        )
+        for turn in (np.eye(3), leant)
+    )
+    assert (np.abs(leans @ lies.T).max(axis=1) > np.cos(np.radians(1.0))).all()
+
+
 def test_what_two_fingers_are_asked_is_what_their_settings_say():
     gripper = TwoFingers(opening_mm=60.0, finger_thick_mm=7.0, finger_width_mm=11.0, pad_back_mm=40.0, tip_mm=9.0)
     assert gripper.outside == ("opening_mm", 37.0)
