@@ -21,7 +21,7 @@ from daemon.pick.pose_fusion import Doubt, Estimate, Sighting
 from daemon.pick.seen import SAME_PLACE_MM, ObservedPart, same_place, seen_parts
 from daemon.vision.geometry import Polyhedron, StereoRig
 from daemon.vision.image import StereoImages
-from daemon.vision.refine import Fit, edge_support, edges_gone, fit_each, fit_edges, refit, shown
+from daemon.vision.refine import Fit, edge_support, edges_gone, fit_each, fit_edges, refit, settled, shown
 from daemon.vision.settings import TOLERANCE_MM
 from daemon.vision.values import Part
 
@@ -216,7 +216,8 @@ def held_pose(target: Target, taken: Taken, mount: CameraMount, doubt: Doubt) ->
     nothing says how far away the part is.
 
     Both poses have their errors: what the approach left, and the arm's; what the edges leave, and the hand-eye's. Edges
-    are sought no farther off than these errors allow: the fingers' edges run along the part's, a few mm beside them.
+    are sought where it was grasped first, and no farther off than these errors allow: the fingers' edges run along the
+    part's, a few mm beside them.
     """
     grasped = grasped_part(target, doubt)
     return None if grasped is None else held_by_edges(target.shape, grasped, taken, mount, doubt)
@@ -238,7 +239,8 @@ def held_by_edges(shape: Polyhedron, held: HeldPart, taken: Taken, mount: Camera
         return None
     grasped = held.tool_from_part
     tool_from_cyclopean = mount.mounting.tool_from_cyclopean_at(taken.reading.world_from_tool)
-    fit = by_edges(shape, taken, frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt))
+    near, reach_mm = frames.inverse(tool_from_cyclopean) @ grasped, _held_reach_mm(shape, held, doubt)
+    fit = settled(shape, taken.eyes, near, reach_mm)
     if fit is None:
         return None
     seen = tool_from_cyclopean @ fit.cyclopean_from_part

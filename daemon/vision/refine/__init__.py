@@ -10,6 +10,7 @@ from daemon.vision.refine.edge_pose import (
     fit_at,
     fit_each,
     fit_edges,
+    settled,
     shown,
 )
 from daemon.vision.refine.edge_samples import EdgeEvidence, EdgeSamples, aligned_to_edges, edge_samples_of
@@ -55,6 +56,7 @@ __all__ = [
     "refined_parts",
     "refit",
     "rims_seen",
+    "settled",
     "shown",
     "turned",
 ]
