@@ -14,40 +14,44 @@ from daemon.events.codes import DecisionCode
 from daemon.pick.place_goals import Goal, goal_of
 from daemon.store.place_file import Manner, Place
 from daemon.store.place_status import PlaceStatus
+from drivers.simcell.parts import TAUGHT
+from drivers.simcell.world import PlacedPart, World
 from tests.fakes.chosen import few
 from tests.fakes.regrasps import turned_over
-from tests.fakes.set_downs import drawn_model, part_of, places_of, set_down_made, side_down_of, true_error
-from tests.fakes.simulated_cell import Rig, rig
+from tests.fakes.set_downs import Mishap, drawn_model, places_of, set_down_made, side_down_of, true_error
+from tests.fakes.simulated_cell import rig
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", few([0, 6, 2, 3], 2))
 def test_a_part_is_set_down_at_its_place_turned_as_it_is_to_be_and_seen_right(seed: int, tmp_path: Path) -> None:
-    made = asyncio.run(set_down_made(seed, tmp_path, drawn_model()))
+    made = asyncio.run(set_down_made(seed, TAUGHT[seed % len(TAUGHT)], tmp_path, drawn_model()))
     assert (made.end.outcome, made.state.status, made.where) == ("picked", PlaceStatus.RIGHT, "table"), made.end.why
     assert made.error_mm < 1.0
     assert made.error_deg < 1.0
     assert made.state.off_mm == pytest.approx(made.error_mm, abs=0.7)
 
 
-def nudged(here: Rig, label: str) -> None:
-    here.cell.world.nudge(part_of(here, label).name, 2.5, 1.5)
+def nudged(world: World, part: PlacedPart, rng: np.random.Generator) -> None:
+    world.nudge(part.name, 2.5, 1.5)
 
 
-def turned(here: Rig, label: str) -> None:
-    here.cell.world.nudge(part_of(here, label).name, 0.0, 0.0, np.radians(4.0))
+def turned(world: World, part: PlacedPart, rng: np.random.Generator) -> None:
+    world.nudge(part.name, 0.0, 0.0, np.radians(4.0))
 
 
-def taken(here: Rig, label: str) -> None:
-    here.cell.world.remove(part_of(here, label).name)
+def taken(world: World, part: PlacedPart, rng: np.random.Generator) -> None:
+    world.remove(part.name)
 
 
 @pytest.mark.parametrize(
     ("mishap", "status"), few([(turned, PlaceStatus.OFF), (nudged, PlaceStatus.OFF), (taken, PlaceStatus.MISSING)], 1)
 )
-def test_what_happened_to_a_part_after_it_was_let_go_is_told(mishap: Any, status: PlaceStatus, tmp_path: Path) -> None:
-    made = asyncio.run(set_down_made(4, tmp_path, drawn_model(), mishap))
+def test_what_happened_to_a_part_after_it_was_let_go_is_told(
+    mishap: Mishap, status: PlaceStatus, tmp_path: Path
+) -> None:
+    made = asyncio.run(set_down_made(4, "cube", tmp_path, drawn_model(), mishap))
     assert made.state.status is status, made.state
     assert made.end.outcome == ("off" if status is PlaceStatus.OFF else "released")
 
@@ -59,6 +63,7 @@ def test_a_tray_that_was_half_filled_is_gone_on_with_where_it_was_left(tmp_path:
         async with rig(seed=5, model=drawn_model()) as here:
             here.cell.scatter(["cube"], np.random.default_rng(5))
             side = side_down_of(here, "cube")
+            assert side is not None
             places = tuple(
                 Place(f"tray.{k}", Manner(part="cube"), np.eye(4), None, side, (400.0, y, -300.0), 10.0)
                 for k, y in enumerate((-250.0, 250.0), start=1)

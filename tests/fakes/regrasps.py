@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,26 +20,11 @@ from daemon.pick.settings import Settings
 from daemon.store.place_file import Manner, Place, about_vertical
 from daemon.store.place_status import PlaceState
 from daemon.vision.geometry import Polyhedron
-from daemon.vision.model import Model, learn_solid
-from drivers.simcell.parts import TAUGHT
-from tests.bench import machined
-from tests.fakes.machined import shown_shape
-from tests.fakes.set_downs import drawn_model, places_of, true_error
+from tests.fakes.set_downs import MACHINED, model, places_of, shape_of, true_error
 from tests.fakes.simulated_cell import rig
 
-MACHINED = ("bracket", "clevis", "gusset", "lever", "t_nut", "v_block")
-PARTS = (*TAUGHT, *MACHINED)
 AT = (430.0, -220.0, -300.0)
 START = np.array([520.0, 0.0, -300.0])
-
-
-@cache
-def model() -> Model:
-    """The demo's parts and six machined ones, each taught from its drawing."""
-    taught = drawn_model()
-    for label in MACHINED:
-        taught = learn_solid(taught, machined.drawings()[label].solid, label)
-    return taught
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +48,7 @@ async def turned_over(label: str, rest: int, side: int, seed: int) -> TurnedOver
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
         async with rig(seed=seed, model=model()) as here:
-            if label in MACHINED:
-                here.cell.world.draw([shown_shape(label, machined.drawings()[label])])
+            here.cell.world.draw([shape_of(label)] if label in MACHINED else [])
             here.cell.clear()
             x, y, turn = rng.uniform(480.0, 560.0), rng.uniform(-60.0, 60.0), rng.uniform(-np.pi, np.pi)
             here.cell.world.stand(label, rest, float(x), float(y), float(turn))

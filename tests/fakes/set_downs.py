@@ -1,4 +1,4 @@
-"""Set-downs in the simulated cell, held against its own truth: for tests and the bench of set-downs."""
+"""Set-downs in the simulated cell, held against its own truth: for tests and the benches of placing."""
 
 from __future__ import annotations
 
@@ -11,18 +11,30 @@ from pathlib import Path
 import numpy as np
 
 from daemon import frames
+from daemon.arrays import Array
 from daemon.config import load_config
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.place_goals import Goal, PlaceTable
+from daemon.pick.plan import stable_sides
 from daemon.store.library import load_facets
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import PlaceState, PlaceStatuses
-from daemon.teaching.solid_from_mesh import solid_drawn
+from daemon.teaching.solid_from_mesh import Drawing
+from daemon.vision.geometry import rough_fit
 from daemon.vision.model.model import Model, empty_model, learn_solid
-from drivers.simcell.parts import TAUGHT, part_shape
-from drivers.simcell.witness import pose_error
-from drivers.simcell.world import PlacedPart
+from drivers.simcell.parts import TAUGHT, PartShape, part_shape
+from drivers.simcell.world import PartPlace, PlacedPart, World
+from tests.bench import machined
+from tests.fakes.machined import drawing as read
+from tests.fakes.machined import shown_shape
 from tests.fakes.simulated_cell import CONFIG, Rig, rig
+
+MACHINED = (
+    "bracket", "clevis", "cover", "flange", "gusset", "knob", "lever", "pillow_block", "t_nut", "v_block"
+)  # fmt: skip
+PARTS = (*TAUGHT, *MACHINED)
+FLAT = 0.999
+"""Cosine of how far a side may lean on which a part lies."""
 
 
 def drawing(label: str) -> bytes:
@@ -34,14 +46,50 @@ def drawing(label: str) -> bytes:
 
 
 @cache
+def _read(label: str) -> Drawing:
+    return machined.drawings()[label] if label in MACHINED else read(f"{label}.stl", drawing(label))
+
+
+def _taught(labels: tuple[str, ...]) -> Model:
+    config = load_config(CONFIG, simulated=True)
+    model = empty_model(load_facets(config.file(config.values.files.facets)))
+    for label in labels:
+        model = learn_solid(model, _read(label).solid, label)
+    return model
+
+
+@cache
 def drawn_model() -> Model:
     """The demo's parts, each taught from its drawing."""
-    config = load_config(CONFIG, simulated=True)
-    library = load_facets(config.file(config.values.files.facets))
-    model = empty_model(library)
-    for label in TAUGHT:
-        model = learn_solid(model, solid_drawn(f"{label}.stl", drawing(label), "mm", library), label)
-    return model
+    return _taught(TAUGHT)
+
+
+@cache
+def model() -> Model:
+    """The demo's parts and ten machined ones, each taught from its drawing."""
+    return _taught(PARTS)
+
+
+@cache
+def shape_of(label: str) -> PartShape:
+    """A part as the cell has it."""
+    return shown_shape(label, _read(label)) if label in MACHINED else part_shape(label)
+
+
+@cache
+def shape_from_part(label: str) -> Array:
+    """(4, 4) from the frame of the taught solid to that of the part in the cell."""
+    one, own, surface = _read(label), model().metric[label].solid, shape_of(label).surface
+    there = one.solid.corners_mm
+    moved = one.origin_mm if surface is None else (surface.corners_mm - one.surface.corners_mm).mean(axis=0)
+    alike, every = np.tile(np.eye(3), (len(there), 1, 1)), np.ones((1, len(there)), bool)
+    rotation, shift, _ = rough_fit(there + moved, alike, own.corners_mm[None], every)
+    return frames.rigid(rotation[0], shift[0])
+
+
+def lies(part: PlacedPart) -> Array:
+    """(4, 4) the pose of the part in the cell, in the frame of the taught solid."""
+    return part.pose @ shape_from_part(part.label)
 
 
 def part_of(here: Rig, label: str) -> PlacedPart:
@@ -49,14 +97,22 @@ def part_of(here: Rig, label: str) -> PlacedPart:
     return next(part for part in here.cell.world.parts if part.label == label)
 
 
-def side_down_of(here: Rig, label: str) -> int:
-    """The number of a taught side that a part may lie on as the one in the cell lies: as many corners as that has."""
-    assert here.cycle.recogniser is not None
-    shape, part = here.cycle.recogniser.shape(label), part_of(here, label)
-    assert shape is not None
-    face = int(np.argmin((part.shape.hull.normals @ part.pose[:3, :3].T)[:, 2]))
-    count = len(part.shape.hull.faces[face])
-    return next(k for k, ring in enumerate(shape.rings, start=1) if len(ring) == count)
+def side_down_of(here: Rig, label: str) -> int | None:
+    """The number of the taught side that the part in the cell lies on; None: it lies on none that it can be set down
+    on."""
+    shape = model().metric[label].solid
+    down = -(shape.normals @ lies(part_of(here, label))[:3, :3].T)[:, 2]
+    return next((k + 1 for k in stable_sides(shape) if down[k] > FLAT), None)
+
+
+def scattered(here: Rig, label: str, rng: np.random.Generator) -> int:
+    """Lay a part at random on a side that it can be set down on; its number."""
+    while True:
+        here.cell.clear()
+        here.cell.scatter([label], rng)
+        side = side_down_of(here, label)
+        if side is not None:
+            return side
 
 
 def places_of(here: Rig, folder: Path, places: tuple[Place, ...]) -> PlaceTable:
@@ -66,47 +122,70 @@ def places_of(here: Rig, folder: Path, places: tuple[Place, ...]) -> PlaceTable:
     return table
 
 
+def apart(poses: tuple[Array, ...], corners: Array, pose: Array) -> tuple[float, float]:
+    """(mm at the middle, degrees) from a pose (4, 4) of corners (N, 3) to the nearest of some that look the same."""
+    there = frames.apply(pose, corners)
+    every = [frames.apply(each, corners) for each in poses]
+    nearest = int(np.argmin([np.linalg.norm(each - there, axis=1).max() for each in every]))
+    off_mm = float(np.linalg.norm(every[nearest].mean(axis=0) - there.mean(axis=0)))
+    return off_mm, float(np.degrees(frames.angle_between(poses[nearest], pose)))
+
+
 def true_error(goal: Goal, part: PlacedPart) -> tuple[float, float]:
     """(mm, degrees) that a part truly lies from its goal, or from the pose that looks the same and is nearest."""
-    there = frames.apply(part.pose, part.shape.hull.vertices)
-    return min(pose_error(frames.apply(pose, goal.shape.corners_mm), there) for pose in goal.poses)
+    return apart(goal.poses, goal.shape.corners_mm, lies(part))
 
 
 @dataclass(frozen=True, eq=False)
 class SetDownMade:
-    """One part brought to one place: how the pick ended, what the daemon says of the place, and what is so."""
+    """One part brought to one place: how the pick ended, what the daemon says of the place, and what is so. held_mm,
+    held_deg: how far off it was measured in the gripper; not a number where it was not. told: the decisions."""
 
     label: str
+    side: int
     end: CycleEnd
     state: PlaceState
     where: str
     error_mm: float
     error_deg: float
+    held_mm: float
+    held_deg: float
+    told: tuple[str, ...]
+
+
+Mishap = Callable[[World, PlacedPart, np.random.Generator], None]
 
 
 async def set_down_made(
-    seed: int, folder: Path, model: Model, mishap: Callable[[Rig, str], None] = lambda here, label: None
+    seed: int, label: str, folder: Path, taught: Model, mishap: Mishap | None = None
 ) -> SetDownMade:
-    """One of the demo's parts, laid at random, to a place at random beside them; mishap: what happens to it there, once
-    the gripper has opened, before the look."""
+    """A part, laid at random, to a place beside it at random, on the side that it lies on; mishap: what happens to it
+    there, once the gripper has opened, before the look."""
     rng = np.random.default_rng(seed)
-    label = TAUGHT[seed % len(TAUGHT)]
-    async with rig(seed=seed, model=model) as here:
-        here.cell.scatter([label], rng)
+    async with rig(seed=seed, model=taught) as here:
+        here.cell.world.draw([shape_of(label)] if label in MACHINED else [])
+        side = scattered(here, label, rng)
         at = (float(rng.uniform(380, 500)), float(rng.choice([-1, 1]) * rng.uniform(200, 260)), -300.0)
-        side, heading_deg = side_down_of(here, label), float(rng.uniform(-180, 180))
-        place = Place("nest", Manner(part=label), np.eye(4), None, side, at, heading_deg)
+        place = Place("nest", Manner(part=label), np.eye(4), None, side, at, float(rng.uniform(-180, 180)))
         table = places_of(here, folder, (place,))
-        hand = here.robot.hand
+        goal, hand, world = table.goals["nest"], here.robot.hand, here.cell.world
+        turns = tuple(frames.inverse(goal.poses[0]) @ pose for pose in goal.poses)
+        held = [(np.nan, np.nan)]
 
-        async def opened(closed: bool) -> None:
+        async def works(closed: bool) -> None:
+            measured, part = here.log.said("in_gripper"), world.held
+            if not closed and part is not None and measured:
+                ways = tuple(measured[-1]["tool_from_part"] @ turn for turn in turns)
+                held.append(apart(ways, goal.shape.corners_mm, lies(part)))
             await hand(closed)
-            if not closed and table.status("nest") == "set":
-                mishap(here, label)
+            part = next((p for p in world.parts if p.where is PartPlace.TABLE), None)
+            if not closed and mishap is not None and part is not None and table.status("nest") == "set":
+                mishap(world, part, rng)
 
-        here.robot.hand = opened
+        here.robot.hand = works
         end = await here.cycle.pick()
-        part = next((p for p in here.cell.world.parts if p.label == label), None)
-        error = (np.nan, np.nan) if part is None else true_error(table.goals["nest"], part)
+        part = next((p for p in world.parts if p.label == label), None)
+        error = (np.nan, np.nan) if part is None else true_error(goal, part)
         where = "nowhere" if part is None else part.where.value
-        return SetDownMade(label, end, table.statuses.of("nest"), where, *error)
+        told = tuple(f"{record['text']}: {record['why']}" for record in here.log.said("decision"))
+        return SetDownMade(label, side, end, table.statuses.of("nest"), where, *error, *held[-1], told)

@@ -1,4 +1,4 @@
-"""Parts that are to lie on another side at their place: the demo's four and six machined ones.
+"""Parts that are to lie on another side at their place: the demo's four and ten machined ones.
 
 plan: from which side to which the planner finds a way, against a search by brute force with random poses in between.
 cell: each part from random stable faces to random sides in the simulated cell, against its own truth.
@@ -20,20 +20,8 @@ import numpy as np
 from daemon.pick.plan import Destination, NoPlan
 from daemon.pick.regrasp import Regrasping
 from daemon.store.place_status import PlaceStatus
-from drivers.simcell.parts import part_shape
-from tests.bench import machined
-from tests.fakes.machined import shown_shape
-from tests.fakes.regrasps import (
-    MACHINED,
-    PARTS,
-    TurnedOver,
-    goal_on,
-    model,
-    pairs_by_brute_force,
-    sides_of,
-    start_on,
-    turned_over,
-)
+from tests.fakes.regrasps import TurnedOver, goal_on, pairs_by_brute_force, sides_of, start_on, turned_over
+from tests.fakes.set_downs import PARTS, model, shape_of
 from tests.fakes.simulated_cell import rig
 
 
@@ -73,9 +61,8 @@ async def plans(samples: int, labels: list[str]) -> None:
 
 def made(label: str, seed: int) -> TurnedOver:
     """One of them."""
-    rng, own = np.random.default_rng(seed), label in MACHINED
-    shape = shown_shape(label, machined.drawings()[label]) if own else part_shape(label)
-    rest, side = int(rng.integers(len(shape.rests))), int(rng.choice(sides_of(label)))
+    rng = np.random.default_rng(seed)
+    rest, side = int(rng.integers(len(shape_of(label).rests))), int(rng.choice(sides_of(label)))
     return asyncio.run(turned_over(label, rest, side, seed))
 
 
