@@ -435,7 +435,8 @@ class PickCycle:
 
     async def _plan_from_side(self, goal: Goal, side: int) -> SidePlan:
         await self.supervisor.mover.rest()
-        settings, reach = self.settings, self.supervisor.mover.reach
+        settings, mover = self.settings, self.supervisor.mover
+        reach = replace(mover.reach, bounds=mover.limits)  # for a gripper that is empty, whatever it may hold now
         lying_at = np.array([*settings.surveys[0].centre_mm[:2], settings.limits.table_z_mm])
         arm = settings, self.cell.mounting, reach, self.cell.rig
         return await self.cell.compute(plan_from_side, goal, side, lying_at, *arm)

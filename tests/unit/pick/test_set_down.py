@@ -96,6 +96,16 @@ class Story:
         return [record["status"] for record in self.fake.said("place")]
 
 
+def test_what_the_gripper_may_hold_now_bars_no_way_that_is_planned_beforehand(tmp_path: Path) -> None:
+    story = Story(tmp_path)
+    story.cycle.beliefs.learn(BeliefSource.OPERATOR, holding=False)
+    empty = asyncio.run(story.cycle.plan_from_side(story.goal, 0))
+    long = np.array([[0.0, 0.0, z] for z in (0.0, 250.0)])
+    story.cycle.beliefs.learn(BeliefSource.OPERATOR, holding=True, load=carried_part(long, "a bar in the gripper"))
+    assert empty.found
+    assert asyncio.run(story.cycle.plan_from_side(story.goal, 0)).found == empty.found
+
+
 def test_a_part_goes_to_its_place_and_not_to_the_bin(tmp_path: Path) -> None:
     story = Story(tmp_path, (nest(tolerance_mm=4.0, tolerance_deg=4.0),))
     end = story.pick()
