@@ -35,12 +35,12 @@ def drawn_shape(
     """
     if len(corners_mm) > MOST_CORNERS:
         raise DrawnError(f"{len(corners_mm)} corners; the simulated cell shows parts of at most {MOST_CORNERS}")
-    pieces = [_hull(corners_mm)]
-    for normal, offset in _cuts(corners_mm, facets):
+    pieces, cuts = [_hull(corners_mm)], _cuts(corners_mm, facets)
+    for normal, offset in cuts:
         pieces = [half for piece in pieces for half in _halves(piece, normal, offset)]
         if len(pieces) > 8 * MOST_PIECES:
             raise DrawnError("too many hollows for the simulated cell")
-    inside = [piece for piece in pieces if _inside(piece.vertices.mean(axis=0), corners_mm, facets)]
+    inside = [piece for piece in pieces if not cuts or _inside(piece.vertices.mean(axis=0), corners_mm, facets)]
     if not inside:
         raise DrawnError("no inside: its facets are not closed")
     kept = _joined(inside)

@@ -30,7 +30,7 @@ from daemon.store.library import load_facets
 from daemon.store.pictures import read_as_stored
 from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.evidence.hole_rims import hole_nats
-from daemon.vision.geometry import StereoRig, rough_fit
+from daemon.vision.geometry import Polyhedron, StereoRig, rough_fit
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import Model, TeachError, empty_model, learn_solid, symmetries, turns_but_for_holes
@@ -38,7 +38,7 @@ from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.drawn import obj
 from tests.fakes.machined import drawing, shown_shape
-from tests.fakes.photographed import cell, photograph
+from tests.fakes.photographed import DISTANCE_MM, cell, photograph
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "machined.npz"
 SEEDS = 2
@@ -112,10 +112,16 @@ def simulated(seeds: int, first: int = 1) -> Iterator[Look]:
 
 def simulated_look(label: str, seed: int) -> Look:
     """One part alone on the simulated cell's table."""
-    one = drawings()[label]
+    return on_table(label, drawings()[label], np.random.default_rng([*label.encode(), seed]))
+
+
+def on_table(
+    label: str, one: Drawing, rng: np.random.Generator, distance_mm: tuple[float, float] = DISTANCE_MM
+) -> Look:
+    """A drawn part alone on the simulated cell's table, from so far away."""
     shape = shown_shape(label, one)
     assert shape.surface is not None
-    photo = photograph(shape, np.random.default_rng([*label.encode(), seed]))
+    photo = photograph(shape, rng, distance_mm=distance_mm)
     shift = frames.rigid(np.eye(3), (shape.surface.corners_mm - one.surface.corners_mm).mean(0) - one.origin_mm)
     table = "plain" if photo.table is None else "patterned"
     return Look(label, photo.cyclopean_from_part @ shift, photo.left, photo.right, true_rig(cell()), table)
@@ -156,7 +162,11 @@ def _own_turns(label: str) -> Array:
 @cache
 def drawing_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of its drawing."""
-    one, own = drawings()[label], taught().metric[label].solid
+    return drawing_from_taught(drawings()[label], taught().metric[label].solid)
+
+
+def drawing_from_taught(one: Drawing, own: Polyhedron) -> Array:
+    """(4, 4) from the frame of what was taught from a drawing to that of the drawing."""
     there = one.solid.corners_mm + one.origin_mm
     alike, every = np.tile(np.eye(3), (len(there), 1, 1)), np.ones((1, len(there)), bool)
     rotation, shift, _ = rough_fit(there, alike, own.corners_mm[None], every)

@@ -33,6 +33,8 @@ LEAST_SWEEP, LEAST_SHARE = np.radians(100.0), 0.3
 SMALLEST_PX, LARGEST_PX, RIM_PX = 6.0, 500.0, 12.0
 """Axes that are fitted, and how far inside the image an edge must lie."""
 REACH_PX, NEAR_PX, ROUNDS = 3, 1.2, 3
+PART, PART_STEP = np.radians(100.0), np.radians(40.0)
+"""By how much a part of a run turns, and the next begins later: in half a circle lies a whole one."""
 SAME_RUN_PX = 0.5
 """Two runs along the two sides of one edge give ellipses that differ by less."""
 MOST_EDGES, MOST = 400, 80
@@ -70,19 +72,55 @@ def find_ellipses(smooth: Fine, window: Window | None, grain: float) -> list[Ell
     found, tried = list[Ellipse](), list[Ellipse]()
     edges = sorted(_edges(smooth, window, grain), key=len, reverse=True)[:MOST_EDGES]
     every = [run for edge in edges for run in _round_runs(edge)]
-    for run in sorted(every, key=len, reverse=True):
-        rough = _fitted(run)
-        if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
-            continue
-        if tried and rough.like(tried, SAME_RUN_PX):
-            continue
-        tried.append(rough)
-        fine = _between_pixels(rough, smooth, grain)
-        if fine is not None and not (found and fine.like(found, 2 * ON_PX)):
-            found.append(fine)
-        if len(tried) == MOST:
-            break
+    for run in sorted(every, key=lambda one: len(one.places), reverse=True):
+        for rough in _on_one(run, found):
+            if tried and rough.like(tried, SAME_RUN_PX):
+                continue
+            tried.append(rough)
+            fine = _between_pixels(rough, smooth, grain)
+            if fine is not None and not (found and fine.like(found, 2 * ON_PX)):
+                found.append(fine)
+            if len(tried) == MOST:
+                return found
     return found
+
+
+class _RoundRun(NamedTuple):
+    """A stretch of an edge that turns one way: its pixels (N, 2) px; which of them are corners of its chords (C,), and
+    by how much it has turned until just behind each (C,)."""
+
+    places: Array
+    corners: Index
+    turned: Array
+
+    def parts(self) -> Iterator[Array]:
+        """Stretches (N, 2) px that turn by PART each, PART_STEP apart: rims of a part run on into each other, or into a
+        straight edge, where one touches the other."""
+        first = np.unique(np.searchsorted(self.turned, np.arange(0, self.turned[-1], PART_STEP)))
+        last = np.searchsorted(self.turned, self.turned[first] + PART) + 1
+        for begin, end in zip(first, last, strict=True):
+            if end < len(self.corners):
+                yield self.places[self.corners[begin] : self.corners[end] + 1]
+
+
+def _on_one(run: _RoundRun, found: Sequence[Ellipse]) -> Iterator[Ellipse]:
+    """The ellipse on which a run lies, or those of its parts, but for what lies on one that is found."""
+    whole = _rough(run.places)
+    if whole is not None:
+        yield whole
+        return
+    for part in run.parts():
+        rough = _rough(part)
+        if rough is not None and all(_rms(one.off_px(part)[0]) > ROUGH_PX for one in found):
+            yield rough
+
+
+def _rough(run: Array) -> Ellipse | None:
+    """The ellipse on which pixels (N, 2) lie; None where they do not, or not far enough round it."""
+    rough = _fitted(run)
+    if rough is None or _rms(rough.off_px(run)[0]) > ROUGH_PX or _sweep(rough, run) < LEAST_SWEEP:
+        return None
+    return rough
 
 
 def _edges(smooth: Fine, window: Window | None, grain: float) -> list[Array]:
@@ -99,7 +137,7 @@ def _edges(smooth: Fine, window: Window | None, grain: float) -> list[Array]:
     return [np.asarray(border[:, 0], float) for border in borders if len(border) >= FEWEST_PX]
 
 
-def _round_runs(edge: Array) -> Iterator[Array]:
+def _round_runs(edge: Array) -> Iterator[_RoundRun]:
     """Stretches of a closed border (N, 2) along which its chords turn one way, by little, and are about as long."""
     corners = _chords(edge)
     count = len(corners)
@@ -112,15 +150,16 @@ def _round_runs(edge: Array) -> Iterator[Array]:
     gentle = (np.abs(turn) < MOST_TURN) & (longer < UNEVEN * shorter)
     for one_way in (turn > 0, turn < 0):
         goes_on = gentle & one_way
-        if goes_on.all():
-            yield edge
-            continue
         starts = np.flatnonzero(~goes_on)
+        if not len(starts):
+            starts = np.zeros(1, np.intp)
         for first, last in zip(starts, np.append(starts[1:], starts[0] + count), strict=True):
             if last - first >= 3:  # chords
-                begin, end = corners[first], corners[last % count] + len(edge) * (last // count)
-                if end - begin >= FEWEST_PX:
-                    yield edge[np.arange(begin, end + 1) % len(edge)]
+                own = np.arange(first, last + 1)
+                at = corners[own % count] + len(edge) * (own // count)
+                if at[-1] - at[0] >= FEWEST_PX:
+                    turned = np.cumsum(np.abs(turn[own % count]))
+                    yield _RoundRun(edge[np.arange(at[0], at[-1] + 1) % len(edge)], at - at[0], turned - turned[0])
 
 
 def _chords(edge: Array) -> Index:

@@ -36,6 +36,13 @@ def test_the_pieces_fill_the_drawing_and_no_more(outline: list[tuple[float, floa
     assert len(made.rests) >= 2
 
 
+def test_a_disc_whose_wall_is_no_facet_is_its_own_hull() -> None:
+    ring = [(30 * np.cos(a), 30 * np.sin(a)) for a in np.arange(12) * 2 * np.pi / 12]
+    corners, rings = drawn.prism(ring, 10.0)
+    made = drawn_shape("disc", corners, rings[:2])
+    assert sum(volume_and_centre(piece)[0] for piece in made.pieces) == pytest.approx(10.0 * area(ring), rel=1e-4)
+
+
 def test_what_cannot_be_shown_is_said() -> None:
     ring = [(30 * np.cos(a), 30 * np.sin(a)) for a in np.arange(50) * 2 * np.pi / 50]
     with pytest.raises(DrawnError, match="100 corners"):

@@ -47,3 +47,12 @@ def test_half_of_an_ellipse_is_enough() -> None:
 def test_polygons_and_noise_are_no_ellipses() -> None:
     hexagon = ring(320, 240, 80, 60)[::33][:6]
     assert ellipses(("light", hexagon), ("light", np.array([[50.0, 50], [150, 60], [140, 150], [45, 140]]))) == []
+
+
+def test_round_ends_are_found_though_straight_edges_run_on_into_them() -> None:
+    left, right = ring(250, 240, 40, 40), ring(390, 240, 40, 40)
+    stadium = np.vstack([left[50:151], right[150:], right[:51]])
+    found = ellipses(("light", stadium))
+    for x in (250.0, 390.0):
+        (near,) = (one for one in found if np.linalg.norm(one.centre - [x, 240]) < 5)
+        assert near.radii == pytest.approx([40, 40], rel=0.1)  # straight edges beside them draw them out

@@ -1,0 +1,170 @@
+"""Rounded parts 300 mm away: are their arcs typed, how exact are radius, corners and centres, are sizes told apart?
+
+Discs, knobs, half discs, stadiums, quarters and blocks with a bore, each taught from drawings in three sizes whose
+radii are SIZES of the middle one's and all else alike; the middle one lies on the simulated cell's table, half of the
+tables patterned, half of the parts printed. Typed: of the facets with an arc that both cameras meet under 60 degrees,
+those that a look without a model calls `arc`, and those of whose arc both cameras show a circle; of the latter, the
+radius. Named: with all three taught, and the other two as strangers. Where: corners, and centres of arcs and bores, of
+named parts.
+
+usage: python -m tests.bench arcs, or python -m tests.bench.arcs [SEEDS [FIRST]]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from daemon import frames
+from daemon.arrays import Array
+from daemon.main import tame_malloc
+from daemon.store.library import load_facets
+from daemon.teaching.solid_from_mesh import Drawing
+from daemon.vision.facets import facets_seen
+from daemon.vision.geometry import Polyhedron
+from daemon.vision.hypotheses.circles import circles_seen, rims_of
+from daemon.vision.image import open_stereo
+from daemon.vision.look import look
+from daemon.vision.model import Model, empty_model, learn_solid, symmetries
+from daemon.vision.settings import VisionSettings
+from tests.bench.machined import Look, drawing_from_taught, on_table
+from tests.fakes.drawn import obj, prism
+from tests.fakes.holed import holed_block, rounded
+from tests.fakes.machined import drawing
+
+KINDS = "disc", "knob", "half", "stadium", "quarter", "bore"
+SIZES = 0.95, 1.0, 1.05
+RADIUS_MM, AWAY_MM = (10.0, 22.0), (290.0, 310.0)
+MET_AT_LEAST = np.cos(np.radians(60.0))
+NEAR_MM, OFF_MM, OF_RADIUS = 3.0, 3.0, 0.03
+STRIPS, SEEDS = 48, 4
+
+
+OUTCOMES = "right", "silent", "misplaced", "WRONG"
+
+
+@dataclass
+class Tally:
+    """arcs of facets that both cameras meet well; of those: typed so, seen as circles, with a good radius; what names
+    came to, by what was taught; how far off radii (share), corners and centres of bores (mm) are."""
+
+    arcs: int = 0
+    typed: int = 0
+    circles: int = 0
+    good: int = 0
+    names: Counter[tuple[str, str]] = field(default_factory=Counter)
+    radii: list[float] = field(default_factory=list)
+    corners_mm: list[float] = field(default_factory=list)
+    centres_mm: list[float] = field(default_factory=list)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    told = list(map(int, sys.argv[1:] if arguments is None else arguments))
+    seeds, first = (*told, *(SEEDS, 1)[len(told) :])
+    cv2.setNumThreads(1)
+    tame_malloc()
+    tally = Tally()
+    for kind in KINDS:
+        for seed in range(first, first + seeds):
+            _look_at(kind, seed, tally)
+    many = max(tally.arcs, 1)
+    print(f"{tally.arcs} arcs met under 60 degrees: typed {tally.typed / many:.0%}, seen as circles in space"
+          f" {tally.circles / many:.0%}, to {OF_RADIUS:.0%} of their radius {tally.good / many:.0%}")  # fmt: skip
+    for which in ("three sizes", "the other two"):
+        print(f"{which} taught: " + ", ".join(f"{what} {tally.names[which, what]}" for what in OUTCOMES))
+    for name, values, unit in (
+        ("radii of circles", 100 * np.array(tally.radii), "%"),
+        ("corners of named parts", np.array(tally.corners_mm), "mm"),
+        ("centres of their arcs and bores", np.array(tally.centres_mm), "mm"),
+    ):
+        if len(values):
+            print(f"{name} are off: median {np.median(values):.2f} {unit}, 95 % {np.quantile(values, 0.95):.2f} {unit}")
+
+
+def _look_at(kind: str, seed: int, tally: Tally) -> None:
+    """One part of a kind, seen alone."""
+    rng = np.random.default_rng([*kind.encode(), seed])
+    radius, long, high = rng.uniform(*RADIUS_MM), rng.uniform(20.0, 36.0), rng.uniform(14.0, 26.0)
+    sizes = {f"{size:g}": drawing("one.obj", obj(*_mesh(kind, size * radius, long, high))) for size in SIZES}
+    shown = on_table("1", sizes["1"], rng, AWAY_MM)
+    both = taught_from(sizes)
+    solid = both.metric["1"].solid
+    true = shown.pose @ drawing_from_taught(sizes["1"], solid)
+    _measure_arcs(shown, solid, true, tally)
+    for which, model in (("three sizes", both), ("the other two", taught_from(sizes, without="1"))):
+        found = [part for part in look(shown.left, shown.right, shown.rig, model).parts if part.named]
+        outcome = "silent" if not found else "WRONG" if any(p.recognition.label != "1" for p in found) else "right"
+        if outcome == "right":
+            outcome = _measure_place(found[0].cyclopean_from_part, solid, true, tally)
+        tally.names[which, outcome] += 1
+
+
+def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, list[tuple[int, ...]]]:
+    if kind == "bore":
+        rim = rounded(2 * radius, 2 * radius, radius)
+        return holed_block(np.array([2 * long, 56.0, high]), rim, (0.9 * long, 28.0))
+    sweep = {"disc": 2 * np.pi, "knob": 1.7 * np.pi, "quarter": np.pi / 2}.get(kind, np.pi)
+    turns = np.linspace(0, sweep, STRIPS + 1)[: STRIPS + (kind != "disc")]
+    round_ = radius * np.column_stack([np.cos(turns), np.sin(turns)])
+    rest = {
+        "half": [[-radius, -long], [radius, -long]],
+        "stadium": [*(-round_ - [0.0, long])],
+        "quarter": [[-long, radius], [-long, -long], [radius, -long]],
+    }.get(kind, [])
+    return prism([(float(x), float(y)) for x, y in [*round_, *rest]], high)
+
+
+def taught_from(sizes: dict[str, Drawing], without: str = "") -> Model:
+    """What drawings teach, but for one of them."""
+    model = empty_model(load_facets())
+    for label, one in sizes.items():
+        if label != without:
+            model = learn_solid(model, one.solid, label)
+    return model
+
+
+def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> None:
+    """Whether pictures without a model type the arcs that they show well, and their radii as circles in space."""
+    eyes = open_stereo(shown.left, shown.right, shown.rig)
+    facets = [facet for group in facets_seen(eyes, VisionSettings()).groups for facet in group.facets]
+    rims = rims_of(solid)
+    seen = circles_seen(eyes, np.array([rim.radius_mm for rim in rims]))
+    for rim in rims:
+        centre, normal = frames.apply(true, rim.centre_mm[None])[0], true[:3, :3] @ rim.normal
+        towards = [(eye - centre) / np.linalg.norm(eye - centre) for eye in eyes.geometry.eyes_mm]
+        if min(normal @ way for way in towards) < MET_AT_LEAST:
+            continue
+        tally.arcs += 1
+        tally.typed += any(
+            facet.type.startswith("arc") and np.linalg.norm(facet.corners_mm.mean(0) - centre) < 2 * rim.radius_mm
+            for facet in facets
+        )
+        near = [
+            abs(one.radius_mm / rim.radius_mm - 1) for one in seen if np.linalg.norm(one.centre_mm - centre) < NEAR_MM
+        ]
+        if near:
+            tally.circles += 1
+            tally.good += min(near) < OF_RADIUS
+            tally.radii.append(min(near))
+
+
+def _measure_place(pose: Array, solid: Polyhedron, true: Array, tally: Tally) -> str:
+    """Whether a part is where it lies, and how far off its corners and the centres of its rims are."""
+    ways = [true @ turn for turn in symmetries(solid).motions]
+    corners = frames.apply(pose, solid.corners_mm)
+    off = [np.linalg.norm(corners - frames.apply(way, solid.corners_mm), axis=1) for way in ways]
+    best = int(np.argmin([one.max() for one in off]))
+    if off[best].max() > OFF_MM:
+        return "misplaced"
+    tally.corners_mm.extend(off[best])
+    centres = np.stack([rim.centre_mm for rim in rims_of(solid)])
+    tally.centres_mm.extend(np.linalg.norm(frames.apply(pose, centres) - frames.apply(ways[best], centres), axis=1))
+    return "right"
+
+
+if __name__ == "__main__":
+    main()
