@@ -16,6 +16,7 @@ from daemon.cell import sections
 from daemon.cli import demo
 from daemon.cli.starting import StartError, listener, wait_until_ready
 from daemon.config import load_config
+from drivers.val2.dialect import Dialect
 
 REPORT = """
 import os, socket, sys, time
@@ -93,12 +94,10 @@ def test_a_daemon_is_listened_for_in_one_folder_time_and_again(tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("scale", "answer_s"), [(demo.FASTEST, 5.0), (5.0, 5.0), (1.0, 25.0)])
-def test_on_a_slow_computer_the_demo_waits_longer_for_its_controller(
-    tmp_path: Path, scale: float, answer_s: float
-) -> None:
-    """Emulated, the simulated controller took longer than 5 s to close the gripper, and the pick ended in a fault."""
-    arguments = argparse.Namespace(time_scale=scale, fixed=False, table="plain", parts="plain")
+def test_the_demo_waits_long_for_a_controller_that_always_answers(tmp_path: Path) -> None:
+    """On an emulated computer that others used as well, closing the gripper took longer than 5 s: a fault."""
+    arguments = argparse.Namespace(time_scale=1.0, fixed=False, table="plain", parts="plain")
     made = demo._configuration(arguments, 1, tmp_path / "runs", str(tmp_path))
     (tmp_path / "facetd.yaml").write_text(json.dumps(made))
-    assert sections.dialect(load_config(tmp_path / "facetd.yaml")).answer_s == answer_s
+    dialect = sections.dialect(load_config(tmp_path / "facetd.yaml"))
+    assert min(dialect.answer_s, dialect.typing_s) >= 12 * Dialect().answer_s
