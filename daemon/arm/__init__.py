@@ -44,21 +44,9 @@ from daemon.arm.mounting import CameraMounting, InWorld, OnHand, cameras_box, in
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.paths import speed_pct
 from daemon.arm.permit import Grant, MotionPermit
+from daemon.arm.robot import ArmModel, ControllerMonitor, HeldBackError, Kinematics, Robot, StopRefusedError
 from daemon.arm.route import PATH_MM
 from daemon.arm.settling import NotSettledError, SettledPair, Settling, settled_pair
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
-from daemon.arm.workcell import (
-    EYES,
-    ArmModel,
-    ControllerMonitor,
-    EyeName,
-    HeldBackError,
-    Kinematics,
-    Picture,
-    Pictures,
-    Recorder,
-    Robot,
-    StopRefusedError,
-    Workcell,
-)
+from daemon.arm.workcell import EYES, EyeName, Picture, Pictures, Recorder, Workcell

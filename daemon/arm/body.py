@@ -22,7 +22,7 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 Link = Literal["upper_arm", "forearm", "wrist", "tool"]
 
 LINK_FRAME: dict[Link, int] = {"upper_arm": 2, "forearm": 3, "wrist": 6, "tool": 7}
-"""Which of the Robot's frames a link goes with (daemon/arm/workcell.py). The wrist's is the flange's, its origin the
+"""Which of the Robot's frames a link goes with (daemon/arm/robot.py). The wrist's is the flange's, its origin the
 wrist centre, so that wrist and tool move as one."""
 
 

@@ -17,9 +17,10 @@ from daemon.arm.belief import Beliefs, BeliefSource, CellBelief, Reading, Voidin
 from daemon.arm.body import PERHAPS_HELD, CarriedCapsule
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
 from daemon.arm.permit import MotionPermit
+from daemon.arm.robot import HeldBackError, Kinematics
 from daemon.arm.route import OUT_MM, PathSegment, planned_way
 from daemon.arm.sweep import places_clear, way_clear
-from daemon.arm.workcell import HeldBackError, Kinematics, Workcell
+from daemon.arm.workcell import Workcell
 from daemon.arrays import Array, Flags
 from daemon.errors import FacetdError
 from daemon.events.codes import BY_RULE, CauseCode

@@ -10,8 +10,8 @@ from itertools import pairwise
 from daemon.arm import paths
 from daemon.arm.belief import Reading
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, hand_above_mm, refuse
+from daemon.arm.robot import Kinematics
 from daemon.arm.sweep import way_clear
-from daemon.arm.workcell import Kinematics
 from daemon.arrays import Array
 
 PATH_MM = 40.0

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from daemon.arm.workcell import Robot, StopRefusedError
+from daemon.arm.robot import Robot, StopRefusedError
 
 ABORT_S = 4.0
 """How long it may take until the arm was seen at rest before the operator is sent to the emergency stop; longer only

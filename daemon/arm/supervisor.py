@@ -16,8 +16,9 @@ from daemon.arm.hold import Hold
 from daemon.arm.motion import Arrival, Mover, NotSentError
 from daemon.arm.operators import SAID, Interruption, RefusedError
 from daemon.arm.permit import Grant
+from daemon.arm.robot import HeldBackError
 from daemon.arm.stopping import UNCONFIRMED, Stopping
-from daemon.arm.workcell import HeldBackError, Workcell
+from daemon.arm.workcell import Workcell
 from daemon.events.codes import BY_OPERATOR, CauseCode, FaultCause, cause_of
 
 T = TypeVar("T")

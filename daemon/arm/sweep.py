@@ -23,7 +23,7 @@ from daemon import frames
 from daemon.arm.belief import Reading
 from daemon.arm.body import ArmBody, away_mm, body_of, upright_bounds, within_mm
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, Strike, refuse
-from daemon.arm.workcell import Kinematics
+from daemon.arm.robot import Kinematics
 from daemon.arrays import Array, Flags
 
 SLACK_MM = 0.5

@@ -14,7 +14,7 @@ from drivers.camera.pair import CameraError, Frame
 from drivers.camera.pair import StereoCamera as StereoCamera
 from drivers.camera.pair import StereoPair as StereoPair
 from drivers.camera.recorded import RecordedCamera
-from drivers.camera.stereo import camera_rows as camera_rows
+from drivers.camera.v4l2_stereo import camera_rows as camera_rows
 
 
 class ThreadedCameras:

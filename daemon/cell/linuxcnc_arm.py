@@ -74,7 +74,7 @@ class LinuxcncSettings:
 
 
 class LinuxcncArm:
-    """Robot (daemon/arm/workcell.py) on one connection: LinuxCNC lets one at a time command it."""
+    """Robot (daemon/arm/robot.py) on one connection: LinuxCNC lets one at a time command it."""
 
     controller = None
     aside = False

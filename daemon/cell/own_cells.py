@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from daemon.cell.arm_on_link import arm_on_link
 from daemon.cell.backends import CellBackend, Surroundings
 from daemon.cell.cameras import RepeatedPairs, ThreadedCameras
 from daemon.cell.hardware import Hardware
@@ -18,8 +17,9 @@ from daemon.cell.sections import (
     dialect,
     puma_arm,
 )
+from daemon.cell.val2_arm import val2_arm
 from daemon.config import Config
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 
 
 def v4l2_cameras(config: Config, clock: Callable[[], float]) -> ThreadedCameras:
@@ -34,7 +34,7 @@ def _check_real(config: Config) -> None:
 
 def _real(config: Config, given: Surroundings) -> Hardware:
     port = config.values.arm.port
-    robot = arm_on_link(port, dialect(config), arm_geometry(config), given.on_wire, given.clock, given.beliefs)
+    robot = val2_arm(port, dialect(config), arm_geometry(config), given.on_wire, given.clock, given.beliefs)
     return Hardware("real", robot, v4l2_cameras(config, given.clock), given.clock, port)
 
 

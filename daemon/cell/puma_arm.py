@@ -16,7 +16,7 @@ line is checked at points at most 6 mm apart (sweep.py), between which joint 5 m
 
 @dataclass(frozen=True)
 class PumaArm:
-    """ArmModel (daemon/arm/workcell.py) of a PUMA with these lengths."""
+    """ArmModel (daemon/arm/robot.py) of a PUMA with these lengths."""
 
     geometry: puma560.ArmGeometry
 

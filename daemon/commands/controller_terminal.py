@@ -1,6 +1,6 @@
 """The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
 
-Lines known to be harmless (ControllerMonitor of daemon/arm/workcell.py says which) go to the controller as they are
+Lines known to be harmless (ControllerMonitor of daemon/arm/robot.py says which) go to the controller as they are
 typed. The end of any other line is kept back: while the arm may not move, or is held by `pause`; and else until the
 operator has said yes to it. A line in which something was taken back is spoiled and typed anew: nobody knows which keys
 the controller knows.

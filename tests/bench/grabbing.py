@@ -21,8 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.arm.belief import Reading
 from daemon.arm.settling import Settling
-from daemon.arm.workcell import Reading, Workcell
+from daemon.arm.workcell import Workcell
 from daemon.cell.cameras import ThreadedCameras
 from daemon.pick.looks import take_look, taken_here
 from daemon.pick.recogniser import ModelRecogniser
@@ -32,7 +33,7 @@ from daemon.vision.settings import VisionSettings
 from drivers.camera import v4l2
 from drivers.camera.pixels import FORMATS
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 from tests.fakes import rendered
 
 SCENE = "clean-B-003"

@@ -110,7 +110,7 @@ def main(arguments: list[str]) -> int:
     from daemon.cell import own_cells, simulated_cell
 
     folder = Path(arguments[arguments.index("--config") + 1]).parent
-    made = simulated_cell.arm_on_link
+    made = simulated_cell.val2_arm
 
     def behind(port: str, *more: Any) -> Any:
         adapter = Adapter(port, folder / BY_ID)
@@ -119,7 +119,7 @@ def main(arguments: list[str]) -> int:
         threading.Thread(target=_obey, args=(orders, adapter), daemon=True).start()
         return made(str(folder / BY_ID), *more)
 
-    own_cells.arm_on_link = simulated_cell.arm_on_link = behind  # type: ignore[assignment]
+    own_cells.val2_arm = simulated_cell.val2_arm = behind  # type: ignore[assignment]
     return program.main(arguments)
 
 

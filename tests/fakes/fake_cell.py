@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
-from daemon.arm.belief import Beliefs
+from daemon.arm.belief import Beliefs, Reading
 from daemon.arm.motion import Mover
 from daemon.arm.mounting import InWorld, OnHand
 from daemon.arm.permit import Grant, MotionPermit
-from daemon.arm.workcell import Reading, Workcell
+from daemon.arm.workcell import Workcell
 from daemon.pick import set_down, take
 from daemon.pick.cycle import PickCycle
 from daemon.pick.following import CameraMount, Target, in_hand, left_hand

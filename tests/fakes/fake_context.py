@@ -17,7 +17,7 @@ from daemon.arm.belief import Belief, BeliefSource, CellBelief
 from daemon.arm.hold import Waiting
 from daemon.arm.operators import RefusedError
 from daemon.arm.permit import Grant
-from daemon.arm.workcell import StopRefusedError
+from daemon.arm.robot import StopRefusedError
 from daemon.console.notices import Notices
 from daemon.events.pick_order import PickOrder
 from daemon.maintenance.troubles import Troubles

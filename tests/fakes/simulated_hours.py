@@ -15,11 +15,11 @@ from typing import Any
 from daemon.arm import EyeName
 from daemon.arm.belief import Beliefs
 from daemon.calibration.file import load_calibration
-from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.pick_cell import pick_cell
 from daemon.cell.sections import arm_geometry, dialect, truth
+from daemon.cell.val2_arm import Val2Arm, belongs_together
 from daemon.config import load_config
 from daemon.console.context import CommandContext
 from daemon.maintenance.troubles import Troubles
@@ -60,7 +60,7 @@ async def cell_in_time(seed: int, model: Model | None = None, alone: EyeName | N
     link = Link("memory", dialect(config), loop.time, log.wire.append, checked, opens)
     cell.camera.use(alone)
     eyes = ThreadedCameras(cell.camera, loop.time, alone)
-    robot = ArmOnLink(link, geometry, Beliefs(loop.time, log.record))
+    robot = Val2Arm(link, geometry, Beliefs(loop.time, log.record))
     hardware = Hardware("simulated", robot, eyes, loop.time, "memory", seed)
     try:
         await hardware.open()

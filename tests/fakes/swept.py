@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from daemon import frames
+from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, Point
 from daemon.arm.guard import ArmState, Limits, MoveCommand, refuse
-from daemon.arm.workcell import Reading
 from daemon.arrays import Array
 from drivers import puma560
 

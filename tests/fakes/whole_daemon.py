@@ -42,11 +42,11 @@ from daemon.arm.body import within_mm
 from daemon.calibration.file import load_calibration
 from daemon.cell import build as build_room
 from daemon.cell import sections
-from daemon.cell.arm_on_link import ArmOnLink, belongs_together
 from daemon.cell.cameras import ThreadedCameras
 from daemon.cell.hardware import Hardware
 from daemon.cell.sections import arm_geometry, dialect
 from daemon.cell.simulated_operator import SimulatedOperator
+from daemon.cell.val2_arm import Val2Arm, belongs_together
 from daemon.cli.demo import VIEWS
 from daemon.commands import moving
 from daemon.config import Config
@@ -981,7 +981,7 @@ class Story:
         kind = SimulatedOperator if self._parts else BareTable
         hand = kind(self.cell, {label: len(views) for label, views in STANDS.items()}, BoardPrint)
         eyes = ThreadedCameras(self.cell.camera, self.loop.time)
-        robot = ArmOnLink(link, geometry, Beliefs(self.loop.time, record))
+        robot = Val2Arm(link, geometry, Beliefs(self.loop.time, record))
         return Hardware(
             "simulated",
             robot,

@@ -43,7 +43,7 @@ from daemon.store.runs import check_wire, list_runs, read_run
 from drivers.camera import v4l2
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 from tests.fakes.light_daemon import CONFIG, Held, LightDaemon, light_daemon
 from tests.fakes.pretend_video import PretendDevice, PretendSystem, whole_frames
 

@@ -19,7 +19,7 @@ from daemon import ctl
 from drivers.camera.pair import CameraError, StereoPair
 from drivers.camera.pixels import FORMATS
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 
 FPS = 10.0
 CHECKOUT = Path(__file__).resolve().parents[3]
@@ -169,7 +169,7 @@ def test_a_user_outside_the_group_video_is_told_so() -> None:
     program = (
         "import os\n"
         "from drivers.camera.settings import CameraSettings\n"
-        "from drivers.camera.stereo import V4L2StereoCamera\n"
+        "from drivers.camera.v4l2_stereo import V4L2StereoCamera\n"
         "os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
         "V4L2StereoCamera(CameraSettings('/dev/video0', '/dev/video1')).open()\n"
     )

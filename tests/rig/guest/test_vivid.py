@@ -15,7 +15,7 @@ from drivers.camera.find import find, list_devices
 from drivers.camera.node import LINUX, FileNode
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 
 SIZE = {"width": 320, "height": 180, "fps": 15.0, "max_skew_ms": 60.0}
 

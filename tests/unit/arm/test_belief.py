@@ -13,8 +13,8 @@ from daemon.arm.belief import VOIDS, Belief, Beliefs, BeliefSource, CellBelief, 
 from daemon.arm.body import Capsule
 from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MovedByOthersError, Mover
+from daemon.arm.robot import HeldBackError
 from daemon.arm.supervisor import Supervisor
-from daemon.arm.workcell import HeldBackError
 from daemon.events.codes import CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build, permitted
 

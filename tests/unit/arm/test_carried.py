@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
+from daemon.arm.belief import Reading
 from daemon.arm.body import CarriedCapsule, FixtureBox, KeepOut, away_mm, carried_part, upright_bounds
 from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand_above_mm
 from daemon.arm.motion import Arrival, Mover
 from daemon.arm.sweep import way_clear
-from daemon.arm.workcell import Reading
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import World, build, permitted

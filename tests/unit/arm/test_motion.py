@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon import frames
-from daemon.arm.belief import BeliefSource, VoidingEvent
+from daemon.arm.belief import BeliefSource, Reading, VoidingEvent
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import Limits, MoveCommand, hand_above_mm
 from daemon.arm.motion import (
@@ -24,9 +24,9 @@ from daemon.arm.motion import (
     OutOfReachError,
     Reach,
 )
+from daemon.arm.robot import HeldBackError
 from daemon.arm.route import OUT_MM
 from daemon.arm.sweep import places_clear
-from daemon.arm.workcell import HeldBackError, Reading
 from drivers import puma560
 from drivers.simcell.arm import SingularWristError, plan_joints, plan_straight
 from tests.fakes.fake_cell import ARM, HEAD_DOWN, World, build, joints, permitted

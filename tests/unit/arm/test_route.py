@@ -9,13 +9,13 @@ import pytest
 
 from daemon import frames
 from daemon.arm import route
-from daemon.arm.belief import Beliefs, BeliefSource
+from daemon.arm.belief import Beliefs, BeliefSource, Reading
 from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.permit import MotionPermit
 from daemon.arm.route import planned_way
-from daemon.arm.workcell import Reading, Workcell
+from daemon.arm.workcell import Workcell
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import permitted

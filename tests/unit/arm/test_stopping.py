@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from daemon.arm.permit import MotionPermit
+from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import Stopping
-from daemon.arm.workcell import StopRefusedError
 from tests.fakes.in_time import lived
 
 UNSURE = "jog; NOT CONFIRMED: {}: press the emergency stop"

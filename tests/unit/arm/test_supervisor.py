@@ -12,9 +12,9 @@ from daemon.arm.guard import Limits, MoveCommand
 from daemon.arm.motion import Arrival, MoveRefusedError, NotAtTargetError
 from daemon.arm.operators import Interruption, OperatorRefusedError, RefusedError, said
 from daemon.arm.permit import Grant
+from daemon.arm.robot import StopRefusedError
 from daemon.arm.stopping import ABORT_S
 from daemon.arm.supervisor import Supervisor
-from daemon.arm.workcell import StopRefusedError
 from daemon.errors import FacetdError
 from daemon.events.codes import CauseCode, FaultCause
 from tests.fakes.fake_cell import HEAD_DOWN, World, build

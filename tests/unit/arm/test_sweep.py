@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import sweep
+from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
 from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
-from daemon.arm.workcell import Reading
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.chosen import few

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from daemon.arm import capsule_around
 from daemon.arm.belief import BeliefSource
 from daemon.arm.body import PERHAPS_HELD
-from daemon.cell.arm_on_link import ArmOnLink
 from daemon.cell.no_arm import CellError
+from daemon.cell.val2_arm import Val2Arm
 from daemon.commands.controller_terminal import LEFT, SPOIL, Typist, monitor, shown
 from daemon.pick.cycle import PickCycle
 from daemon.pick.settings import Settings
@@ -416,7 +416,7 @@ def test_what_the_controller_says_does_not_steer_the_terminal_it_is_shown_at() -
 
 @pytest.mark.parametrize("line", ["x" * 80, "TYPE \N{LATIN SMALL LETTER U WITH DIAERESIS}", "DO MOVE " + "A" * 90])
 def test_a_line_that_cannot_be_typed_is_refused_in_a_line_and_is_no_fault(line: str) -> None:
-    arm = ArmOnLink(Link("none"), Mock(), Mock())
+    arm = Val2Arm(Link("none"), Mock(), Mock())
     with pytest.raises(CellError, match="the controller takes lines of up to 79 plain characters"):
         arm.check_typable(line)
     arm.check_typable("x" * 79)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from daemon import frames
+from daemon.arm.belief import Reading
 from daemon.arm.settling import Settling
-from daemon.arm.workcell import Reading
 from daemon.events.codes import BY_MEASURE
 from daemon.pick import looks
 from daemon.pick.looks import (

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.arm.stopping import ABORT_S, TRIES
-from daemon.cell.arm_on_link import belongs_together
+from daemon.cell.val2_arm import belongs_together
 from daemon.frontends.client import STOP_ANSWER_S
 from daemon.frontends.command_queue import SIGN_S
 from drivers.puma560 import forward

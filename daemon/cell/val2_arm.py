@@ -37,8 +37,8 @@ NO_ZERO = "the arm has not found its zero: `enable`, then `robot cal`"
 ENDED = f"The arm still moved {LEFT_S:g} s later: facetd has stopped it (a program that went on is ended)."
 
 
-class ArmOnLink:
-    """Robot (daemon/arm/workcell.py) over VAL II, and its ControllerMonitor: power-up, CAL, any line."""
+class Val2Arm:
+    """Robot (daemon/arm/robot.py) over VAL II, and its ControllerMonitor: power-up, CAL, any line."""
 
     moves_the_arm = staticmethod(commands.moves_the_arm)
     turns_over = staticmethod(commands.turns_over)
@@ -198,7 +198,7 @@ class ArmOnLink:
         return PumaArm(self.arm)
 
     @property
-    def controller(self) -> "ArmOnLink":
+    def controller(self) -> "Val2Arm":
         """Itself: VAL II has a command line."""
         return self
 
@@ -325,17 +325,17 @@ class ArmOnLink:
         self.heard_s = self.link.clock()
 
 
-def arm_on_link(
+def val2_arm(
     port: str,
     dialect: Dialect,
     arm: puma560.ArmGeometry,
     on_wire: WireListener,
     clock: Callable[[], float],
     beliefs: Beliefs,
-) -> ArmOnLink:
+) -> Val2Arm:
     """The arm at a serial port, not yet opened. on_wire: receives every record of the wire ledger."""
     link = Link(port, dialect, clock=clock, on_wire=on_wire, belongs_together=partial(belongs_together, arm))
-    return ArmOnLink(link, arm, beliefs)
+    return Val2Arm(link, arm, beliefs)
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from daemon.arm import Beliefs, StopRefusedError
-from daemon.cell.arm_on_link import ENDED, NO_ZERO, ArmOnLink
+from daemon.cell.val2_arm import ENDED, NO_ZERO, Val2Arm
 from drivers.puma560 import READY_RAD, ArmGeometry
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Faults, Manners, Mishap, instructions
@@ -48,15 +48,15 @@ def line(runner: asyncio.Runner) -> ArmLine:
     return line_in_time(controller, faults, hand, 10.0, runner.get_loop())
 
 
-def arm_of(link: Link, geometry: ArmGeometry) -> ArmOnLink:
+def arm_of(link: Link, geometry: ArmGeometry) -> Val2Arm:
     """One that nobody withholds motion from."""
-    arm: Any = ArmOnLink(link, geometry, Beliefs(link.clock, Mock()))
+    arm: Any = Val2Arm(link, geometry, Beliefs(link.clock, Mock()))
     arm.permit = link.permit = Unconditional()
     return arm
 
 
 @asynccontextmanager
-async def arm_on(line: ArmLine) -> AsyncIterator[ArmOnLink]:
+async def arm_on(line: ArmLine) -> AsyncIterator[Val2Arm]:
     async with line.link() as link:
         yield arm_of(link, ArmGeometry())
 
@@ -99,30 +99,30 @@ def test_a_controllers_terminal_that_is_left_while_the_arm_moves_is_over_when_it
     runner.run(story())
 
 
-async def typed_in_a_line(arm: ArmOnLink, line: ArmLine) -> None:
+async def typed_in_a_line(arm: Val2Arm, line: ArmLine) -> None:
     await arm.monitor("SPEED 100")
     await arm.monitor("DO SPEED 300 ALWAYS")
     await arm.monitor("TOOL TRANS(0,0,50,0,0,0)")
 
 
-async def typed_at_the_terminal(arm: ArmOnLink, line: ArmLine) -> None:
+async def typed_at_the_terminal(arm: Val2Arm, line: ArmLine) -> None:
     async with arm.terminal(lambda _: None, print) as send:
         send(b"SPEED 100\rDO SPEED 300 ALWAYS\rTOOL TRANS(0,0,50,0,0,0)\r")
         await asyncio.sleep(0.3)
 
 
-async def line_reopened(arm: ArmOnLink, line: ArmLine) -> None:
+async def line_reopened(arm: Val2Arm, line: ArmLine) -> None:
     await arm.close()
     switched_on_again(line)
     await arm.open()
 
 
-async def calibrated(arm: ArmOnLink, line: ArmLine) -> None:
+async def calibrated(arm: Val2Arm, line: ArmLine) -> None:
     await arm.calibrate("Y")
     switched_on_again(line)
 
 
-async def stopped(arm: ArmOnLink, line: ArmLine) -> None:
+async def stopped(arm: Val2Arm, line: ArmLine) -> None:
     await arm.abort()
     switched_on_again(line)
 
@@ -227,7 +227,7 @@ def test_a_place_to_reckon_from_is_where_the_arm_came_to_rest_not_one_on_its_way
 def test_an_arm_that_goes_on_moving_gives_no_place_to_reckon_from(
     runner: asyncio.Runner, line: ArmLine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.cell.arm_on_link.REST_S", 0.2)
+    monkeypatch.setattr("daemon.cell.val2_arm.REST_S", 0.2)
 
     async def story() -> None:
         async with arm_on(line) as arm:

@@ -11,7 +11,7 @@ import pytest
 from drivers.camera import v4l2
 from drivers.camera.pair import CameraError
 from drivers.camera.settings import CameraSettings
-from drivers.camera.stereo import V4L2StereoCamera
+from drivers.camera.v4l2_stereo import V4L2StereoCamera
 from tests.fakes.pretend_video import Arrival, PretendControl, PretendDevice, PretendSystem
 
 PERIOD_S = 0.1
