@@ -53,7 +53,7 @@ def stopped(arm: Any, said: list[str | None]) -> tuple[str | None, bool]:
             await stopping.over()
         return outcome, over
 
-    return asyncio.run(told())
+    return lived(told())
 
 
 def test_an_arm_that_is_seen_at_rest_is_told_no_more_and_no_alarm_sounds() -> None:
