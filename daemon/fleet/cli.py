@@ -86,7 +86,7 @@ def _runs(args: argparse.Namespace) -> int:
     from daemon.review.brief import read_brief
 
     rows = []
-    for folder in list_runs(args.runs or folders.runs_folder())[-args.last :]:
+    for folder in list_runs(args.runs or folders.runs_last_used())[-args.last :]:
         try:
             rows.append(read_brief(folder).statistics())
         except FacetdError as error:  # one bad run must not hide the others
@@ -196,7 +196,7 @@ def _replay_here(args: argparse.Namespace, chosen: Any) -> list[tuple[str, Any]]
 
 def _folders_of(args: argparse.Namespace) -> list[str]:
     """The stores and the run folders that were named."""
-    runs = args.runs or folders.runs_folder()
+    runs = args.runs or folders.runs_last_used()
     return [name if _is_store(name) else str(find_run(runs, name)) for name in args.folders or ["latest"]]
 
 

@@ -60,7 +60,7 @@ def with_run(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 
 def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
     """The folder of the named run. Raises RunError."""
-    return find_run(args.runs or folders.runs_folder(), name or args.folder)
+    return find_run(args.runs or folders.runs_last_used(), name or args.folder)
 
 
 def _review(args: argparse.Namespace) -> int:

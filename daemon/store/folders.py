@@ -12,6 +12,8 @@ INSTALLED_PROGRAM = Path("/usr/lib/facetd")
 """Where the Debian package has it (debian/rules)."""
 INSTALLED_CONFIG = Path("/etc/facetd/facetd.yaml")
 INSTALLED_STATE = Path("/var/lib/facetd")
+SIMULATED_STATE = Path("/var/lib/facetd-simulated")
+"""Of the simulated cell as the service (deploy/simulated.conf)."""
 INSTALLED_RUNTIME = Path("/run/facetd")
 SOCKET_NAME = "facetd.sock"
 
@@ -73,6 +75,28 @@ def runs_folder(simulated: bool = False) -> Path:
     """Folder of the run folders: $FACETD_RUNS, else runs/ of the state folder."""
     named = os.environ.get("FACETD_RUNS")
     return Path(named) if named else state_folder(simulated) / "runs"
+
+
+def state_last_used() -> Path:
+    """State folder that facetctl reads: as state_folder; but where a service is installed, that of the newest run among
+    the service's, the simulated service's and the person's own."""
+    if os.environ.get("STATE_DIRECTORY") or not INSTALLED_STATE.is_dir():
+        return state_folder()
+    return max((INSTALLED_STATE, SIMULATED_STATE, own_folder()), key=_began_s)
+
+
+def _began_s(state: Path) -> float:
+    """When the newest run in a state folder began; 0 where that cannot be seen."""
+    try:
+        return (state / "runs").stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def runs_last_used() -> Path:
+    """Folder of the run folders that facetctl reads: $FACETD_RUNS, else runs/ of the state folder last used."""
+    named = os.environ.get("FACETD_RUNS")
+    return Path(named) if named else state_last_used() / "runs"
 
 
 def how_to_add(extra: str) -> str:

@@ -288,7 +288,7 @@ def model_file(named: Path) -> Path:
     word = str(named)
     if named.exists() or not (word == "latest" or WHOLE.fullmatch(word)):
         return named
-    store = ModelStore(folders.state_folder())
+    store = ModelStore(folders.state_last_used())
     versions = store.versions()
     found = versions[-1:] if word == "latest" else [version for version in versions if version == whole(word)]
     if not found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -17,7 +18,7 @@ def nothing_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A machine with nothing installed and nothing in the environment."""
     for name in NAMES:
         monkeypatch.delenv(name, raising=False)
-    for name in ("INSTALLED_CONFIG", "INSTALLED_STATE", "INSTALLED_RUNTIME"):
+    for name in ("INSTALLED_CONFIG", "INSTALLED_STATE", "INSTALLED_RUNTIME", "SIMULATED_STATE"):
         monkeypatch.setattr(folders, name, tmp_path / "installed" / name)
     (tmp_path / "house").mkdir()
     (tmp_path / "house" / "pyproject.toml").touch()
@@ -85,3 +86,32 @@ def test_the_operator_s_tool_looks_for_the_real_daemon_first_and_then_for_the_si
         assert folders.socket_candidates()[simulated] == folders.runtime_folder(simulated) / folders.SOCKET_NAME
     monkeypatch.setenv("FACETD_SOCKET", "/x/s.sock")
     assert folders.socket_candidates() == [Path("/x/s.sock")]
+
+
+def begin_run(state: Path, at_s: float) -> None:
+    (state / "runs").mkdir(parents=True, exist_ok=True)
+    os.utime(state / "runs", (at_s, at_s))
+
+
+def test_the_latest_run_is_found_whether_the_service_a_simulated_one_or_the_person_made_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "mine"))
+    assert folders.runs_last_used() == folders.runs_folder()
+    install()
+    assert folders.runs_last_used() == folders.INSTALLED_STATE / "runs", "none yet"
+    for at_s, state in enumerate((folders.INSTALLED_STATE, folders.SIMULATED_STATE, tmp_path / "mine" / "facetd")):
+        begin_run(state, 1000.0 + at_s)
+        assert folders.state_last_used() == state
+        assert folders.runs_last_used() == state / "runs"
+    begin_run(folders.INSTALLED_STATE, 2000.0)
+    assert folders.state_last_used() == folders.INSTALLED_STATE
+
+
+def test_what_a_person_says_is_read_whatever_was_used_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    install()
+    begin_run(folders.SIMULATED_STATE, 1000.0)
+    monkeypatch.setenv("STATE_DIRECTORY", "/x/state")
+    assert folders.runs_last_used() == Path("/x/state/runs")
+    monkeypatch.setenv("FACETD_RUNS", "/x/runs")
+    assert folders.runs_last_used() == Path("/x/runs")
