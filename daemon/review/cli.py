@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import socket
 import sys
 from collections.abc import Callable
@@ -21,9 +22,8 @@ from daemon.store.runs import RUN, find_run, follow
 def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands to facetctl."""
     review = with_run(command(subparsers, "review", _review, "one HTML page of a run"))
-    review.add_argument(
-        "--out", type=Path, metavar="PAGE.html", help="where to write it (default: into the run folder)"
-    )
+    where = "where to write it (default: into the run folder, or the current one where you may not write there)"
+    review.add_argument("--out", type=Path, metavar="PAGE.html", help=where)
     review.add_argument("--against", metavar="RUN", help="compare it with another run")
     review.add_argument("--cycle", type=whole, metavar="N", help="one cycle in 3-D and over time (extra `plots`)")
     review.add_argument("--week", action="store_true", help="one page for the week that ended with it, in runs/")
@@ -31,7 +31,7 @@ def register(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     kind = export.add_mutually_exclusive_group(required=True)
     kind.add_argument("--csv", action="store_true", help="cycles.csv and looks.csv")
     kind.add_argument("--mcap", action="store_true", help="for Foxglove: images, transforms, log (extra `export`)")
-    export.add_argument("--out", type=Path, help="folder, or file for --mcap (default: in the run folder)")
+    export.add_argument("--out", type=Path, help="folder, or file for --mcap (default: as review)")
     export.add_argument("--cell", default=socket.gethostname(), help="this cell's name in the tables")
     tail = with_run(command(subparsers, "tail", _tail, "follow a run live, a line a step"))
     tail.add_argument("--once", action="store_true", help="print what is there and end")
@@ -63,6 +63,12 @@ def folder_of(args: argparse.Namespace, name: str | None = None) -> Path:
     return find_run(args.runs or folders.runs_last_used(), name or args.folder)
 
 
+def _home(folder: Path) -> Path:
+    """Where a page goes unless --out names it: into the folder itself; where only the daemon may write there, into the
+    current folder."""
+    return folder if os.access(folder, os.W_OK) else Path()
+
+
 def _review(args: argparse.Namespace) -> int:
     from daemon.review.page import write_page
 
@@ -70,15 +76,15 @@ def _review(args: argparse.Namespace) -> int:
     if args.week:
         from daemon.review.week import write_week
 
-        print(write_week(folder.parent, folder, args.out or folder.parent / "week.html"))
+        print(write_week(folder.parent, folder, args.out or _home(folder.parent) / "week.html"))
         return DONE
     if args.cycle is not None:
         from daemon.review.cycle_page import write_cycle_page
 
-        print(write_cycle_page(folder, args.cycle, args.out or folder / f"cycle-{args.cycle}.html"))
+        print(write_cycle_page(folder, args.cycle, args.out or _home(folder) / f"cycle-{args.cycle}.html"))
         return DONE
     against = folder_of(args, args.against) if args.against else None
-    print(write_page(folder, args.out or folder / "report.html", against))
+    print(write_page(folder, args.out or _home(folder) / "report.html", against))
     return DONE
 
 
@@ -89,9 +95,9 @@ def _export(args: argparse.Namespace) -> int:
     folder = folder_of(args)
     run = read_digest(folder)
     if args.mcap:
-        written = [export.to_mcap(folder, run, args.out or folder / f"{folder.name}.mcap")]
+        written = [export.to_mcap(folder, run, args.out or _home(folder) / f"{folder.name}.mcap")]
     else:
-        written = export.to_csv(run, args.out or folder, args.cell)
+        written = export.to_csv(run, args.out or _home(folder), args.cell)
     for path in written:
         print(path)
     return DONE

@@ -55,6 +55,23 @@ def test_a_week_of_runs_is_one_page_and_each_point_leads_to_its_run(tmp_path: Pa
     assert browser.get_log("browser") == []
 
 
+def test_who_may_only_read_a_run_gets_its_page_into_their_own_folder(
+    made: MadeRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Members of the group facetd, in the service's folder."""
+    made.pick()
+    made.close()
+    runs = ["--runs", str(made.folder.parent)]
+    assert ctl.main(["review", *runs]) == 0
+    assert capsys.readouterr().out == f"{made.folder / 'report.html'}\n"
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+    monkeypatch.setattr("os.access", lambda path, mode: made.folder.parent not in (path, *Path(path).parents))
+    for words in (["review"], ["review", "--week"], ["export", "--csv"]):
+        assert ctl.main([*words, *runs]) == 0
+    assert {path.name for path in Path().iterdir()} == {"report.html", "week.html", "cycles.csv", "looks.csv"}
+
+
 def test_an_unknown_run_is_one_line_and_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for command in ("review", "replay", "tail"):
         assert ctl.main([command, "--runs", str(tmp_path), "nosuch"]) == 2
