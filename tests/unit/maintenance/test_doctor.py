@@ -128,6 +128,17 @@ def test_a_full_disk_is_told_with_what_goes_by_itself(tmp_path: Path, monkeypatc
     assert "removes only old runs" in found.mend
 
 
+@pytest.mark.parametrize(("owner", "level"), [("facetd", "good"), ("root", "bad")])
+def test_a_folder_of_the_daemons_is_in_order_also_where_an_operator_asks_who_may_not_write_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: str, level: str
+) -> None:
+    config = configured(tmp_path, "cell: simulated\n")
+    monkeypatch.setattr(doctor.os, "access", lambda *_: False)
+    monkeypatch.setattr(doctor.pwd, "getpwuid", lambda _: SimpleNamespace(pw_name=owner))
+    (found,) = of(examine(config, running=False), "disk")
+    assert found.level == level
+
+
 def test_what_a_camera_did_not_hold_is_to_correct_and_an_untested_camera_is_noted() -> None:
     cameras = SimpleNamespace(describe=lambda: "two")
     hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
