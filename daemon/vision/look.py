@@ -21,7 +21,7 @@ from daemon.vision.evidence import (
 from daemon.vision.facets import TablePlane, facets_seen, with_lone_outlines, without_table
 from daemon.vision.geometry import StereoRig
 from daemon.vision.health import SAID, Pictures, cause_of_nothing, depth_doubt, with_causes
-from daemon.vision.hypotheses import prepare, snapped_to_support
+from daemon.vision.hypotheses import prepare
 from daemon.vision.image import StereoImages, open_stereo
 from daemon.vision.model import FacetLibrary, Model, empty_model
 from daemon.vision.recognition import Recognised, recognise
@@ -68,7 +68,7 @@ def look(
     start = now()
     found = verified = _verified(found, (), (), known, eyes) if refines else found
     seconds["refine"] = now() - start
-    guesses, left_out, ground, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), None, list[Recognised]()
+    guesses, left_out, by_edges = tuple[NearestGuess, ...](), tuple[str, ...](), list[Recognised]()
     complete = bool(known.labels) and all_accounted_for(found, view, known, eyes)
     if not complete and not (known.labels and any(outlines(view))):
         view = with_lone_outlines(view, eyes, by_facets.effort)
@@ -87,17 +87,14 @@ def look(
             if not straight.complete:
                 view = with_lone_outlines(view, eyes, by_facets.effort)
             found, view = without_overlaps(found, view, straight.named, known, eyes)
-            guesses, left_out, ground = straight.guesses, straight.left_out, straight.ground
+            guesses, left_out = straight.guesses, straight.left_out
             by_edges = straight.named
         seconds["edges"] = now() - start
     start = now()
     parts = tuple(r.part for r in found)
     if refines:
         refined = _verified(found, verified, by_edges, known, eyes)
-        laid = [new.part for one, new in zip(found, refined, strict=True) if one in by_edges]
         parts = tuple(one.part for one in refined)
-        if ground is not None:
-            parts = snapped_to_support(parts, known, ground, laid)
     seconds["refine"] += now() - start
     pictures = eyes.left.grey, eyes.right.grey
     if known.labels and not all(part.named for part in parts):

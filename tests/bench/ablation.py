@@ -64,7 +64,6 @@ COMPONENTS: dict[str, Without] = {
     "refined poses of facets": Without(look_module, "refined_parts", lambda parts, *_: tuple(parts)),
     "the pose that shows most": Without(edge_adjustment, "most_in_view", lambda *_: 0),
     "wear": Without(edge_adjustment, "_wear", lambda _, variance_mm2: (0.0, 0.0)),
-    "parts put on the table": Without(look_module, "snapped_to_support", lambda parts, *_: tuple(parts)),
     "hypotheses from facets": Without(by_edges, "hypotheses_from_facets", lambda *_: search.RankedHypotheses([], 0)),
     "hypotheses on the table": Without(by_edges, "hypotheses_on_support", lambda *_: search.RankedHypotheses([], 0)),
     "hypotheses turned": Without(search, "best_turned", lambda guesses, *_: _likeliest(guesses)),

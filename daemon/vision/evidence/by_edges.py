@@ -100,13 +100,12 @@ NEAREST = 0.4
 
 
 class NamedByEdges(NamedTuple):
-    """What straight edges name, what came nearest to it where they name nothing, what there was no time for, and the
-    table, where that is seen or known; complete: nothing is left to be named."""
+    """What straight edges name, what came nearest to it where they name nothing, and what there was no time for;
+    complete: nothing is left to be named."""
 
     named: list[Recognised]
     guesses: tuple[NearestGuess, ...]
     left_out: tuple[str, ...]
-    ground: SupportPlane | None = None
     complete: bool = False
 
 
@@ -135,7 +134,7 @@ def named_by_edges(
     laid = _by_odds(registered_near(search, by_facets.likely))
     _, found, _ = _proven(search, laid, max(by_facets.tests, fewest), spent)
     if found and enough(found):
-        return NamedByEdges(found, (), (), search.ground, complete=True)
+        return NamedByEdges(found, (), (), complete=True)
     tests, left_out = 0, tuple[str, ...]()
     for guessed in (hypotheses_from_junctions, hypotheses_on_support):
         likely, of, unasked = guessed(search, spent)
@@ -159,7 +158,7 @@ def named_by_edges(
     if nearest and not named and not found and spent() < 1:
         apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
     guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
-    return NamedByEdges(found, guesses, left_out, search.ground)
+    return NamedByEdges(found, guesses, left_out)
 
 
 def _proven(

@@ -7,7 +7,6 @@ from daemon.vision.hypotheses.pose_batch import COVERED, pixels
 from daemon.vision.hypotheses.resting_poses import (
     SupportPlane,
     lies_on_support,
-    snapped_to_support,
     snapped_where_it_lies,
 )
 from daemon.vision.hypotheses.search import (

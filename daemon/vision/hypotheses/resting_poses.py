@@ -20,9 +20,7 @@ from daemon.arrays import Array
 from daemon.vision.facets import TablePlane
 from daemon.vision.geometry import Baseline, Polyhedron, chi_square_limit, solve
 from daemon.vision.hypotheses.pose_batch import PoseBatch
-from daemon.vision.model import Model
 from daemon.vision.refine import turned
-from daemon.vision.values import Part
 
 FLAT_MM = 1.0
 """Corners this near to a plane lie in it, as far as parts are taught."""
@@ -216,26 +214,6 @@ scenes it is .07 mm and .03 degrees off, in one of twenty .2 mm and .14 degrees.
 LIES, SUNK = chi_square_limit(3, 0.01), chi_square_limit(3, 1e-6)
 """Chi-square of a part's height and tilt against the table: more, and it stands on something else; for one that seems
 to have sunk in, which none has, so much that it is no table."""
-
-
-def snapped_to_support(
-    parts: Sequence[Part], model: Model, ground: SupportPlane, by_edges: Sequence[Part] = ()
-) -> tuple[Part, ...]:
-    """The parts, the named ones that lie on a table which is seen where their edges and it together have them; those
-    that edges named lie there already."""
-    if not ground.seen:
-        return tuple(parts)
-    done = [not part.named or any(part is other for other in by_edges) for part in parts]
-    return tuple(part if there else _laid(part, model, ground) for part, there in zip(parts, done, strict=True))
-
-
-def _laid(part: Part, model: Model, ground: SupportPlane) -> Part:
-    solid = model.metric[part.recognition.label].solid
-    pose, covariance = snapped_where_it_lies(ground, solid, part.cyclopean_from_part, part.covariance)
-    if pose is part.cyclopean_from_part:
-        return part
-    turn = pose @ frames.inverse(part.cyclopean_from_part)
-    return part.laid(pose, covariance, tuple(frames.apply(turn, ring) for ring in part.fitted_mm))
 
 
 def snapped_where_it_lies(

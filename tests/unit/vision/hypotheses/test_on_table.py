@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,7 +13,7 @@ from daemon.store.library import load_facets
 from daemon.vision.facets.table_plane import TablePlane
 from daemon.vision.geometry import exact
 from daemon.vision.hypotheses import resting_poses
-from daemon.vision.hypotheses.resting_poses import SupportPlane, snapped_pose, snapped_to_support
+from daemon.vision.hypotheses.resting_poses import snapped_pose
 from daemon.vision.look import look
 from daemon.vision.model.model import Model, empty_model, learn_view
 from daemon.vision.values import Part, Scene
@@ -91,18 +89,3 @@ def test_a_look_lays_what_it_names_on_the_table_it_sees(monkeypatch: pytest.Monk
         np.testing.assert_allclose(after, frames.apply(turn, before), atol=1e-9)
     np.testing.assert_allclose(laid.equivalents, turn @ as_seen.equivalents, atol=1e-9)
     assert np.trace(laid.covariance) < np.trace(as_seen.covariance)
-
-
-def test_only_what_is_named_is_laid_and_only_on_a_table_that_is_seen() -> None:
-    taught = model()
-    _, part = cube_on_a_patterned_table(taught)
-    turned = frames.perturb(part.cyclopean_from_part, np.array([0.0, 0.0, 0.0, 0.008, 0.0, 0.0]))
-    tilted = replace(part, cyclopean_from_part=turned, covariance=SPREAD)
-    stranger = replace(tilted, recognition=replace(part.recognition, label="unknown"))
-    ground = SupportPlane(TABLE, seen=True)
-    assert snapped_to_support([tilted], taught, ground)[0] is not tilted
-    assert snapped_to_support([stranger], taught, ground) == (stranger,)
-    leaning = frames.perturb(part.cyclopean_from_part, np.array([0.0, 0.0, 0.0, 0.09, 0.0, 0.0]))
-    unsure = replace(part, cyclopean_from_part=leaning, covariance=100 * SPREAD)
-    assert snapped_to_support([unsure], taught, ground) == (unsure,)
-    assert snapped_to_support([tilted], taught, SupportPlane(TABLE, seen=False)) == (tilted,)
