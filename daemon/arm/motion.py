@@ -246,8 +246,8 @@ class Mover:
         return Refusal(
             "turned_over",
             "somebody turned shoulder, elbow or wrist over since the last joint-interpolated move; the controller may "
-            "turn it back on an unchecked path. Turn it back with the pendant. If somebody typed FLIP, LEFTY or BELOW at "
-            "the controller, do not: send the arm on with `robot monitor`",
+            "turn it back on an unchecked path. Turn it back with the pendant. If somebody typed FLIP, LEFTY or BELOW "
+            "at the controller, do not: send the arm on with `robot monitor`",
         )
 
     @property

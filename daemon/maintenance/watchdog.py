@@ -75,8 +75,9 @@ class Watchdog:
         busy = state["doing"] is not None
         if self._may_check("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
-        if self._may_check("controller", busy, health.arm_check_s):
-            self._start("controller", self._check_controller, now, health.arm_check_s)
+        unstopped = self._context.cycle.supervisor.stopping and not self._context.hardware.robot.connected
+        if unstopped or self._may_check("controller", busy, health.arm_check_s):
+            self._start("controller", self._check_controller, now, 0.0 if unstopped else health.arm_check_s)
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)

@@ -18,6 +18,7 @@ from daemon.cell import sections
 from daemon.cell.identified_arm import arm_file, arm_of, page
 from daemon.cell.identify import StoppedByPersonError, _Line, read_transcript, replay
 from daemon.store import folders
+from daemon.store.yamlfile import ConfigError
 from drivers.puma560 import ArmGeometry, forward
 from drivers.pumas import PUBLISHED
 from drivers.simcell.arm import standing
@@ -360,14 +361,14 @@ def test_a_line_on_which_a_stop_is_confirmed_too_late_is_refused_where_its_speed
     if where is None:
         assert sections.dialect(config).baud == 9600
         return
-    with pytest.raises(configs.ConfigError, match=where):
+    with pytest.raises(ConfigError, match=where):
         sections.dialect(config)
 
 
 def test_an_arm_file_with_a_wrong_value_is_told_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text("version: 1\ndialect:\n  echo: {value: perhaps}\n")
     file = beside_the_others(tmp_path, "version: 1\narm: {file: arm.yaml}\n")
-    with pytest.raises(configs.ConfigError, match=r"arm.yaml:3: dialect.echo"):
+    with pytest.raises(ConfigError, match=r"arm.yaml:3: dialect.echo"):
         sections.dialect(configs.load_config(file))
 
 

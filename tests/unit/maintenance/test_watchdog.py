@@ -279,6 +279,22 @@ def test_while_a_stop_is_under_way_the_line_is_the_stops_and_opened_again_only_w
     watching(tmp_path, play)
 
 
+def test_a_line_that_is_lost_during_a_stop_is_tried_again_at_every_tick_however_seldom_the_controller_is_checked(
+    tmp_path: Path,
+) -> None:
+    """Nothing stops the arm until then: it went on for ten seconds after the adapter was plugged in again."""
+
+    async def play(watched: WatchedCell, _: Watchdog) -> None:
+        watched.context.config.values.health.arm_check_s = 10.0
+        watched.close, watched.open = AsyncMock(), AsyncMock(side_effect=CellError("no such port"))  # type: ignore[attr-defined]
+        watched.stopping, watched.connected, watched.doing = True, False, "stop"
+        watched.context.troubles.report("controller", "controller: the port is gone")
+        await asyncio.sleep(3.2)
+        assert watched.open.await_count >= 5  # type: ignore[attr-defined]
+
+    watching(tmp_path, play)
+
+
 def test_a_run_removed_under_the_daemon_is_told_and_the_log_goes_on_in_a_new_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -530,10 +530,10 @@ def test_an_arm_that_a_pendant_turned_over_waits_also_where_somebody_else_has_ty
     story.type_beside("WHERE")
     for text in ("go survey", "resume", "enable", "go survey"):
         story.sockets[0].say(text)
-        story.wait(3.0)
+        story.wait(8.0)
         if story.sockets[0].question is not None:
             story.sockets[0].answer("y")
-            story.wait(3.0)
+            story.wait(8.0)
     assert any("turned shoulder, elbow or wrist over" in text for text in story.texts), story.texts
     assert configuration_of(story.cell.controller.machine.joints()) != configuration_of(there)
     assert story.violations() == ()

@@ -564,7 +564,8 @@ def test_a_where_without_its_table_is_asked_for_again_some_times() -> None:
 
 
 def test_an_answer_comes_back_whole_and_two_readings_are_a_pause_apart() -> None:
-    came, *_ = told(lambda link: link.command("STATUS"), lambda line, nth: "\r\nall is well" + PROMPT)
+    said = {"STATUS": "\r\nall is well"}
+    came, *_ = told(lambda link: link.command("STATUS"), lambda line, nth: said.get(line, "") + PROMPT)
     assert came.lines == ("all is well",)
     assert told(lambda link: link.still(5.0), poll_s=0.5)[2] >= 0.5
 
