@@ -79,6 +79,10 @@ class ControllerMonitor(Protocol):
     def asks_whether_to_move(self) -> bool:
         """Whether a yes to that question may start a motion."""
 
+    @property
+    def heard_unasked(self) -> bool:
+        """Whether something came on its line while nothing was asked: the next question to the robot reports it."""
+
     def check_typable(self, text: str) -> None:
         """Raise a FacetdError where a line cannot be typed to this controller."""
 

@@ -212,6 +212,11 @@ class Val2Arm:
         """The controller's open question, or None."""
         return self.link.question
 
+    @property
+    def heard_unasked(self) -> bool:
+        """Whether the next command would report what came on the line unasked."""
+        return self.link.heard_unasked
+
     async def power_up(self, replies: Sequence[str]) -> list[str]:
         """Answer the controller's questions, after power-up or others. Returns its output, once the arm is at rest."""
         moves = self.asks_whether_to_move

@@ -75,9 +75,10 @@ class Watchdog:
         busy = state["doing"] is not None
         if self._may_check("cameras", busy, health.camera_silence_s):
             self._start("cameras", self._check_cameras, now, health.camera_silence_s / 2)
-        unstopped = self._context.cycle.supervisor.stopping and not self._context.hardware.robot.connected
-        if unstopped or self._may_check("controller", busy, health.arm_check_s):
-            self._start("controller", self._check_controller, now, 0.0 if unstopped else health.arm_check_s)
+        if self._heard_unasked or self._line_lost_in_a_stop:
+            self._start("controller", self._check_controller, now, 0.0)
+        elif self._may_check("controller", busy, health.arm_check_s):
+            self._start("controller", self._check_controller, now, health.arm_check_s)
         if now >= self._quota_s:
             self._quota_s = now + QUOTA_S
             self._start("quota", self._keep_quota, now, 0.0)
@@ -95,6 +96,18 @@ class Watchdog:
         hardware = self._context.hardware
         heard_s = (hardware.cameras if device == "cameras" else hardware.robot).heard_s
         return not busy or (heard_s is not None and hardware.clock() - heard_s > silence_s)
+
+    @property
+    def _heard_unasked(self) -> bool:
+        """Whether something is to be read on the controller's line at rest: it is told now, and not at the next check.
+        A line with a trouble is opened anew in its time."""
+        controller = self._context.hardware.robot.controller
+        return controller is not None and controller.heard_unasked and "controller" not in self._context.troubles.active
+
+    @property
+    def _line_lost_in_a_stop(self) -> bool:
+        """Whether nothing can stop the arm, that is to be stopped, until its line is open again."""
+        return self._context.cycle.supervisor.stopping and not self._context.hardware.robot.connected
 
     def _start(self, name: str, check: object, now: float, every_s: float) -> None:
         running = self._checks.get(name)

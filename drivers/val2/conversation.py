@@ -106,6 +106,8 @@ class Conversation:
         self._reader, self._send = reader, send
         self._inbox: asyncio.Queue[LineEvent | None] = asyncio.Queue()
         self._over: LinkError | None = None
+        self._stood = reader.pending
+        """What had half come as the conversation began, or a prompt was looked for: it is told of before, or ours."""
         self.typed_whole = False
         """Whether the present command's line end has gone out: from then on it may have been carried out."""
         self.line_may_hold_rest = True
@@ -132,6 +134,16 @@ class Conversation:
                 events.append(event)
         return events
 
+    @property
+    def holds_unheard(self) -> bool:
+        """Whether something came while nobody was waiting that whoever has the next turn hears of. Raises as
+        unheard."""
+        events = self.unheard()
+        for event in events:
+            self.hear(event)
+        by_itself = any(isinstance(event, Error | ControllerQuestion) for event in events)
+        return by_itself or self.others_of(events) != []
+
     def unheard_of_others(self) -> list[str]:
         """What came since the last answer and answers nothing of ours; whatever else came is left for who listens next.
         Raises as unheard."""
@@ -147,7 +159,7 @@ class Conversation:
         heard = [_in_words(event) for event in events if not isinstance(event, Error | ControllerQuestion)]
         if len(self.dialect.line_end) > 1 and heard[:1] == [A_PROMPT]:
             del heard[0]
-        half_come = self._reader.pending.strip(b"\x00\x07\x7f\r\n .")
+        half_come = self._reader.pending.removeprefix(self._stood).strip(b"\x00\x07\x7f\r\n .")
         return heard + ([half_come.decode("latin-1")] if len(half_come) > 1 else [])
 
     async def ask(
@@ -233,7 +245,7 @@ class Conversation:
         characters that make any line an error are typed and ended. Raises NoAnswer; Busy where something came back, but
         neither prompt nor question; ProcessorHalted.
         """
-        self.line_may_hold_rest = True
+        self.line_may_hold_rest, self._stood = True, self._reader.pending
         said: list[LineEvent] = []
         cancel = self.dialect.cancel_line
         for attempt in range(attempts):

@@ -177,6 +177,12 @@ class Link:
         return self._session is not None and not self._session.lost
 
     @property
+    def heard_unasked(self) -> bool:
+        """Whether something came on the line, or was done to its port, that nobody heard of yet and no command waits
+        for: the next one reports it."""
+        return self._session is not None and self._session.heard_unasked
+
+    @property
     def question(self) -> str | None:
         """What the controller asks; until power_up() answers it, it takes no commands."""
         return self._session.question if self._session is not None else None

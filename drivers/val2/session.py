@@ -284,6 +284,14 @@ class LineSession:
         for text in errors:
             self.talk.hear(Error(b"", text))
 
+    @property
+    def heard_unasked(self) -> bool:
+        """Whether something came, or somebody changed the port's settings, while nobody has the line: the next turn
+        reports it."""
+        if self.lost or self._turn.locked() or not self._may_go_on.is_set():
+            return False
+        return self._unreported is not None or self.talk.holds_unheard
+
     def send(self, data: bytes, kept: bytes) -> None:
         """Send bytes, then keep `kept` of them in the ledger. Raises PortError."""
         self._port.write(data)

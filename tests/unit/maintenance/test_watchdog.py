@@ -127,6 +127,34 @@ def test_a_camera_lost_while_the_arm_may_not_move_is_told_and_no_fault(tmp_path:
     assert watching(tmp_path, play).failed == []
 
 
+@pytest.mark.parametrize(("trouble", "checks"), [(False, 1), (True, 0)])
+def test_what_comes_unasked_on_the_controllers_line_is_read_at_once_and_not_at_the_next_check(
+    tmp_path: Path, trouble: bool, checks: int
+) -> None:
+    """A line with a trouble is opened again in its own time."""
+    asked: list[float] = []
+
+    async def play(watched: WatchedCell, _: Watchdog) -> None:
+        watched.context.config.values.health.arm_check_s = 10.0
+        watched.doing = "pick"  # which has the line, and waits for a yes
+        watched.controller = SimpleNamespace(question=None, heard_unasked=False)  # type: ignore[assignment]
+
+        async def check() -> None:
+            asked.append(time.monotonic())
+            watched.controller.heard_unasked = False  # type: ignore[attr-defined]
+
+        watched.check = check  # type: ignore[method-assign]
+        await asyncio.sleep(0.7)
+        assert not asked
+        if trouble:
+            watched.context.troubles.report("controller", "controller: no answer")
+        watched.controller.heard_unasked = True  # type: ignore[attr-defined]
+        await asyncio.sleep(0.6)
+
+    watching(tmp_path, play)
+    assert len(asked) == checks
+
+
 def test_once_a_lost_line_is_opened_again_nobody_knows_how_arm_and_hand_stand(tmp_path: Path) -> None:
     """Before anything is typed on it: a stop seen to work while it is opened gives no old leave back."""
 

@@ -1183,6 +1183,23 @@ def test_the_documented_way_back_leads_to_cal_also_where_the_controller_refuses_
     assert story.violations() == ()
 
 
+@pytest.mark.parametrize("typed", [b"SPE", b"SPEED 100\r", b"\r"])
+def test_what_somebody_types_at_an_idle_arm_that_may_not_move_is_told_within_a_second(
+    story: Story, typed: bytes
+) -> None:
+    """It was told at the next check, up to ten seconds later."""
+    story.wait(3.0)
+    with story.cell.server.controller() as controller:
+        controller.receive(typed, controller.now_s)
+    story.wait(1.0)
+    assert "somebody else types on this line" in story.texts[-1]
+    story.wait(10.0)
+    story.sockets[0].say("where")
+    story.wait(1.0)
+    assert "mm" in story.texts[-1]
+    assert story.violations() == ()
+
+
 def test_who_leaves_a_program_going_at_the_controllers_terminal_is_told_that_it_was_ended(
     story: Story, monkeypatch: pytest.MonkeyPatch
 ) -> None:

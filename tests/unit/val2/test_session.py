@@ -495,6 +495,81 @@ async def as_after_an_answer(wire: Wire) -> None:
     wire.session.talk.line_may_hold_rest = False
 
 
+@pytest.mark.parametrize(
+    ("heard", "told"),
+    [
+        (b"", None),
+        (b"S", None),
+        (b"SPE", Disturbed),
+        (b"\r\n.", Disturbed),
+        (b"SPEED 100\r\n", Disturbed),
+        (b"\r\n*Emergency stop*\r\n", ControllerError),
+        (b"\r\nInitialise (Y/N)? ", ControllerError),
+    ],
+)
+def test_what_the_next_turn_would_report_is_known_before_and_taken_from_nobody(
+    heard: bytes, told: type[Exception] | None
+) -> None:
+    async def story() -> None:
+        wire = Wire()
+        wire.session.talk.line_may_hold_rest = False
+        async with wire.session.turn():
+            wire.hear(heard)
+            await asyncio.sleep(0.1)
+            assert not wire.session.heard_unasked, "whoever has the line hears it"
+        assert wire.session.heard_unasked is (told is not None)
+        assert wire.session.heard_unasked is (told is not None)
+        wire.answers = [(0.001, PROMPT)]
+        if told is not None:
+            with pytest.raises(told):
+                async with wire.session.turn():
+                    raise AssertionError("nothing may be typed")
+        assert not wire.session.heard_unasked
+
+    lived(story())
+
+
+def test_settings_that_somebody_changed_at_rest_are_known_until_reported_and_a_lost_line_is_not_asked() -> None:
+    async def story() -> None:
+        wire = Wire()
+        wire.lose(Disturbed("stty"))
+        assert wire.session.heard_unasked
+        async with wire.session.preemption():
+            assert not wire.session.heard_unasked
+        with pytest.raises(Disturbed):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+        assert not wire.session.heard_unasked
+        wire.hear(b"SPEED 100\r\n")
+        wire.lose(PortError("gone"))
+        assert not wire.session.heard_unasked
+
+    lived(story())
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+def test_half_a_line_from_before_a_search_or_a_stop_that_nobody_answers_is_nobody_elses(stopped: bool) -> None:
+    """What a person had typed on a line that was pulled out then; what comes behind it is."""
+
+    async def story() -> None:
+        wire = Wire()
+        wire.hear(b"CAL")
+        if stopped:
+            async with wire.session.preemption() as talk:
+                await talk.type_raw(b"ABORT\r")
+        else:
+            with pytest.raises(NoAnswer):
+                await wire.session.find_prompt(wire.session.talk)
+        assert not wire.session.heard_unasked
+        wire.hear(b"SPE")
+        assert wire.session.heard_unasked
+        with pytest.raises(Disturbed, match="heard 'SPE'"):
+            async with wire.session.turn():
+                raise AssertionError("nothing may be typed")
+
+    lived(story())
+
+
 @pytest.mark.parametrize("stopped", [True, False])
 def test_of_a_line_of_others_the_next_turn_tells_where_a_stop_cut_off_who_had_found_it(stopped: bool) -> None:
     """As he took back what they had half typed; what he had found was told to nobody."""
