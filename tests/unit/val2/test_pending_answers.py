@@ -99,6 +99,17 @@ def test_an_answer_that_noise_took_from_a_stop_does_not_explain_another_s_lines_
     assert lived(story()) == (["ABORT"], ["dropped"])
 
 
+def test_a_line_of_others_amid_the_first_answer_after_opening_is_noticed() -> None:
+    """It was taken for a part of the answer to BREAK: the line counted as opened, and nobody was told."""
+
+    async def story() -> None:
+        says = lambda line, nth: "\r\n.SPEED 250\r\n." if line == "DO BREAK" else usual(line, nth)  # noqa: E731
+        with pytest.raises(Disturbed, match="SPEED 250"):
+            await linked(Scripted(says)).open()
+
+    lived(story())
+
+
 class Busy(Scripted):
     """Echoes and cancels at once, as a terminal driver does; the second WHERE is carried out only so many seconds
     later."""
