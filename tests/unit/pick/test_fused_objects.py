@@ -256,3 +256,11 @@ def test_named_parts_of_looks_without_a_facet_in_common_are_none(recogniser: Mod
     none = np.zeros((0, 0))
     nothing = Fused((), np.zeros((0, 4, 4)), exact(np.zeros((0, 3)), ()), none, none, np.zeros(0, np.intp), 0.0)
     assert fused_objects._in_own_places(nothing, [], recogniser) == []
+
+
+@pytest.mark.parametrize(("rises_mm", "pieces"), [(-30.0, [[0, 1]]), (30.0, [[0], [1]])], ids=["ridge", "hollow"])
+def test_facets_that_meet_in_a_hollow_edge_are_also_tried_as_two_things(rises_mm: float, pieces: list[Any]) -> None:
+    top = np.array([[0.0, 0, 0], [40, 0, 0], [40, 40, 0], [0, 40, 0]])
+    over = np.array([[40.0, y, rises_mm] for y in (0.0, 40.0)])
+    both = exact(np.vstack([top, over]), [(0, 1, 2, 3), (1, 4, 5, 2)])
+    assert fused_objects._convex(both, [0, 1]) == pieces

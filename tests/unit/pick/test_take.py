@@ -134,6 +134,20 @@ def test_a_part_that_is_seen_in_the_hand_is_not_still_where_it_lay(monkeypatch):
     assert fake.closed
 
 
+@pytest.mark.parametrize(
+    ("hand_off_mm", "barred"), [(take.HAND_REACH_MM - 1.0, False), (take.HAND_REACH_MM + 1.0, True)]
+)
+def test_what_lies_where_a_part_is_to_be_laid_down_bars_it_and_what_is_in_the_hand_does_not(
+    monkeypatch, hand_off_mm, barred
+):
+    corners = np.array([[x, y, z] for x in (400.0, 440.0) for y in (-20.0, 20.0) for z in (-290.0, -250.0)])
+    middle = corners.mean(axis=0)
+    hand = frames.rigid(np.eye(3), middle + np.array([0.0, 0.0, hand_off_mm]))
+    monkeypatch.setattr(take, "seen_parts", lambda _: [SimpleNamespace(centre=middle, corners=corners)])
+    look = SimpleNamespace(reading=SimpleNamespace(world_from_tool=hand))
+    assert take._barred(SimpleNamespace(corners=corners), look) is barred
+
+
 def test_a_part_in_the_hand_is_guarded_as_the_hand_is_until_it_is_let_go():
     fake = one_part()
     context, world = begun(fake)
