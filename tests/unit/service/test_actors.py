@@ -225,8 +225,8 @@ def test_a_speed_that_another_terminal_sets_is_no_moves_speed():
 @pytest.mark.parametrize("frontend", [0, 3])
 def test_a_line_that_another_terminal_typed_is_noticed_by_the_next_exchange_and_reported_to_all(frontend: int):
     def act(story: Story) -> None:
-        story.type_beside("SPEED 300")
-        story.wait(1.0)
+        story.type_beside("SPEED 50")
+        story.wait(0.1)
         story.frontends[frontend].say("where")
         story.wait(20.0)
 
