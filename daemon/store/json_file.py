@@ -13,10 +13,13 @@ LARGEST_BYTES = 4_000_000
 
 
 def read_json(path: Path, kind: type[T], mend: str) -> T | None:
-    """Read a file of facetd's own; None where there is none. mend: what to do about a damaged one. Raises FileError."""
+    """Read a file of facetd's own; None where there is none. mend: what to do about one that cannot be
+    read. Raises FileError."""
     if not os.path.lexists(path):
         return None
     try:
         return msgspec.json.decode(read_file(path, LARGEST_BYTES), type=kind)
+    except FileError as error:
+        raise FileError(f"{error}; {mend}") from None
     except JSON_ERRORS as error:
         raise FileError(f"{path}: cannot be read: {error}; {mend}") from None

@@ -23,7 +23,7 @@ PIECE = 1 << 20
 
 
 class FileError(FacetdError):
-    """A file cannot be used: which file, what is wrong. Each kind of file has a subclass."""
+    """A file cannot be used: which file, what is wrong."""
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:

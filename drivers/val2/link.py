@@ -389,9 +389,7 @@ class Link:
             if not self.dialect.break_after_move:
                 await self._still(talk, 0.0, any_place=True)
             else:
-                session, rest = self._open_session, "DO BREAK"
-                answer = await session.past_a_rest(talk, lambda: talk.ask(rest, (), self.dialect.resync_s))
-                session.ours_alone(rest, answer)
+                await self._open_session.ask_once(talk, "DO BREAK", (), self.dialect.resync_s)
         except (NoAnswer, Garbled) as problem:
             raise Busy(problem.message) from problem
         except ControllerError as refused:

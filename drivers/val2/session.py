@@ -219,8 +219,7 @@ class LineSession:
                 await first()
             self._refuse_others(talk.unheard_of_others())
             try:
-                answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
-                return self.ours_alone(text, answer)
+                return await self.ask_once(talk, text, replies, wait_s, meant, moves)
             except (Garbled, NoAnswer, HeldBack) as caught:
                 problem = caught
             if isinstance(problem, Interleaved):
@@ -235,9 +234,18 @@ class LineSession:
             raise ControllerError("; ".join(said), problem.where) from problem
         raise problem
 
-    def ours_alone(self, text: str, answer: ControllerAnswer) -> ControllerAnswer:
-        """The answer to a line, where nothing of somebody else's came amid it. Raises Disturbed, NoAnswer where an
-        answer of ours came too late amid it, Garbled where a line came twice."""
+    async def ask_once(
+        self,
+        talk: Conversation,
+        text: str,
+        replies: Sequence[str],
+        wait_s: float,
+        meant: Callable[[str], bool] = bool,
+        moves: bool = False,
+    ) -> ControllerAnswer:
+        """Ask, and see that nothing of somebody else's came amid the answer. Raises as Conversation.ask; Disturbed,
+        NoAnswer where an answer of ours came too late amid it, Garbled where a line came twice."""
+        answer = await self.past_a_rest(talk, lambda: talk.ask(text, replies, wait_s, meant, moves))
         said_by_itself = answer.question is not None or answer.errors
         if not said_by_itself and (commands.answers_nothing(text) or answer.where is not None):
             lines = [line for line in answer.of_text if not of_a_table(line)]

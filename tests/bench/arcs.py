@@ -22,19 +22,17 @@ import numpy as np
 from daemon import frames
 from daemon.arrays import Array
 from daemon.main import tame_malloc
-from daemon.store.library import load_facets
-from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.facets import facets_seen
 from daemon.vision.geometry import Polyhedron
 from daemon.vision.hypotheses.circles import circles_seen, rims_of
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
-from daemon.vision.model import Model, empty_model, learn_solid, symmetries
+from daemon.vision.model import symmetries
 from daemon.vision.settings import VisionSettings
-from tests.bench.machined import Look, drawing_from_taught, on_table
+from tests.bench.machined import Look, on_table
 from tests.fakes.drawn import obj, prism
 from tests.fakes.holed import holed_block, rounded
-from tests.fakes.machined import drawing
+from tests.fakes.machined import drawing, drawing_from_taught, taught_from
 
 KINDS = "disc", "knob", "half", "stadium", "quarter", "bore"
 SIZES = 0.95, 1.0, 1.05
@@ -91,11 +89,11 @@ def _look_at(kind: str, seed: int, tally: Tally) -> None:
     radius, long, high = rng.uniform(*RADIUS_MM), rng.uniform(20.0, 36.0), rng.uniform(14.0, 26.0)
     sizes = {f"{size:g}": drawing("one.obj", obj(*_mesh(kind, size * radius, long, high))) for size in SIZES}
     shown = on_table("1", sizes["1"], rng, AWAY_MM)
-    both = taught_from(sizes)
-    solid = both.metric["1"].solid
+    three, others = taught_from(sizes), taught_from({k: v for k, v in sizes.items() if k != "1"})
+    solid = three.metric["1"].solid
     true = shown.pose @ drawing_from_taught(sizes["1"], solid)
     _measure_arcs(shown, solid, true, tally)
-    for which, model in (("three sizes", both), ("the other two", taught_from(sizes, without="1"))):
+    for which, model in (("three sizes", three), ("the other two", others)):
         found = [part for part in look(shown.left, shown.right, shown.rig, model).parts if part.named]
         outcome = "silent" if not found else "WRONG" if any(p.recognition.label != "1" for p in found) else "right"
         if outcome == "right":
@@ -116,15 +114,6 @@ def _mesh(kind: str, radius: float, long: float, high: float) -> tuple[Array, li
         "quarter": [[-long, radius], [-long, -long], [radius, -long]],
     }.get(kind, [])
     return prism([(float(x), float(y)) for x, y in [*round_, *rest]], high)
-
-
-def taught_from(sizes: dict[str, Drawing], without: str = "") -> Model:
-    """What drawings teach, but for one of them."""
-    model = empty_model(load_facets())
-    for label, one in sizes.items():
-        if label != without:
-            model = learn_solid(model, one.solid, label)
-    return model
 
 
 def _measure_arcs(shown: Look, solid: Polyhedron, true: Array, tally: Tally) -> None:

@@ -30,14 +30,14 @@ from daemon.store.library import load_facets
 from daemon.store.pictures import read_as_stored
 from daemon.teaching.solid_from_mesh import Drawing
 from daemon.vision.evidence.hole_rims import hole_nats
-from daemon.vision.geometry import Polyhedron, StereoRig, rough_fit
+from daemon.vision.geometry import StereoRig
 from daemon.vision.image import open_stereo
 from daemon.vision.look import look
 from daemon.vision.model import Model, TeachError, empty_model, learn_solid, symmetries, turns_but_for_holes
 from tests.bench.simulated_looks import true_rig
 from tests.fakes import rendered
 from tests.fakes.drawn import obj
-from tests.fakes.machined import drawing, shown_shape
+from tests.fakes.machined import drawing, drawing_from_taught, shape_from_drawing, shown_shape
 from tests.fakes.photographed import DISTANCE_MM, cell, photograph
 
 KEPT = Path(__file__).resolve().parents[1] / "data" / "machined.npz"
@@ -122,9 +122,9 @@ def on_table(
     shape = shown_shape(label, one)
     assert shape.surface is not None
     photo = photograph(shape, rng, distance_mm=distance_mm)
-    shift = frames.rigid(np.eye(3), (shape.surface.corners_mm - one.surface.corners_mm).mean(0) - one.origin_mm)
+    pose = photo.cyclopean_from_part @ shape_from_drawing(shape, one)
     table = "plain" if photo.table is None else "patterned"
-    return Look(label, photo.cyclopean_from_part @ shift, photo.left, photo.right, true_rig(cell()), table)
+    return Look(label, pose, photo.left, photo.right, true_rig(cell()), table)
 
 
 def in_folder(folder: Path) -> Iterator[Look]:
@@ -163,14 +163,6 @@ def _own_turns(label: str) -> Array:
 def drawing_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of its drawing."""
     return drawing_from_taught(drawings()[label], taught().metric[label].solid)
-
-
-def drawing_from_taught(one: Drawing, own: Polyhedron) -> Array:
-    """(4, 4) from the frame of what was taught from a drawing to that of the drawing."""
-    there = one.solid.corners_mm + one.origin_mm
-    alike, every = np.tile(np.eye(3), (len(there), 1, 1)), np.ones((1, len(there)), bool)
-    rotation, shift, _ = rough_fit(there, alike, own.corners_mm[None], every)
-    return frames.rigid(rotation[0], shift[0])
 
 
 if __name__ == "__main__":

@@ -12,22 +12,19 @@ import numpy as np
 
 from daemon import frames
 from daemon.arrays import Array
-from daemon.config import load_config
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.place_goals import Goal, PlaceTable
 from daemon.pick.plan import stable_sides
-from daemon.store.library import load_facets
 from daemon.store.place_file import CellPlaces, Manner, Place
 from daemon.store.place_status import PlaceState, PlaceStatuses
 from daemon.teaching.solid_from_mesh import Drawing
-from daemon.vision.geometry import rough_fit
-from daemon.vision.model.model import Model, empty_model, learn_solid
+from daemon.vision.model.model import Model
 from drivers.simcell.parts import TAUGHT, PartShape, part_shape
 from drivers.simcell.world import PartPlace, PlacedPart, World
 from tests.bench import machined
 from tests.fakes.machined import drawing as read
-from tests.fakes.machined import shown_shape
-from tests.fakes.simulated_cell import CONFIG, Rig, rig
+from tests.fakes.machined import drawing_from_taught, shape_from_drawing, shown_shape, taught_from
+from tests.fakes.simulated_cell import Rig, rig
 
 MACHINED = (
     "bracket", "clevis", "cover", "flange", "gusset", "knob", "lever", "pillow_block", "t_nut", "v_block"
@@ -50,24 +47,16 @@ def _read(label: str) -> Drawing:
     return machined.drawings()[label] if label in MACHINED else read(f"{label}.stl", drawing(label))
 
 
-def _taught(labels: tuple[str, ...]) -> Model:
-    config = load_config(CONFIG, simulated=True)
-    model = empty_model(load_facets(config.file(config.values.files.facets)))
-    for label in labels:
-        model = learn_solid(model, _read(label).solid, label)
-    return model
-
-
 @cache
 def drawn_model() -> Model:
     """The demo's parts, each taught from its drawing."""
-    return _taught(TAUGHT)
+    return taught_from({label: _read(label) for label in TAUGHT})
 
 
 @cache
 def model() -> Model:
     """The demo's parts and ten machined ones, each taught from its drawing."""
-    return _taught(PARTS)
+    return taught_from({label: _read(label) for label in PARTS})
 
 
 @cache
@@ -79,12 +68,8 @@ def shape_of(label: str) -> PartShape:
 @cache
 def shape_from_part(label: str) -> Array:
     """(4, 4) from the frame of the taught solid to that of the part in the cell."""
-    one, own, surface = _read(label), model().metric[label].solid, shape_of(label).surface
-    there = one.solid.corners_mm
-    moved = one.origin_mm if surface is None else (surface.corners_mm - one.surface.corners_mm).mean(axis=0)
-    alike, every = np.tile(np.eye(3), (len(there), 1, 1)), np.ones((1, len(there)), bool)
-    rotation, shift, _ = rough_fit(there + moved, alike, own.corners_mm[None], every)
-    return frames.rigid(rotation[0], shift[0])
+    one = _read(label)
+    return shape_from_drawing(shape_of(label), one) @ drawing_from_taught(one, model().metric[label].solid)
 
 
 def lies(part: PlacedPart) -> Array:

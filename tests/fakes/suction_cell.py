@@ -16,11 +16,10 @@ from daemon.signals.input_form import InputForm
 from daemon.signals.line import LineSignals
 from daemon.signals.settings import SignalSettings
 from daemon.store import folders
-from daemon.store.library import load_facets
 from daemon.teaching.solid_from_mesh import Drawing
-from daemon.vision.model.model import Model, empty_model, learn_solid
+from daemon.vision.model.model import Model
 from drivers.simcell.parts import PartShape
-from tests.fakes.machined import drawing, shown_shape
+from tests.fakes.machined import drawing, shown_shape, taught_from
 from tests.fakes.simulated_cell import Rig, rig
 
 CONFIG = folders.HOUSE / "etc" / "suction" / "facetd.yaml"
@@ -46,10 +45,7 @@ def bracket() -> Drawn:
 
 def model_of(parts: Sequence[Drawn]) -> Model:
     """These parts, each taught from its drawing."""
-    model = empty_model(load_facets())
-    for part in parts:
-        model = learn_solid(model, part.drawing.solid, part.label)
-    return model
+    return taught_from({part.label: part.drawing for part in parts})
 
 
 @contextlib.asynccontextmanager

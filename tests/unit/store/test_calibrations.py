@@ -49,8 +49,13 @@ def test_where_nothing_can_be_kept_is_known_before(kept: Calibrations) -> None:
 
 def test_a_state_that_cannot_be_read_is_said_and_not_guessed(kept: Calibrations) -> None:
     kept.keep(b"one")
-    (kept.folder / "state.json").write_text("{")
-    with pytest.raises(FileError, match="cannot be read"):
+    state = kept.folder / "state.json"
+    state.write_text("{")
+    with pytest.raises(FileError, match=r"cannot be read.*remove it, and `calibrate use N`"):
+        _ = kept.in_use
+    state.unlink()
+    state.mkdir()
+    with pytest.raises(FileError, match=r"cannot be read.*remove it, and `calibrate use N`"):
         _ = kept.in_use
 
 
