@@ -40,8 +40,8 @@ from daemon.frontends.client import (
     DaemonLink,
     DaemonUnreachableError,
     StopUnansweredError,
+    despite_full_disk,
     stop_unanswered,
-    told_anyway,
 )
 from daemon.store.outside import FileError, fill_standard_files, read_file
 
@@ -359,7 +359,7 @@ def _one_shot(link: DaemonLink, text: str, as_json: bool) -> dict[str, Any]:
     stops = [DONE]
 
     def stop(words: str) -> None:
-        done = link.stop_beside(words, "one-shot", say)
+        done = link.stop_separately(words, "one-shot", say)
         stops.append(STOP_UNANSWERED * (done["status"] == STOP_UNANSWERED))
         say(done["text"])
 
@@ -388,7 +388,7 @@ def _tell(text: str, stream: TextIO) -> None:
     """Print a text, wrapped at a terminal, unchanged to a file or a program."""
     from daemon.console.text_layout import fold
 
-    with told_anyway():
+    with despite_full_disk():
         print("\n".join(fold(text, _columns())) if stream.isatty() else text, file=stream, flush=True)
 
 
@@ -408,7 +408,7 @@ def _script(link: DaemonLink, words: list[str], as_json: bool) -> int:
     say, statuses = _printer(as_json), list[int]()
 
     def stop(text: str) -> None:
-        statuses.append(show(link.stop_beside(text, "script", say), as_json))
+        statuses.append(show(link.stop_separately(text, "script", say), as_json))
 
     def dropped(text: str) -> None:
         statuses.append(NOT_DONE)

@@ -99,7 +99,7 @@ class Supervisor:
         return self.permit.by_hand_only
 
     @property
-    def heard_asking(self) -> int:
+    def rest_reports(self) -> int:
         """How often the controller was heard since it is being asked whether the arm is at rest; 0 where it is not."""
         return 0 if self._heard_before is None else self.permit.heard - self._heard_before
 

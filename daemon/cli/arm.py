@@ -35,7 +35,7 @@ from daemon.console.phrases import is_no, is_yes
 from daemon.console.stop_words import ends_in_stop, means_stop
 from daemon.console.text_layout import fold
 from daemon.errors import DONE, NOT_DONE, NOT_UNDERSTOOD
-from daemon.frontends.keyboard import typed_by_now
+from daemon.frontends.keyboard import unread_input
 from daemon.quantities import decimal, whole
 from daemon.store.files import write_atomically
 from daemon.store.outside import FileError, read_file
@@ -131,7 +131,7 @@ async def _ask(consult: Consult, wants_stop: asyncio.Event) -> str:
     at the terminal's end and after a stop."""
     question = consult.text
     while True:
-        *before, begun = typed_by_now().decode("utf-8", "replace").split("\n")
+        *before, begun = unread_input().decode("utf-8", "replace").split("\n")
         _tell(question, " ")
         line = "" if any(map(means_stop, before)) else await _typed(wants_stop)
         if any(map(means_stop, before)) or ends_in_stop([begun], line):

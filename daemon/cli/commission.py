@@ -85,7 +85,7 @@ def run(link: DaemonLink, words: list[str]) -> int:
             proofs = {name: proof for name, proof in proofs.items() if name in names[: names.index(options.step)]}
         options.keep.mkdir(parents=True, exist_ok=True)
         order = CommissioningPlan(options.board, options.square_mm, options.board_mm, options.part, options.charuco)
-        with InputLines(lambda text: _tell(link.stop_beside(text, "commission", _tell)["text"]), _tell) as typed:
+        with InputLines(lambda text: _tell(link.stop_separately(text, "commission", _tell)["text"]), _tell) as typed:
             person = CommissioningDialogue(_tell, lambda question: typed.answer(f"  {question}"))
             all_proven = commission(
                 CommissioningSession(link, person, order), proofs, lambda now: _write_proofs(path, now)

@@ -91,7 +91,7 @@ TAKES_ANY_WORD = ("help", "here", "note", "operator", "place", "teach")
 HELP_WORDS, VERSION_WORDS = ("--help", "-h"), ("--version",)
 FIRST_WIDTH = 9
 RIGHTS = "deploy/README.md, Who may do what"
-BESIDE_QUESTIONS = ("status", "help", "pause", "step", "confirm", "refuse")
+KEEPS_QUESTION = ("status", "help", "pause", "step", "confirm", "refuse")
 MOST_ASKED = 5
 """How often a question is repeated after an invalid answer."""
 OF_THE_SHELL = (
@@ -253,12 +253,12 @@ class Interpreter:
             return command is not None and command.at_once is True
         return len(words) > 1 and words[1] in command.at_once
 
-    def leaves_question(self, text: str) -> bool:
+    def keeps_question(self, text: str) -> bool:
         """Whether a line is no answer to an open question, but runs beside it: it shows the state, holds motion,
         ends the questions of step mode, or decides on the move that waits. The question stays."""
         words = text.split()
         command = self._meant(words)
-        return command is not None and command.name in BESIDE_QUESTIONS and not (is_yes(text) or is_no(text))
+        return command is not None and command.name in KEEPS_QUESTION and not (is_yes(text) or is_no(text))
 
     def withdraws(self, text: str) -> bool:
         """Whether a line stops the arm or withdraws its permission to move: it answers no question, and cancels open
@@ -293,8 +293,8 @@ class Interpreter:
         return self.context.cycle.supervisor.awaits_confirmation_s
 
     @property
-    def heard_asking(self) -> int:
-        return self.context.cycle.supervisor.heard_asking
+    def rest_reports(self) -> int:
+        return self.context.cycle.supervisor.rest_reports
 
     def complete(self, typed: str) -> list[str]:
         """Completions of the line typed so far; none where the choices cannot be read: the operator may still type, a

@@ -1,4 +1,4 @@
-"""Where operators come in: the serial terminal, the socket and its client.
+"""How operators reach the daemon: the serial terminal, the socket, and the socket's client.
 
-What their words mean is daemon/console/'s.
+daemon/console/ interprets what they type.
 """

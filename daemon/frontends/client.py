@@ -1,7 +1,7 @@
-"""The operator's side of the daemon's socket: connect, say, hear. What is shown to people is daemon/ctl.py's.
+"""The client of the daemon's socket: connect, send a command, receive the answer. daemon/ctl.py shows it to people.
 
-Light on purpose: `facetctl status` imports nothing heavier than this. A stop has this end's own clock: a daemon that
-hangs cannot say that it does.
+It imports little, so that `facetctl status` starts fast. It has its own time limit for a stop: a daemon that hangs
+cannot report that it hangs.
 """
 
 from __future__ import annotations
@@ -28,34 +28,36 @@ from daemon.store.outside import FileError, read_file
 if TYPE_CHECKING:
     from daemon.frontends.keyboard import RawKeyboard
 
-LOOK_S = 0.1
+POLL_S = 0.1
 LONGEST_PIECE = 256 * 1024
 """Bytes read at a time."""
 PIECE = 32 * 1024
 """Bytes of a file in one message."""
 LONGEST_FILE = 8_000_000
-"""Bytes that an operator sends at most."""
+"""Bytes of the largest file that an operator may send."""
 STOP_ANSWER_S = 2.0
-"""A stop that is not answered by then, nor said to wait for the controller, sends its operator to the emergency
-stop: the daemon says by itself when the controller has not confirmed it in time."""
+"""How long a stop may have neither an answer nor a sign that the daemon waits for the controller. After that the client
+sends the operator to the emergency stop. The daemon itself reports when the controller does not confirm in time."""
 ALIVE_S = 0.5
-"""So long after that a daemon may take to answer anything at all; one that does not hangs, and is not waited for."""
+"""How long after STOP_ANSWER_S a daemon may take to answer anything at all. One that answers nothing hangs: the client
+gives up."""
 LATE_ANSWER_S = 5.0
-"""So long after that the answer of one that does not hang is waited for: it has one within 4 s, and that says why."""
+"""How long after STOP_ANSWER_S the client waits for a daemon that does not hang: it answers a stop within 4 s and gives
+the reason."""
 MOST_FILES = 200
-"""Files that are offered for a name that is being typed."""
+"""The most file names offered as completions."""
 CONNECT_S = 2.0
-"""How long a daemon may take to take somebody in: one that hangs does not, once its queue is full."""
+"""How long a daemon may take to accept a connection. One that hangs does not accept it once its queue is full."""
 EMERGENCY = "PRESS THE EMERGENCY STOP"
 UNANSWERED = f"{EMERGENCY}: no answer to the stop for {STOP_ANSWER_S:g} s"
 
 
 class DaemonUnreachableError(FacetdError):
-    """No daemon answers: where it was sought, and what to do."""
+    """No daemon answers: which sockets were tried, and what to do."""
 
 
 class StopUnansweredError(DaemonUnreachableError):
-    """Nobody answered a stop: to the emergency stop."""
+    """No daemon answered a stop: the operator must press the emergency stop."""
 
 
 class DaemonLink:
@@ -70,28 +72,28 @@ class DaemonLink:
         self._open()
 
     def _open(self) -> None:
-        self._lines, self._begun = deque[bytes](), list[bytes]()
-        """What was received: whole lines, and the pieces of the one begun."""
+        self._lines, self._partial = deque[bytes](), list[bytes]()
+        """Received data: complete lines, and the parts of an incomplete one."""
         self._stops = 0
-        """Control-C that the daemon has not yet answered."""
+        """How many control-C the daemon has not answered yet."""
         self._unanswered_s: float | None = None
-        """Since when (monotonic) a stop, control-C or in words, has had no answer."""
-        self._alarmed = False
+        """Since when (monotonic) a stop, by control-C or as a command, has no answer."""
+        self._sent_to_emergency_stop = False
         """Whether the operator was sent to the emergency stop."""
         self._alive = False
-        """Whether the daemon has said anything since then."""
-        self._amid = False
-        """Whether a message is only partly on its way."""
+        """Whether the daemon has sent anything since then."""
+        self._partly_sent = False
+        """Whether only a part of a message was sent."""
         try:
             self.socket = _connect(self._paths)
         except KeyboardInterrupt:
-            raise StopUnansweredError(f"{EMERGENCY}: the stop was not said; no daemon has answered yet") from None
+            raise StopUnansweredError(f"{EMERGENCY}: the stop was not sent; no daemon has answered yet") from None
 
     def close(self) -> None:
         self.socket.close()
 
-    def doing_beside(self) -> str | None:
-        """What the daemon is doing, asked on a connection of its own; None: nothing, or no answer within 1 s."""
+    def running_job(self) -> str | None:
+        """The job that the daemon is running, asked on a separate connection. None: no job, or no answer within 1 s."""
         with contextlib.suppress(DaemonUnreachableError, OSError, ValueError), _connect(self._paths) as line:
             line.settimeout(1.0)
             line.sendall(b'{"do": "status", "frontend": "console"}\n')
@@ -101,8 +103,8 @@ class DaemonLink:
                         return (message["done"].get("data") or {}).get("doing")
         return None
 
-    def stop_beside(self, text: str, frontend: str, say: Callable[[str], None]) -> dict[str, Any]:
-        """Say a stop on a connection of its own, whatever is waited for on this one; gives what `do` does."""
+    def stop_separately(self, text: str, frontend: str, say: Callable[[str], None]) -> dict[str, Any]:
+        """Send a stop on a separate connection, whatever this one waits for. Returns what `do` returns."""
         try:
             with DaemonLink(self._path) as another:
                 return another.do(text, frontend, say)
@@ -110,8 +112,8 @@ class DaemonLink:
             told = str(stop_unanswered(error))
             return {"text": told, "data": {"error": told}, "status": STOP_UNANSWERED}
 
-    def connect_again(self) -> None:
-        """To the daemon that runs now, after the one before went away. Raises DaemonUnreachableError."""
+    def reconnect(self) -> None:
+        """Connect to the daemon that runs now, after the previous one ended. Raises DaemonUnreachableError."""
         self.close()
         self._open()
 
@@ -124,15 +126,16 @@ class DaemonLink:
     def do(
         self, text: str, frontend: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
     ) -> dict[str, Any]:
-        """Say one command; show what comes meanwhile; give {text, data, status}. Control-C stops the arm; where it was
-        pressed there is {interrupted: True} as well: whoever did that wants nothing further to be said by itself.
+        """Send one command, show what the daemon sends until the answer, and return {text, data, status}. Control-C
+        stops the arm; then the result also has {interrupted: True}, and the caller sends no further command by
+        itself.
 
         A stop that is not answered in STOP_ANSWER_S is told, and the status says so whatever comes later. ask: puts a
         question to somebody; without it questions are taken as answered by yes. Raises DaemonUnreachableError when the
         daemon goes away; StopUnansweredError where it was to stop.
         """
         columns = shutil.get_terminal_size().columns
-        self._alarmed = self._alive = False
+        self._sent_to_emergency_stop = self._alive = False
         if withdraws_permission(text):
             self._unanswered_s = time.monotonic()
         try:
@@ -143,7 +146,7 @@ class DaemonLink:
         finally:
             self._unanswered_s = None
             self._end_terminal()
-        return done | ({"status": STOP_UNANSWERED} if self._alarmed else {})
+        return done | ({"status": STOP_UNANSWERED} if self._sent_to_emergency_stop else {})
 
     def _listen(self, text: str, say: Callable[[str], None], ask: Callable[[str], str] | None) -> dict[str, Any]:
         done: dict[str, Any] | None = None
@@ -160,7 +163,7 @@ class DaemonLink:
                 for line in (message.get("say"), message.get("stopped")):
                     if line is not None:
                         say(line)
-                self._at_terminal(message)
+                self._controller_terminal(message)
                 if "ask" in message and ask is not None:
                     self._send({"answer": ask(message["ask"]), "id": message.get("id")})
                 if "fetch" in message:
@@ -172,12 +175,12 @@ class DaemonLink:
         return done | pressed
 
     def options(self, typed: str) -> list[str]:
-        """Every line that the typed one may become."""
+        """Completions of the line typed so far."""
         self._send({"complete": typed})
         return next((list(m["options"]) for m in self._messages() if "options" in m), [])
 
     def interrupt(self, say: Callable[[str], None]) -> str:
-        """What control-C does: stop the arm; gives what the daemon says. Raises StopUnansweredError."""
+        """Stop the arm, as control-C does; returns the daemon's answer. Raises StopUnansweredError."""
         try:
             self._stop()
             told = None
@@ -205,8 +208,8 @@ class DaemonLink:
         self._send(message)
         _limit_sending(self.socket, 0.0)
 
-    def _at_terminal(self, message: dict[str, Any]) -> None:
-        """The controller's own terminal, shown here for a while."""
+    def _controller_terminal(self, message: dict[str, Any]) -> None:
+        """Show the controller's own terminal here while the daemon connects it."""
         if message.get("terminal") is True:
             from daemon.frontends.keyboard import RawKeyboard
 
@@ -222,17 +225,17 @@ class DaemonLink:
         self._keyboard = None
 
     def _send(self, message: dict[str, Any]) -> None:
-        begin = b"\n" if self._amid else b""  # control-C cut the one before: a stop is a line of its own
-        self._amid = True
+        begin = b"\n" if self._partly_sent else b""  # control-C cut the previous message: end its line
+        self._partly_sent = True
         try:
             self.socket.sendall(begin + json.dumps(message).encode() + b"\n")
         except OSError:
             raise DaemonUnreachableError("the daemon hung up") from None
-        self._amid = False
+        self._partly_sent = False
 
     def _messages(self, say: Callable[[str], None] = print) -> Iterator[dict[str, Any]]:
-        """What the daemon says, until it goes away. say: told where it does not answer a stop in time. Raises
-        StopUnansweredError where the answer does not come later either."""
+        """Messages of the daemon, until it disconnects. say: shows that a stop was not answered in time. Raises
+        StopUnansweredError where no late answer comes either."""
         while True:
             while self._lines:
                 message = json.loads(self._lines.popleft())
@@ -246,33 +249,33 @@ class DaemonLink:
                 return
             if not data:
                 return
-            self._alive |= self._alarmed
+            self._alive |= self._sent_to_emergency_stop
             first, *others = data.split(b"\n")
-            self._begun.append(first)
+            self._partial.append(first)
             for piece in others:
-                self._lines.append(b"".join(self._begun))
-                self._begun = [piece]
+                self._lines.append(b"".join(self._partial))
+                self._partial = [piece]
 
     def _wait(self, say: Callable[[str], None]) -> None:
-        """Until there is something to read."""
+        """Wait until there is something to read."""
         while True:
-            late_s = (LATE_ANSWER_S if self._alive else ALIVE_S) if self._alarmed else 0.0
+            late_s = (LATE_ANSWER_S if self._alive else ALIVE_S) if self._sent_to_emergency_stop else 0.0
             limit_s, since_s = STOP_ANSWER_S + late_s, self._unanswered_s
-            # A stop may be said meanwhile by the thread that reads keys: its clock is looked at again soon.
-            left_s = LOOK_S if since_s is None else max(0.0, since_s + limit_s - time.monotonic())
-            if self.socket.fileno() < 0 or select.select([self.socket], [], [], min(left_s, LOOK_S))[0]:
+            # The thread that reads keys may send a stop meanwhile: poll its clock.
+            left_s = POLL_S if since_s is None else max(0.0, since_s + limit_s - time.monotonic())
+            if self.socket.fileno() < 0 or select.select([self.socket], [], [], min(left_s, POLL_S))[0]:
                 return
-            if since_s is None or left_s > LOOK_S:
+            if since_s is None or left_s > POLL_S:
                 continue
-            if self._alarmed:
+            if self._sent_to_emergency_stop:
                 raise StopUnansweredError(f"{EMERGENCY}: no answer to the stop for {limit_s:g} s; facetd hangs")
-            self._alarmed = True
+            self._sent_to_emergency_stop = True
             say(UNANSWERED)
-            self._send_in_time({"complete": ""}, ALIVE_S)  # answered at once, whatever the daemon waits for
+            self._send_in_time({"complete": ""}, ALIVE_S)  # the daemon answers this at once, whatever it waits for
 
 
 def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any]]:
-    """The answer to a fetch: a file that one of these commands itself names, and no other."""
+    """Answer a fetch: send a file that one of these commands names, and no other."""
     try:
         if not any(path in _words(text) for text in commands):
             raise FileError(f"{path}: not sent: the command does not name this file")
@@ -286,7 +289,7 @@ def file_in_pieces(path: str, commands: Iterable[str]) -> Iterator[dict[str, Any
 
 
 def files_begun(typed: str) -> list[str] | None:
-    """Every line that the typed one may become, where a file's name is being typed behind --mesh; else None."""
+    """Completions of the line typed so far where its last word is a file name after --mesh; else None."""
     before, space, begun = typed.rpartition(" ")
     if not space or not before.endswith(" --mesh"):
         return None
@@ -307,9 +310,9 @@ def _words(text: str) -> list[str]:
 
 
 @contextlib.contextmanager
-def told_anyway() -> Iterator[None]:
-    """Where a disk is full that what is said goes to, what is done goes on, a stop above all; it is told at the end, as
-    it still waits to be written then."""
+def despite_full_disk() -> Iterator[None]:
+    """Ignore a full disk behind standard output: the work goes on, above all a stop. The error is reported at exit,
+    when the buffered output is flushed."""
     try:
         yield
     except BrokenPipeError:
@@ -319,14 +322,14 @@ def told_anyway() -> Iterator[None]:
 
 
 def stop_unanswered(error: DaemonUnreachableError) -> StopUnansweredError:
-    """Why no daemon hears a stop, for somebody who wanted the arm to stop."""
+    """The same error as a StopUnansweredError, for an operator who wanted to stop the arm."""
     if isinstance(error, StopUnansweredError):
         return error
     return StopUnansweredError(f"{EMERGENCY}: the stop was not answered; {error}")
 
 
 def _limit_sending(connection: socket.socket, seconds: float) -> None:
-    """0: however long it takes."""
+    """Limit the time that sending may take; 0: no limit."""
     whole = int(seconds)
     limit = struct.pack("@ll", whole, int((seconds - whole) * 1e6))
     with contextlib.suppress(OSError):

@@ -1,8 +1,8 @@
-"""A prompt that listens while it waits: what the daemon says appears above the line being typed, whoever caused it.
+"""The prompt of `facetctl console`: messages of the daemon appear above the line being typed, whoever caused them.
 
-Commands are said as soon as they are typed; the daemon does them in their order, and `stop` at once. What is pasted is
-as many lines as it has: Enter says them, and a stop among them does not wait for that. Built on prompt_toolkit, for a
-person at a terminal only.
+A command is sent as soon as it is typed; the daemon runs commands in order, and `stop` at once. A paste of several
+lines is sent by Enter; a stop among them is sent without waiting for Enter. Built on prompt_toolkit, for a person at a
+terminal only.
 """
 
 import asyncio
@@ -39,19 +39,19 @@ LARGEST_HISTORY = 4_000_000
 
 
 class DaemonCompleter(Completer):
-    """Tab asks the daemon what the line may become."""
+    """Tab completion: asks the daemon for the choices."""
 
     def __init__(self, ask: Callable[[str], Awaitable[list[str]]]) -> None:
         self._ask = ask
 
     def get_completions(self, document: Document, complete_event: CompleteEvent) -> Iterable[Completion]:
-        """None without waiting: the daemon must be asked."""
+        """No completions: this interface cannot wait for the daemon's answer."""
         return ()
 
     async def get_completions_async(
         self, document: Document, complete_event: CompleteEvent
     ) -> AsyncGenerator[Completion, None]:
-        """The last word of each line that the daemon offers."""
+        """The last word of each completed line that the daemon offers."""
         typed = document.text_before_cursor
         start = typed.rfind(" ") + 1
         for option in await self._ask(typed):
@@ -60,7 +60,7 @@ class DaemonCompleter(Completer):
 
 
 class CommandHistory(History):
-    """Commands of earlier sessions, one a line, as a shell keeps them; answers to questions are none."""
+    """Commands of earlier sessions, one a line, as a shell keeps them; without answers to questions."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class CommandHistory(History):
         self.remember = True
 
     def load_history_strings(self) -> Iterable[str]:
-        """Newest first; the file is cut where it has become long."""
+        """Commands, newest first; a file that has grown long is cut."""
         try:
             lines = read_file(self._path, LARGEST_HISTORY).decode(errors="replace").splitlines()
             if len(lines) > 2 * HISTORY_LINES:
@@ -84,7 +84,7 @@ class CommandHistory(History):
                 super().append_string(line.strip())
 
     def store_string(self, string: str) -> None:
-        """Write it behind the others; where that cannot be, this session remembers it all the same."""
+        """Append a command to the file; where that fails, this session still remembers it."""
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             with open(self._path, "a", encoding="utf-8", opener=open_to_append) as file:
@@ -95,39 +95,39 @@ class CommandHistory(History):
 
 PROMPT = "facetd> "
 GREETING = "`help` lists the commands; control-C stops the arm; control-D leaves."
-NOT_THERE = "no daemon answers at present"
-AGAIN = "Connected again. Check `status`, then repeat what is still wanted."
-SEEK_S = 0.5
-"""How often a daemon that went away is sought again."""
-ROOM_TO_ANSWER = 4
-"""Columns kept free behind a question."""
+NO_DAEMON = "no daemon answers at present"
+RECONNECTED = "Connected again. Check `status`, then repeat the commands that you still need."
+RECONNECT_S = 0.5
+"""Interval of attempts to reconnect to a daemon that ended."""
+ANSWER_COLUMNS = 4
+"""Columns kept free behind a question for its answer."""
 LONGEST_MESSAGE = 16_000_000
 LONGEST_PASTE = 200
-"""Lines; fewer than the daemon lets one operator wait with."""
+"""Lines; fewer than one operator may queue in the daemon."""
 
 
 class ConsolePrompt:
-    """One operator at a terminal, from the first prompt to control-D or `quit`."""
+    """The prompt of one operator at a terminal, from the start to control-D or `quit`."""
 
     def __init__(self, link: DaemonLink) -> None:
         self._link = link
         self._writer: asyncio.StreamWriter | None = None
-        self._why_gone = ""
+        self._why_disconnected = ""
         self._numbers = count(1)
         self._unanswered: dict[int, str] = {}
-        """Commands that are not answered yet, by their numbers."""
+        """Commands without an answer yet, by number."""
         self._stops: deque[asyncio.TimerHandle] = deque()
-        """The clock of each stop that is not answered yet: control-C's."""
+        """The time limit of each control-C without an answer yet."""
         self._stop_words: dict[int, asyncio.TimerHandle] = {}
-        """And of those in words, by their numbers."""
+        """The time limit of each stop command without an answer yet, by number."""
         self._asked: tuple[int, str] | None = None
-        """The question that stands: its number and its words."""
-        self._kept = ""
-        """What was being typed when the question came."""
-        self._taken: list[str] = []
-        """What of the line being typed stood there when questions came or went: a stop may be amid it."""
-        self._given_back = ""
-        """What stood there before the question, and does again: it was not typed since."""
+        """The open question: its number and text."""
+        self._saved_line = ""
+        """The line that was being typed when the question came."""
+        self._interrupted_input: list[str] = []
+        """Parts of the line being typed that questions interrupted: they may contain a stop."""
+        self._restored = ""
+        """Text that was at the prompt before the question and was put back after it: not typed since."""
         self._options: deque[asyncio.Future[list[str]]] = deque()
         self._status = 0
         self._keyboard: RawKeyboard | None = None
@@ -143,10 +143,11 @@ class ConsolePrompt:
             reserve_space_for_menu=4,
             key_bindings=self._keys(),
         )
-        # An ended line would wait up to 1 s for the terminal to say where its cursor is: a stop waits for nothing.
+        # Otherwise Enter waits up to 1 s for the terminal to report its cursor: a stop must not wait.
         self._session.app.renderer.cpr_support = CPR_Support.NOT_SUPPORTED
         self._answering: tuple[int, str] | None = None
-        """The question that stood when the line was ended: one that came a moment later is not answered by it."""
+        """The question that was open when Enter was pressed: the line does not answer a question that came a moment
+        later."""
         buffer = self._session.default_buffer
         accept = buffer.accept_handler
         assert accept is not None
@@ -156,39 +157,40 @@ class ConsolePrompt:
             return accept(of)
 
         buffer.accept_handler = ended
-        self._hear_unended_pastes()
+        self._handle_unended_pastes()
 
     async def run(self) -> int:
-        """Prompt until the operator leaves; gives the status of what was answered last."""
+        """Prompt until the operator leaves; returns the status of the last answer."""
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, self._stop)
         self._show(GREETING)
         await self._connect()
-        hearing = asyncio.create_task(self._hear_always())
-        hearing.add_done_callback(self._deaf)
+        receiving = asyncio.create_task(self._receive_always())
+        receiving.add_done_callback(self._receiving_ended)
         try:
-            with self._session.input.raw_mode():  # from one line to the next, too: no key is taken for something else
+            with self._session.input.raw_mode():  # between lines, too: the terminal itself handles no key
                 while True:
-                    line = await self._session.prompt_async(default=self._take_kept(), handle_sigint=False)
+                    line = await self._session.prompt_async(default=self._take_saved(), handle_sigint=False)
                     if line.strip() in ("quit", "exit") and self._answering is None:
                         return self._status
                     self._typed(line)
         except EOFError:
             return self._status
         finally:
-            hearing.cancel()
-            self._hung_up()
+            receiving.cancel()
+            self._disconnected()
 
-    def _deaf(self, hearing: asyncio.Task[None]) -> None:
-        """A prompt that no longer hears must not go on as if it did."""
-        if not hearing.cancelled() and (error := hearing.exception()) is not None:
+    def _receiving_ended(self, receiving: asyncio.Task[None]) -> None:
+        """End the prompt with the error that ended the receiving task: a prompt that receives nothing must not go
+        on."""
+        if not receiving.cancelled() and (error := receiving.exception()) is not None:
             self._session.app.exit(exception=error)
 
-    # What is typed
+    # Input
 
     def _prompt(self) -> str:
         if self._asked is not None:
             columns = max(self._session.output.get_size().columns, NARROWEST)
-            return "\n".join(fold(self._asked[1], columns - ROOM_TO_ANSWER)) + " "
+            return "\n".join(fold(self._asked[1], columns - ANSWER_COLUMNS)) + " "
         return f"({next(iter(self._unanswered.values()))}) {PROMPT}" if self._unanswered else PROMPT
 
     def _keys(self) -> KeyBindings:
@@ -205,14 +207,14 @@ class ConsolePrompt:
         return keys
 
     def _pasted(self, data: str) -> None:
-        """A stop amid a paste is said at once, and nothing else of it. Of more lines than one, comments left out, each
-        is a line of its own once Enter is pressed."""
+        """Handle a paste. A stop in it is sent at once and the rest is dropped. Of several lines, without comments,
+        each is a command of its own once Enter is pressed."""
         buffer = self._session.default_buffer
         before, after = buffer.document.text_before_cursor, buffer.document.text_after_cursor
         first, *others = LINE_END.split(before + data + after)
-        if ends_in_stop(self._taken, first.removeprefix(self._given_back)) or any(map(means_stop, others)):
-            self._kept, self._given_back = "", ""
-            self._taken.clear()
+        if ends_in_stop(self._interrupted_input, first.removeprefix(self._restored)) or any(map(means_stop, others)):
+            self._saved_line, self._restored = "", ""
+            self._interrupted_input.clear()
             buffer.reset()
             self._command("stop")
             if others:
@@ -222,25 +224,29 @@ class ConsolePrompt:
         if len(lines) < 2:
             buffer.insert_text(lines[0] if lines else "")
         elif self._asked is not None or len(lines) > LONGEST_PASTE:
-            most = "an answer is one line" if self._asked is not None else f"at most {LONGEST_PASTE}; `facetctl script`"
-            self._show(f"Not taken, {len(lines)} lines were pasted: {most}.")
+            most = (
+                "an answer is one line"
+                if self._asked is not None
+                else f"paste {LONGEST_PASTE} at most, or use `facetctl script`"
+            )
+            self._show(f"The paste of {len(lines)} lines was ignored: {most}.")
         else:
             lines = [line for line in (first, *others) if line.split("#")[0].strip()]
             buffer.reset(Document("\n".join(lines)))
             self._show(
-                f"{len(lines)} lines pasted: Enter says one after the other, to the first that is not done; "
+                f"{len(lines)} lines pasted. Enter runs one after the other, up to the first that fails; "
                 "control-C drops them."
             )
 
-    def _hear_unended_pastes(self) -> None:
-        """Where the mark that ends a paste is lost on the way, all that is typed later would be taken for more of it: a
-        control-C or a stop as well."""
+    def _handle_unended_pastes(self) -> None:
+        """Handle a paste whose end mark was lost: prompt_toolkit would take all later input, control-C and a stop too,
+        for more of the paste."""
         parser: Any = getattr(self._session.input, "vt100_parser", None)
         if parser is None:
             return
         feed = parser.feed
 
-        def heard(data: str) -> None:
+        def feed_checked(data: str) -> None:
             feed(data)
             begun = parser._paste_buffer if getattr(parser, "_in_bracketed_paste", False) else ""
             *lines, _ = LINE_END.split(begun)
@@ -251,47 +257,48 @@ class ConsolePrompt:
                 parser.reset()
                 self._pasted(begun)
 
-        parser.feed = heard
+        parser.feed = feed_checked
 
     def _stop(self) -> None:
-        """Control-C, at any moment."""
-        self._kept = ""
-        self._taken.clear()
+        """Stop the arm: control-C, at any moment."""
+        self._saved_line = ""
+        self._interrupted_input.clear()
         self._session.default_buffer.reset()
         if self._send({"interrupt": True}):
             self._stops.append(self._clock())
         else:
-            self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
+            self._emergency(f"{EMERGENCY}: {self._why_disconnected or NO_DAEMON}")
 
     def _clock(self) -> asyncio.TimerHandle:
-        """Sends to the emergency stop, unless it is cancelled in time."""
+        """A timer that sends the operator to the emergency stop unless it is cancelled in time."""
         return asyncio.get_running_loop().call_later(client.STOP_ANSWER_S, self._emergency, client.UNANSWERED)
 
-    def _wait_anew(self) -> None:
-        """The daemon answers, and waits for the controller: it says by itself when that takes too long."""
+    def _restart_clocks(self) -> None:
+        """Restart the time limits of all stops: the daemon answers and waits for the controller. It reports by itself
+        when that takes too long."""
         for clock in (*self._stops, *self._stop_words.values()):
             clock.cancel()
         self._stops = deque(self._clock() for _ in self._stops)
         self._stop_words = {number: self._clock() for number in self._stop_words}
 
-    def _emergency(self, told: str) -> None:
+    def _emergency(self, text: str) -> None:
         self._status = STOP_UNANSWERED
-        self._show(told)
+        self._show(text)
 
     def _typed(self, line: str) -> None:
-        """A line to the daemon: the answer to its question, or a command."""
-        if ends_in_stop(self._taken, line.removeprefix(self._given_back)):
-            line, self._kept = "stop", ""
-        self._taken, self._given_back = [], ""
+        """Send a line to the daemon, as the answer to its question or as a command."""
+        if ends_in_stop(self._interrupted_input, line.removeprefix(self._restored)):
+            line, self._saved_line = "stop", ""
+        self._interrupted_input, self._restored = [], ""
         if self._answering is not None:
             number, _ = self._answering
             if self._asked == self._answering:
-                self._unask()
+                self._end_question()
             sent = self._send({"answer": line, "id": number})
             if withdraws_permission(line):
                 self._stops.append(self._clock())
             if withdraws_permission(line) and not sent:
-                self._emergency(f"{EMERGENCY}: {self._why_gone or NOT_THERE}")
+                self._emergency(f"{EMERGENCY}: {self._why_disconnected or NO_DAEMON}")
         elif "\n" in line.strip():
             block = next(self._numbers)
             for one in line.strip().splitlines():
@@ -309,12 +316,12 @@ class ConsolePrompt:
             if withdraws_permission(line):
                 self._stop_words[number] = self._clock()
         elif withdraws_permission(line):
-            self._emergency(f"{EMERGENCY}; not sent: {line.strip()}: {self._why_gone or NOT_THERE}")
+            self._emergency(f"{EMERGENCY}; not sent: {line.strip()}: {self._why_disconnected or NO_DAEMON}")
         else:
-            self._show(f"{self._why_gone or NOT_THERE}; not sent: {line.strip()}")
+            self._show(f"{self._why_disconnected or NO_DAEMON}; not sent: {line.strip()}")
 
     async def _complete(self, typed: str) -> list[str]:
-        """Every line that the typed one may become; files are those of this machine."""
+        """Completions of the line typed so far; file names are those of this machine."""
         if (files := files_begun(typed)) is not None:
             return files
         if self._asked is not None or not self._send({"complete": typed}):
@@ -324,54 +331,54 @@ class ConsolePrompt:
 
     def _offer(self, options: list[str]) -> None:
         asked = self._options.popleft()
-        if not asked.done():  # somebody who types on no longer wants to know
+        if not asked.done():  # the operator typed on
             asked.set_result(options)
 
-    # What is heard
+    # Messages from the daemon
 
-    async def _hear_always(self) -> None:
+    async def _receive_always(self) -> None:
         while True:
-            await self._hear()
-            amid, stopping = bool(self._unanswered), bool(self._stops or self._stop_words)
-            self._hung_up()
+            await self._receive()
+            unfinished, stopping = bool(self._unanswered), bool(self._stops or self._stop_words)
+            self._disconnected()
             await self._end_controller()
             if stopping:
                 self._emergency(f"{EMERGENCY}: the stop was not answered")
             self._show(
-                "the daemon ended before it answered" if amid else "The daemon has ended; waiting for it to return."
+                "the daemon ended before it answered" if unfinished else "The daemon ended; waiting for it to return."
             )
-            await self._seek()
+            await self._reconnect()
 
-    async def _seek(self) -> None:
-        """Find the daemon that runs next. Nothing that was said to the one before is said again by itself."""
-        self._why_gone = ""
+    async def _reconnect(self) -> None:
+        """Reconnect to the next daemon. Nothing that was sent to the previous one is repeated by itself."""
+        self._why_disconnected = ""
         while True:
-            await asyncio.sleep(SEEK_S)
+            await asyncio.sleep(RECONNECT_S)
             try:
-                self._link.connect_again()
+                self._link.reconnect()
                 break
-            except DaemonUnreachableError as gone:
-                if not self._why_gone:
-                    self._show(str(gone))
-                self._why_gone = str(gone)
+            except DaemonUnreachableError as error:
+                if not self._why_disconnected:
+                    self._show(str(error))
+                self._why_disconnected = str(error)
         await self._connect()
-        self._show(AGAIN)
+        self._show(RECONNECTED)
 
     async def _connect(self) -> None:
         self._reader, self._writer = await asyncio.open_unix_connection(sock=self._link.socket, limit=LONGEST_MESSAGE)
         self._send({"notices": True})
 
-    async def _hear(self) -> None:
-        """Everything that this daemon says, until it goes away."""
+    async def _receive(self) -> None:
+        """Handle messages of this daemon until it disconnects."""
         try:
             while line := await self._reader.readline():
-                await self._heard(json.loads(line))
+                await self._handle(json.loads(line))
         except (ConnectionError, ValueError):
             return
 
-    async def _heard(self, message: dict[str, Any]) -> None:
+    async def _handle(self, message: dict[str, Any]) -> None:
         if "stopping" in message:
-            self._wait_anew()
+            self._restart_clocks()
         if "stopped" in message and self._stops:
             self._stops.popleft().cancel()
         for key in ("say", "notice", "stopped"):
@@ -386,7 +393,7 @@ class ConsolePrompt:
         elif "ask" in message:
             self._ask(int(message["id"]), str(message["ask"]))
         elif "unasked" in message and self._asked is not None and self._asked[0] == message["unasked"]:
-            self._unask()
+            self._end_question()
         elif "options" in message and self._options:
             self._offer([str(option) for option in message["options"]])
         elif "fetch" in message:
@@ -401,34 +408,34 @@ class ConsolePrompt:
         self._session.app.invalidate()
 
     def _ask(self, number: int, question: str) -> None:
-        """Put a question in place of the prompt; what was being typed comes back after it."""
+        """Show a question in place of the prompt; the line being typed comes back after it."""
         self._asked, self._history.remember = (number, question), False
         if self._session.app.is_running and not self._session.app.is_done:
-            self._kept = self._take_line()
+            self._saved_line = self._take_line()
 
-    def _unask(self) -> None:
-        """It is answered, or no longer asked: it was to stop, or somebody else decided."""
+    def _end_question(self) -> None:
+        """End the question: it was answered, the answer was a stop, or somebody else decided."""
         self._asked, self._history.remember = None, True
         if self._session.app.is_running and not self._session.app.is_done:
             self._take_line()
-            self._session.default_buffer.reset(Document(self._take_kept()))
+            self._session.default_buffer.reset(Document(self._take_saved()))
 
     def _take_line(self) -> str:
-        """Take away what stands at the prompt."""
+        """Remove the text at the prompt and return it."""
         text = self._session.default_buffer.text
         self._session.default_buffer.reset()
-        self._taken += filter(None, [text.removeprefix(self._given_back)])
-        self._given_back = ""
+        self._interrupted_input += filter(None, [text.removeprefix(self._restored)])
+        self._restored = ""
         return text
 
-    def _take_kept(self) -> str:
+    def _take_saved(self) -> str:
         if self._asked is not None:
             return ""
-        self._given_back, self._kept = self._kept, ""
-        return self._given_back
+        self._restored, self._saved_line = self._saved_line, ""
+        return self._restored
 
     def _show(self, text: str) -> None:
-        """Lines above the one being typed, which is drawn again. Keys go on being taken one by one meanwhile."""
+        """Print lines above the line being typed and draw that again; keys still come one by one."""
         app, renderer = self._session.app, self._session.app.renderer
         above = app.is_running and self._keyboard is None
         if above:
@@ -441,7 +448,7 @@ class ConsolePrompt:
             renderer.request_absolute_cursor_position()
             app.invalidate()
 
-    def _hung_up(self) -> None:
+    def _disconnected(self) -> None:
         if self._writer is not None:
             self._writer.close()
         self._writer = None
@@ -453,7 +460,7 @@ class ConsolePrompt:
         while self._options:
             self._offer([])
         if self._asked is not None:
-            self._unask()
+            self._end_question()
 
     def _send(self, message: dict[str, Any]) -> bool:
         if self._writer is None or self._writer.is_closing():
@@ -461,7 +468,7 @@ class ConsolePrompt:
         self._writer.write(json.dumps(message).encode() + b"\n")
         return True
 
-    # The controller's own terminal, for a while
+    # The controller's own terminal
 
     async def _begin_controller(self) -> None:
         shown = asyncio.Event()

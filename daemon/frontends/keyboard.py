@@ -1,8 +1,7 @@
-"""The keyboard of whoever sits at this terminal, or the pipe in its place: line by line, for what waits and may ask, as
-a stop may come at any moment; and key by key, for the time in which they talk to the controller itself.
+"""Read standard input in a thread: line by line for commands and answers, as a stop may come at any moment; or key by
+key, for the controller's own terminal.
 
-Keys go out as they are pressed, in a thread; what comes back is shown as it comes. What keys mean is not known here,
-but for two: control-] leaves, control-C stops the arm.
+Keys are sent as they are pressed. Two have a meaning here: control-] leaves, control-C stops the arm.
 """
 
 from __future__ import annotations
@@ -23,29 +22,29 @@ from daemon.console.stop_words import ends_in_stop
 LEAVE, STOP = b"\x1d", b"\x03"
 POLL_S = 0.1
 _MODE = threading.Lock()
-"""Held while this terminal changes its mode, and from seeing that something waits in it until that is read: a key that
-another reader has taken meanwhile would be waited for, for ever."""
+"""Held while this module changes the terminal's mode, and from the test for waiting input until it is read: another
+reader could take the key in between, and the read would block for ever."""
 
 
 class InputLines:
-    """The lines of standard input, a terminal's or a pipe's, read from construction to close() as they come, in a
-    thread: nobody knows when a stop does. One that means to stop goes to `stop` at once, and what waits is dropped;
-    another answers the question that was shown before it, where one stands, or else waits to be said in its turn."""
+    """Lines of standard input, a terminal or a pipe, read by a thread from construction to close(). A line that stops
+    the arm goes to `stop` at once, and waiting lines are dropped. Another answers the question that was shown before
+    it, or waits for its turn as a command."""
 
     def __init__(self, stop: Callable[[str], None], say: Callable[[str], None]) -> None:
-        """say: told of what waited and is not done."""
+        """say: shows each waiting line that is dropped."""
         self._stop, self._say = stop, say
         self.waiting: SimpleQueue[str | None] = SimpleQueue()
-        """What was typed for nobody's question, in its order; None where the input ends."""
+        """Lines that answer no question, in order; None at the end of input."""
         self.stopped = self._ended = False
-        """Whether a stop was typed; whether nothing more comes."""
+        """_ended: whether the input ended."""
         self._question: str | None = None
         self._shown: str | None = None
         self._answers: SimpleQueue[str] = SimpleQueue()
-        self._begun = b""
-        self._taken: list[str] = []
-        """What of the line being typed stood there when questions came: it answers none, and a stop may be amid it."""
-        self._over, self._wake = threading.Event(), os.eventfd(0)
+        self._partial = b""
+        self._interrupted_input: list[str] = []
+        """Parts of the line being typed that questions interrupted: they answer none, and may contain a stop."""
+        self._closed, self._wake = threading.Event(), os.eventfd(0)
         self._thread = threading.Thread(target=self._read, name="lines", daemon=True)
         self._thread.start()
 
@@ -56,7 +55,7 @@ class InputLines:
         self.close()
 
     def answer(self, question: str) -> str:
-        """The line typed after a question was shown; empty at the end of input, and where it was to stop."""
+        """The line typed after the question was shown; empty at the end of input and after a stop."""
         while not self._answers.empty():
             self._answers.get()
         self._question = question
@@ -67,62 +66,62 @@ class InputLines:
             self._question = None
 
     def drop(self) -> None:
-        """What waits is not said any more, and told so."""
-        self._tell_dropped(self._dropped())
+        """Drop the waiting lines and report them."""
+        self._report_dropped(self._dropped())
 
     def close(self) -> None:
-        """Listen no longer, once a stop that is being said was."""
-        self._over.set()
+        """Stop reading, after a stop that is being sent is done."""
+        self._closed.set()
         os.eventfd_write(self._wake, 1)
         self._thread.join()
         os.close(self._wake)
 
     def _read(self) -> None:
         handle = sys.stdin.fileno()
-        while not self._over.is_set():
+        while not self._closed.is_set():
             ready = select.select([handle, self._wake], [], [])[0]
             if self._wake in ready:
                 os.eventfd_read(self._wake)
-                self._put(handle)
-            elif (data := _waits_at(handle)) is None:
-                self._over.wait(POLL_S)
+                self._show_question(handle)
+            elif (data := _read_lines(handle)) is None:
+                self._closed.wait(POLL_S)
             elif data:
                 self._take(data)
             else:
                 self._end(os.isatty(handle))
 
-    def _put(self, handle: int) -> None:
-        """Show the question, if there is one: what was typed by now was not for it."""
+    def _show_question(self, handle: int) -> None:
+        """Show the question, if there is one. Input from before does not answer it."""
         question = self._question
         if question is None:
             return
-        if _gives_lines(handle):
-            self._take(typed_by_now())
-        self._taken.append(self._begun.decode("utf-8", "replace"))
-        self._begun = b""
+        if _may_read_lines(handle):
+            self._take(unread_input())
+        self._interrupted_input.append(self._partial.decode("utf-8", "replace"))
+        self._partial = b""
         print(question, end=" ", flush=True)
         self._shown = question
 
     def _take(self, data: bytes) -> None:
-        *lines, self._begun = (self._begun + data).replace(b"\r", b"\n").split(b"\n")
+        *lines, self._partial = (self._partial + data).replace(b"\r", b"\n").split(b"\n")
         for line in lines:
-            self._hear(line.decode("utf-8", "replace").strip())
+            self._take_line(line.decode("utf-8", "replace").strip())
 
-    def _hear(self, line: str) -> None:
-        stops = ends_in_stop(self._taken, line)
-        self._taken.clear()
+    def _take_line(self, line: str) -> None:
+        stops = ends_in_stop(self._interrupted_input, line)
+        self._interrupted_input.clear()
         if stops:
             self.stopped, dropped = True, self._dropped()
             self._stop(line)
             self._answers.put("")
-            self._tell_dropped(dropped)
+            self._report_dropped(dropped)
         elif self._question is not None and self._shown is self._question:
             self._answers.put(line)
         else:
             self.waiting.put(line)
 
     def _dropped(self) -> list[str]:
-        """What waits, taken away; but the end is the end."""
+        """Remove and return the waiting lines; the end of input stays."""
         dropped: list[str] = []
         with contextlib.suppress(Empty):
             while (line := self.waiting.get_nowait()) is not None:
@@ -130,26 +129,26 @@ class InputLines:
             self.waiting.put(None)
         return dropped
 
-    def _tell_dropped(self, dropped: list[str]) -> None:
+    def _report_dropped(self, dropped: list[str]) -> None:
         for line in filter(None, dropped):
             self._say(f"not done: {line}")
 
     def _end(self, more_may_come: bool) -> None:
-        """The end of a pipe is the last of it; behind control-D a terminal may still say stop."""
-        if self._begun:
+        """Handle the end of input. A pipe ends for good; after control-D a terminal may still send a stop."""
+        if self._partial:
             self._take(b"\n")
         self._ended = not more_may_come
         self._answers.put("")
         self.waiting.put(None)
         if more_may_come:
-            self._over.wait(POLL_S)  # one that was hung up is at its end for ever
+            self._closed.wait(POLL_S)  # one that was hung up is at its end for ever
         else:
-            self._over.set()
+            self._closed.set()
 
 
-def typed_by_now() -> bytes:
-    """All that was typed at this terminal and is not read yet, the line being typed as well: where somebody is asked
-    something, it was for something else, and may be a stop. Nothing where this is no terminal."""
+def unread_input() -> bytes:
+    """Read all input typed at this terminal so far, the unfinished line too: it was typed before a question and cannot
+    answer it, but it may be a stop. Empty where this is no terminal."""
     if not sys.stdin.isatty():
         return b""
     handle = sys.stdin.fileno()
@@ -164,23 +163,23 @@ def typed_by_now() -> bytes:
             termios.tcsetattr(handle, termios.TCSANOW, before)
 
 
-def _waits_at(handle: int) -> bytes | None:
-    """What waits there for who reads lines; None where nothing does, or not for them."""
+def _read_lines(handle: int) -> bytes | None:
+    """Read the input that waits for a reader of lines; None without any, or where it is for another reader."""
     with _MODE:
-        return _read_from(handle) if _gives_lines(handle) and select.select([handle], [], [], 0)[0] else None
+        return _read_from(handle) if _may_read_lines(handle) and select.select([handle], [], [], 0)[0] else None
 
 
 def _read_from(handle: int) -> bytes:
-    """What came; nothing at the end, and where the terminal is gone."""
+    """Read what has come; empty at the end, and where the terminal is gone."""
     try:
         return os.read(handle, 4096)
     except OSError:
         return b""
 
 
-def _gives_lines(handle: int) -> bool:
-    """Whether lines come here for us: not from a terminal that somebody else in front of us reads (we would be stopped
-    for it), or that gives its keys one by one to whom they are meant for (RawKeyboard, a pager)."""
+def _may_read_lines(handle: int) -> bool:
+    """Whether this process may read lines here: not in the background of a terminal (it would be stopped), nor while
+    RawKeyboard or a pager reads it key by key."""
     if not os.isatty(handle):
         return True
     with contextlib.suppress(OSError):  # no terminal of our own session keeps nobody from reading
@@ -190,7 +189,7 @@ def _gives_lines(handle: int) -> bool:
 
 
 class RawKeyboard:
-    """From construction to close() every key goes to `send` as a socket message, control-C to `stop`.
+    """Sends every key to `send` as a socket message, control-C to `stop`, from construction to close().
 
     Needs a terminal.
     """
@@ -205,24 +204,24 @@ class RawKeyboard:
             mode[0] &= ~(termios.ICRNL | termios.IXON)
             mode[3] &= ~(termios.ISIG | termios.IEXTEN)
             termios.tcsetattr(self._handle, termios.TCSANOW, mode)
-        self._over = threading.Event()
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
         self._thread.start()
 
     def show(self, text: str) -> None:
-        """What the controller says, one character a byte."""
+        """Show the controller's output, one character a byte."""
         sys.stdout.write(text)
         sys.stdout.flush()
 
     def close(self) -> None:
-        """The terminal as it was before; safe to call twice."""
-        self._over.set()
+        """Restore the terminal's mode; safe to call twice."""
+        self._closed.set()
         self._thread.join()
         with _MODE:
             termios.tcsetattr(self._handle, termios.TCSADRAIN, self._before)
 
     def _read(self) -> None:
-        while not self._over.is_set():
+        while not self._closed.is_set():
             if not select.select([self._handle], [], [], POLL_S)[0]:
                 continue
             keys = os.read(self._handle, 1024)

@@ -1,4 +1,4 @@
-"""A terminal's bytes -> lines of text and what to echo, for a VT100 or better. No I/O: bytes in, bytes and events out.
+"""Line editor for a terminal (VT100 or better): bytes in; lines, keys and bytes to echo out. No I/O.
 
 Keys: backspace or delete, control-U (line), control-W (word), control-A, control-E and the arrows (cursor), control-P,
 control-N and the arrows (history), control-L (draw again, and ask how large the terminal is), tab (complete),
@@ -15,19 +15,19 @@ from daemon.errors import visible
 
 LONGEST_LINE = 240
 COLUMNS, ROWS = 80, 24
-"""A VT100's, until the terminal says how large it is."""
+"""A VT100's size, until the terminal reports its own."""
 ASK_SIZE = b"\x1b7\x1b[999;999H\x1b[6n\x1b8"
-"""To the last corner there is, say where that is, and back."""
+"""Move the cursor as far as it goes, ask for its position, move back."""
 SIZE = re.compile(rb"(\d{1,4});(\d{1,4})R")
 HISTORY = 200
 BELL = b"\x07"
 CLEAR_TO_END = b"\x1b[K"
-BEFORE, BEHIND = "<", ">"
-"""Where a line is longer than the row that shows it."""
+MORE_LEFT, MORE_RIGHT = "<", ">"
+"""Marks of a line that is longer than its row."""
 
 
 class EditorKey(Enum):
-    """What an operator can press besides letters."""
+    """Keys with a meaning of their own."""
 
     INTERRUPT = "interrupt"
     END = "end"
@@ -35,19 +35,19 @@ class EditorKey(Enum):
 
 @dataclass
 class EditorOutput:
-    """What came of some bytes: what to send back to the terminal, and lines or keys in order."""
+    """The result of some bytes: what to send back to the terminal, and lines or keys in order."""
 
     echo: bytes = b""
     events: list[str | EditorKey] = field(default_factory=list)
 
 
 def no_completion(_: str) -> list[str]:
-    """Nothing to complete with."""
+    """Default of LineEditor.complete."""
     return []
 
 
 class LineEditor:
-    """One terminal's line being typed. `complete` gives every whole line that the typed one may become."""
+    """The line being typed at one terminal. `complete` returns whole lines that complete the typed one."""
 
     def __init__(self, prompt: str = "> ", complete: Callable[[str], list[str]] = no_completion) -> None:
         self.prompt = prompt
@@ -56,9 +56,9 @@ class LineEditor:
         self.remember = True
         self.columns, self.rows = COLUMNS, ROWS
         self._text, self._cursor, self._back = "", 0, 0
-        self._first, self._whole = 0, True
-        """The first character that stands on the row, and whether all behind it does."""
-        self._kept = ""
+        self._first, self._fits = 0, True
+        """The first visible character, and whether all after it fits in the row."""
+        self._unsent_line = ""
         self._escape = b""
         self._after_cr = False
         self._keys: dict[int, Callable[[], bytes]] = {
@@ -82,38 +82,38 @@ class LineEditor:
         return typed
 
     def show_prompt(self) -> bytes:
-        """The prompt and what is typed so far, on a row of its own; of a line too long for that, what is around the
-        cursor, with a mark where there is more."""
+        """Draw the prompt and the typed line in a row of its own; of a longer line the part around the cursor, with
+        marks."""
         room = self._scrolled()
         shown = list(self._text[self._first : self._first + room])
         if self._first:
-            shown[0] = BEFORE
-        if not self._whole:
-            shown[-1] = BEHIND
+            shown[0] = MORE_LEFT
+        if not self._fits:
+            shown[-1] = MORE_RIGHT
         back = b"\b" * (self._first + len(shown) - self._cursor)
         return b"\r" + (self.prompt + "".join(shown)).encode() + CLEAR_TO_END + back
 
     def notice(self, text: str) -> bytes:
-        """Some lines of text above the line being typed, which is drawn again below them."""
+        """Print lines above the line being typed and draw that again below them."""
         return b"\r" + CLEAR_TO_END + to_terminal(text, self.columns - 1) + self.show_prompt()
 
     def _scrolled(self) -> int:
-        """Move the part of the line that is shown to where the cursor is; gives how many characters fit."""
+        """Move the visible part of the line to the cursor; returns how many characters fit."""
         room = max(4, self.columns - 1 - len(self.prompt))
         at, length = self._cursor - self._first, len(self._text)
-        seen = (at > 0 or self._first == 0) and (at < room - 1 or (at <= room and self._first + room >= length))
+        in_view = (at > 0 or self._first == 0) and (at < room - 1 or (at <= room and self._first + room >= length))
         if length <= room:
             self._first = 0
-        elif not seen:
+        elif not in_view:
             self._first = max(0, self._cursor - room // 2)
-        self._whole = length - self._first <= room
+        self._fits = length - self._first <= room
         return room
 
     def _drawn(self, changed: bytes) -> bytes:
-        """What shows a change: these few bytes, as long as all from the first character on stands on the row."""
-        before = self._first, self._whole
+        """The bytes that show a change: just these, where the whole line fits in its row; else the line drawn again."""
+        before = self._first, self._fits
         self._scrolled()
-        return changed if before == (self._first, True) and self._whole else self.show_prompt()
+        return changed if before == (self._first, True) and self._fits else self.show_prompt()
 
     def _take(self, byte: int, typed: EditorOutput) -> None:
         if self._escape and (byte < 0x20 or (self._escape == b"\x1b" and byte not in b"[O")):
@@ -155,7 +155,8 @@ class LineEditor:
         return self._escapes[body]() if body in self._escapes else BELL
 
     def _sized(self, rows: int, columns: int) -> None:
-        """A terminal that cannot go to its last corner says something else; it stays as large as a VT100."""
+        """Take over the terminal's size. One that cannot move to its last corner answers something else, and counts as
+        a VT100."""
         if rows >= LOWEST and columns >= NARROWEST:
             self.rows, self.columns = rows, columns
 
@@ -167,8 +168,8 @@ class LineEditor:
         return line
 
     def _start_over(self) -> None:
-        self._text, self._cursor, self._back, self._kept = "", 0, 0, ""
-        self._first, self._whole = 0, True
+        self._text, self._cursor, self._back, self._unsent_line = "", 0, 0, ""
+        self._first, self._fits = 0, True
 
     def _insert(self, text: str) -> bytes:
         if len(self._text) + len(text) > LONGEST_LINE:
@@ -178,8 +179,8 @@ class LineEditor:
         self._cursor += len(text)
         return self._drawn((text + tail).encode() + b"\b" * len(tail))
 
-    def _cut(self, start: int, end: int) -> bytes:
-        """Take characters out; the cursor ends up at start, having been at start or end."""
+    def _delete_range(self, start: int, end: int) -> bytes:
+        """Remove characters; the cursor must be at start or end, and is at start afterwards."""
         if start == end:
             return BELL
         tail = self._text[end:]
@@ -188,17 +189,17 @@ class LineEditor:
         return self._drawn(moved + tail.encode() + CLEAR_TO_END + b"\b" * len(tail))
 
     def _backspace(self) -> bytes:
-        return self._cut(max(0, self._cursor - 1), self._cursor)
+        return self._delete_range(max(0, self._cursor - 1), self._cursor)
 
     def _delete(self) -> bytes:
-        return self._cut(self._cursor, min(len(self._text), self._cursor + 1))
+        return self._delete_range(self._cursor, min(len(self._text), self._cursor + 1))
 
     def _kill_line(self) -> bytes:
         return self._replace("") if self._text else b""
 
     def _kill_word(self) -> bytes:
         start = len(self._text[: self._cursor].rstrip().rpartition(" ")[0])
-        return self._cut(start + (start > 0), self._cursor)
+        return self._delete_range(start + (start > 0), self._cursor)
 
     def _home(self) -> bytes:
         moved, self._cursor = b"\b" * self._cursor, 0
@@ -231,7 +232,7 @@ class LineEditor:
         if self._back == len(self.history):
             return BELL
         if self._back == 0:
-            self._kept = self._text
+            self._unsent_line = self._text
         self._back += 1
         return self._replace(self.history[-self._back])
 
@@ -239,7 +240,7 @@ class LineEditor:
         if self._back == 0:
             return BELL
         self._back -= 1
-        return self._replace(self.history[-self._back] if self._back else self._kept)
+        return self._replace(self.history[-self._back] if self._back else self._unsent_line)
 
     def _tab(self) -> bytes:
         before = self._text[: self._cursor]
@@ -254,7 +255,7 @@ class LineEditor:
 
 
 def to_terminal(text: str, columns: int = COLUMNS - 1) -> bytes:
-    """Lines of text as a terminal wants them: ASCII, folded between words, CR LF at each end."""
+    """Text as a terminal needs it: ASCII, folded between words, CR LF at each end."""
     return b"".join(line.encode("ascii", "replace") + b"\r\n" for line in fold(visible(text), columns))
 
 

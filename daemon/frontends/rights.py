@@ -1,5 +1,5 @@
-"""Who is let in at the socket, and what each kind of user may do there. In one place; said for people in
-deploy/README.md, "Who may do what".
+"""Who may connect at the socket, and what each user may do there. deploy/README.md, "Who may do what", says it for
+people.
 
 | at the other end (by the kernel's word) | may |
 | --- | --- |
@@ -36,12 +36,12 @@ May = Literal["look", "all"]
 SO_PEERGROUPS = 59
 """Linux since 4.13, <asm-generic/socket.h>; Python has no name for it."""
 MOST_GROUPS = 256
-"""Of which Python can be told."""
+"""The most groups of a user that Python can read."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Who is at the other end of a connection."""
+    """The user and the process at the other end of a connection."""
 
     process: int
     user: int
@@ -56,7 +56,7 @@ class Peer:
 
 
 def peer_of(connection: socket.socket) -> Peer:
-    """By the kernel's word, not by its own."""
+    """The peer as the kernel reports it, not as it names itself."""
     packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     process, user, group = struct.unpack("3i", packed)
     more = b""
@@ -74,11 +74,11 @@ class Rights:
 
     @property
     def mode(self) -> int:
-        """The socket's: where some may only look, it is asked of each who they are."""
+        """File mode of the socket: open to all where there is a look_group, as then each peer's rights decide."""
         return 0o660 if self._look_group is None else 0o666
 
     def of(self, peer: Peer) -> May | None:
-        """What somebody may; None: nothing."""
+        """What a peer may do; None: nothing."""
         if peer.user in (0, os.geteuid()) or self.group in peer.groups:
             return "all"
         return "look" if self._look_group in peer.groups else None

@@ -1,6 +1,6 @@
-"""Serial console: an operator at a terminal on a tty. line_editor.py handles typing, the console package meaning.
+"""Serial console: an operator at a terminal on a tty. line_editor.py handles keys, daemon/console/ commands.
 
-The port is opened again when it went away. Nothing here waits for a slow terminal: what it does not take yet is queued.
+It opens the port again after it was lost. It never waits for a slow terminal: output that does not fit is queued.
 """
 
 import asyncio
@@ -26,18 +26,18 @@ from daemon.store.outside import FileError, read_file
 
 PROMPT, ASKED = "facetd> ", "? "
 BUSY = ""
-"""No prompt while a command is being done; what is typed ahead is shown."""
+"""No prompt while a command runs; characters typed ahead are shown."""
 GREETING = "facetd console. `help` leads on;\ncontrol-C stops the arm."
-"""No line longer than the narrowest terminal: its width is asked for with this."""
+"""No line longer than the narrowest terminal: the terminal's width is still unknown."""
 LEAVE, STOP = b"\x1d", b"\x03"
-"""Control-] and control-C: what terminal mode does not pass on."""
+"""Control-] and control-C, which terminal mode does not pass on."""
 KILL_LINE = b"\x15"
 RETRY_S = 5.0
 QUEUE_LIMIT = 256 * 1024
 
 
 class SerialFrontend:
-    """The Frontend at a serial terminal, and its life. Commands are done one by one; control-C is heard at once."""
+    """The frontend of a serial terminal. Commands run one by one; control-C works at once."""
 
     name = "terminal"
     asks = True
@@ -49,7 +49,7 @@ class SerialFrontend:
         interrupt: Interrupt,
         trouble: Callable[[str | None], None],
     ) -> None:
-        """trouble: told in one line when the port cannot be had, None when it can."""
+        """trouble: called with one line when the port cannot be opened, with None when it can."""
         self.who = f"operator at {settings.device}"
         self.may: Literal["look", "all"] = settings.may
         self.shown: int | None = None
@@ -57,14 +57,14 @@ class SerialFrontend:
         self._queue = CommandQueue(interpreter, self, interrupt, self._show_question)
         self._editor = LineEditor(PROMPT, partial(_complete, interpreter))
         self._port: serial.Serial | None = None
-        self._out: deque[bytes] = deque()
-        self._lost = asyncio.Event()
-        self._keys: Callable[[bytes], None] | None = None
+        self._output: deque[bytes] = deque()
+        self._port_lost = asyncio.Event()
+        self._key_sink: Callable[[bytes], None] | None = None
         self._unshown = self._read_before = False
-        """Whether a question is put that is not shown yet; whether something was read before the loop had called."""
-        self._taken: list[str] = []
-        """What of the line being typed stood there when a question came: a stop may be amid it."""
-        self._left = asyncio.Event()
+        """Whether a question is open but not shown yet; whether data was read before the loop called for it."""
+        self._interrupted_input: list[str] = []
+        """Parts of the line being typed that questions interrupted: they may contain a stop."""
+        self._terminal_left = asyncio.Event()
 
     async def run(self) -> None:
         """Serve the terminal until cancelled."""
@@ -74,7 +74,7 @@ class SerialFrontend:
                     self._trouble(None)
                     self._write(ASK_SIZE + b"\r\n" + to_terminal(GREETING) + self._editor.show_prompt())
                     self._notices.listen(self)
-                    await self._lost.wait()
+                    await self._port_lost.wait()
                 await asyncio.sleep(RETRY_S)
         finally:
             self._close()
@@ -83,30 +83,30 @@ class SerialFrontend:
         self.notice(text)
 
     async def ask(self, question: str) -> str:
-        """Put a question and wait for the line that answers it; empty after control-C or when the port is gone."""
+        """Ask a question and wait for the answer; empty after control-C or when the port is lost."""
         return await self._queue.ask(question)
 
     async def fetch(self, path: str) -> bytes:
-        """A file on this machine: behind a serial terminal there is no other."""
+        """Read a file of this machine: a serial terminal has none of its own."""
         try:
             return await asyncio.to_thread(read_file, Path(path), LONGEST_FILE)
         except FileError as error:
             raise CommandError(str(error), NOT_UNDERSTOOD) from None
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
-        """Keys go to `typed`, past the line editor, until control-] or until the port is gone."""
-        self._keys, self._left = typed, asyncio.Event()
+        """Pass keys to `typed`, past the line editor, until control-] or until the port is lost."""
+        self._key_sink, self._terminal_left = typed, asyncio.Event()
         try:
-            await self._left.wait()
+            await self._terminal_left.wait()
         finally:
-            self._keys = None
+            self._key_sink = None
 
     def show(self, data: bytes) -> None:
         self._write(data)
 
     @property
     def columns(self) -> int:
-        """As the terminal says; the last is left free, where some terminals wrap by themselves."""
+        """The width that the terminal reports, less one: some terminals wrap in the last column."""
         return self._editor.columns - 1
 
     @property
@@ -114,7 +114,7 @@ class SerialFrontend:
         return self._editor.rows
 
     def notice(self, text: str) -> None:
-        """Lines above the one being typed, which is drawn again: answers, and faults that nobody asked for."""
+        """Print lines above the line being typed, and draw that again."""
         self._write(self._editor.notice(text) if text else self._editor.show_prompt())
 
     def _open(self) -> bool:
@@ -127,8 +127,8 @@ class SerialFrontend:
             self._trouble(f"console.tty: {settings.device}: {_reason(error)}")
             return False
         os.set_blocking(self._port.fileno(), False)
-        self._lost.clear()
-        self._queue.gone = False
+        self._port_lost.clear()
+        self._queue.disconnected = False
         asyncio.get_running_loop().add_reader(self._port.fileno(), self._readable)
         return True
 
@@ -140,11 +140,11 @@ class SerialFrontend:
             with contextlib.suppress(OSError, serial.SerialException):
                 self._port.close()
         self._port = None
-        self._out.clear()
+        self._output.clear()
         self._notices.leave(self)
         self._queue.leave()
-        self._lost.set()
-        self._left.set()
+        self._port_lost.set()
+        self._terminal_left.set()
 
     def _readable(self) -> None:
         assert self._port is not None
@@ -155,39 +155,39 @@ class SerialFrontend:
         except OSError:
             data = b""
         if not data and self._read_before:
-            # What it was called for was read meanwhile; for a terminal that is gone it is called again.
+            # The data was read before this call; for a lost terminal the loop calls again.
             self._read_before = False
             return
         if not data:
             self._trouble(f"console.tty: {self._settings.device}: the terminal is gone")
             self._close()
             return
-        if self._keys is not None:
+        if self._key_sink is not None:
             self._raw(data)
             return
         typed = self._editor.feed(data)
         self._write(typed.echo)
         for event in typed.events:
-            self._hear(event)
+            self._handle(event)
 
     def _raw(self, data: bytes) -> None:
-        """Keys in terminal mode: only control-] and control-C are ours."""
+        """Pass on keys in terminal mode, except control-] and control-C."""
         keys, leave, _ = data.partition(LEAVE)
         if STOP in data:
-            self._queue.beside(self._stop)
-        elif self._keys is not None and keys:
-            self._keys(keys)
+            self._queue.start_now(self._stop)
+        elif self._key_sink is not None and keys:
+            self._key_sink(keys)
         if leave:
-            self._left.set()
+            self._terminal_left.set()
 
-    def _hear(self, event: str | EditorKey) -> None:
-        if isinstance(event, str) and ends_in_stop(self._taken, event):
+    def _handle(self, event: str | EditorKey) -> None:
+        if isinstance(event, str) and ends_in_stop(self._interrupted_input, event):
             event = "stop"
-        self._taken.clear()
+        self._interrupted_input.clear()
         if event is EditorKey.INTERRUPT:
-            self._queue.beside(self._stop)
+            self._queue.start_now(self._stop)
         elif event == "" and (self._unshown or not self._queue.asking):
-            self._write(ASK_SIZE + self._editor.show_prompt())  # whoever sits down and presses Enter
+            self._write(ASK_SIZE + self._editor.show_prompt())  # Enter at an idle terminal
         elif isinstance(event, str) and not self._unshown and self._queue.answer(event):
             pass
         elif isinstance(event, str) and not self._queue.has_room_for(event):
@@ -205,17 +205,17 @@ class SerialFrontend:
 
     def _show_question(self, question: str | None) -> None:
         if question is not None:
-            self._hear_what_came_before()
+            self._read_earlier_input()
         self._set_prompt()
         if question is not None:
-            self._taken += filter(None, [self._editor.text])
-            self._editor.feed(KILL_LINE)  # what was typed for something else is no answer
+            self._interrupted_input += filter(None, [self._editor.text])
+            self._editor.feed(KILL_LINE)  # text typed before the question is no answer
             self.notice(question)
 
-    def _hear_what_came_before(self) -> None:
-        """What was typed by now, and nobody had time to read, was typed before the question is shown: no answer."""
+    def _read_earlier_input(self) -> None:
+        """Read input that was typed before the question is shown: it does not answer it."""
         self._unshown = True
-        with contextlib.suppress(OSError, serial.SerialException):  # a terminal that is gone is told by its reader
+        with contextlib.suppress(OSError, serial.SerialException):  # the reader reports a lost terminal
             if self._port is not None and self._port.in_waiting:
                 self._read_before = True
                 self._readable()
@@ -227,31 +227,31 @@ class SerialFrontend:
         self._editor.remember = not asked
 
     def _write(self, data: bytes) -> None:
-        if self._port is None or not data or sum(map(len, self._out)) > QUEUE_LIMIT:
+        if self._port is None or not data or sum(map(len, self._output)) > QUEUE_LIMIT:
             return
-        self._out.append(data)
+        self._output.append(data)
         self._writable()
 
     def _writable(self) -> None:
         assert self._port is not None
         loop, handle = asyncio.get_running_loop(), self._port.fileno()
         try:
-            while self._out:
-                count = os.write(handle, self._out[0])
-                if count < len(self._out[0]):
-                    self._out[0] = self._out[0][count:]
+            while self._output:
+                count = os.write(handle, self._output[0])
+                if count < len(self._output[0]):
+                    self._output[0] = self._output[0][count:]
                 else:
-                    self._out.popleft()
+                    self._output.popleft()
             loop.remove_writer(handle)
         except BlockingIOError:
             loop.add_writer(handle, self._writable)
         except OSError:
-            self._out.clear()
+            self._output.clear()
             loop.remove_writer(handle)
 
 
 def _complete(interpreter: Interpreter, typed: str) -> list[str]:
-    """Every line that the typed one may become; files are this machine's."""
+    """Completions of the line typed so far; file names are those of this machine."""
     files = files_begun(typed)
     return interpreter.complete(typed) if files is None else files
 

@@ -1,20 +1,31 @@
-"""The operators' socket: JSON objects, one a line, both ways. What the words mean is the console's business.
+"""The operators' socket: JSON objects, one a line, in both directions. daemon/console/ interprets the commands.
 
-Operator to daemon: {"do": TEXT, "frontend": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS],
-"block": ID}: a command, of one line; where another is still being done it is refused, unless it waits; size: of the
-terminal, ROWS null where pages are not turned there; block: of what was pasted together, done line by line to the first
-that is not. {"answer": TEXT, "id": ID} {"interrupt": true} {"complete": TEXT}
-{"notices": true}: tell me also what I do not ask for. {"file": BASE64, "more": BOOL} or {"no_file": WHY}, the answer to
-a fetch; {"keys": TEXT} {"leave": true} at a terminal.
-Daemon to operator: {"say": TEXT} {"ask": QUESTION, "id": ID} {"unasked": ID}: no answer is waited for any more.
-{"fetch": PATH} {"done": {text, data, status}, "id": ID} {"notice": TEXT}
-{"terminal": BOOL}, its beginning and end, {"show": TEXT} in between (one character a byte); {"options": [LINE, ...]};
-{"stopped": TEXT}, the answer to an interrupt, and to a stop where an answer was asked for; {"stopping": true} again and
-again before that, while the controller has answered the stop and not confirmed it, or says more of whether the arm is
-at rest.
-Who is speaking is what the kernel says of the other end, not what it says of itself (rights.py: and what they may).
+From an operator:
+{"do": TEXT, "frontend": NAME, "asks": BOOL, "id": ID, "waits": BOOL, "size": [COLUMNS, ROWS], "block": ID}
+  Run a command of one line. It is refused while another runs, unless it waits. size: of the terminal, ROWS null for no
+  paging. block: lines with the same ID were pasted together, and run one after the other, up to the first that fails.
+{"answer": TEXT, "id": ID}, {"interrupt": true}, {"complete": TEXT}
+{"notices": true}
+  Send unsolicited messages, too.
+{"file": BASE64, "more": BOOL} or {"no_file": WHY}
+  The answer to a fetch.
+{"keys": TEXT}, {"leave": true}
+  At the controller's terminal.
 
-Whoever comes after too many others may still say one thing: stop. Room is kept for that.
+To an operator:
+{"say": TEXT}, {"notice": TEXT}, {"done": {text, data, status}, "id": ID}, {"fetch": PATH}, {"options": [LINE, ...]}
+{"ask": QUESTION, "id": ID}, {"unasked": ID}
+  A question; it is withdrawn.
+{"terminal": BOOL}, {"show": TEXT}
+  Begin and end of the controller's terminal; its output in between, one character a byte.
+{"stopped": TEXT}
+  The answer to an interrupt, and to a stop that was given as an answer.
+{"stopping": true}
+  Repeated before `stopped`, while the controller has answered the stop but not confirmed it, or still reports whether
+  the arm is at rest.
+
+The kernel reports who the operator is (rights.py: and what they may do); what a client says of itself does not count.
+Beyond the limit of connections, a few more are accepted for one message each, a stop.
 """
 
 import asyncio
@@ -44,28 +55,28 @@ from daemon.frontends.rights import FrontendError, May, Peer, Rights, peer_of
 
 LONGEST_MESSAGE = 64 * 1024
 LONE_SURROGATE = re.compile(r"\\u[dD][c-fC-F]")
-SAID = re.compile(r'"(?:do|answer)"\s*:\W*(.*)', re.DOTALL)
+COMMAND_TEXT = re.compile(r'"(?:do|answer)"\s*:\W*(.*)', re.DOTALL)
 MOST_UNREAD = 256 * 1024
-"""Bytes on their way to an operator beyond which notices are dropped: somebody there reads nothing."""
-MOST_UNHEARD = 16_000_000
-"""Bytes beyond which they are hung up."""
+"""Bytes sent but unread, beyond which notices to an operator are dropped."""
+MOST_BACKLOG = 16_000_000
+"""Bytes sent but unread, beyond which the connection is closed."""
 MOST_EACH, MOST_TOGETHER, MOST_TO_STOP = 32, 256, 128
-"""Connections of one user, of all, and beyond those, for a stop. Together far fewer than the unit's descriptors."""
+"""Connections of one user, of all, and beyond those, for a stop. Together far below the unit's limit of descriptors."""
 WAITING = 16
-"""Connections taken in one turn of the loop: fewer than would push out one for a stop before it is read."""
-FIRST_WORD_S, IDLE_S, STOP_S = 30.0, 600.0, 5.0
-"""After how long of silence somebody is hung up: who never said anything; who has nothing to wait for, neither an
-answer nor notices, or does not read what they wait for; who came only to stop, or has said good-bye."""
+"""Connections accepted in one turn of the loop: few enough that none pushes out one for a stop before that is read."""
+FIRST_MESSAGE_S, IDLE_S, STOP_S = 30.0, 600.0, 5.0
+"""Seconds of silence before the connection is closed: of a client that never sent anything; of one that waits for
+neither answers nor notices, or does not read them; of one that came only to stop, or is closing."""
 SHOWN = ("say", "ask", "notice", "stopped")
 
 
 class SocketMessage(msgspec.Struct):
-    """What an operator's end may send."""
+    """A message from a client."""
 
     do: str | UnsetType = UNSET
     frontend: str | UnsetType = UNSET
     door: str | UnsetType = UNSET
-    """What `frontend` was called before."""
+    """The earlier name of `frontend`."""
     asks: bool | UnsetType = UNSET
     id: int | str | UnsetType | None = UNSET
     size: tuple[int, int | None] | UnsetType = UNSET
@@ -83,18 +94,18 @@ class SocketMessage(msgspec.Struct):
 
 
 class SocketServer:
-    """Listens at a path; every connection is one operator."""
+    """Listens at a path; each connection is one operator."""
 
     def __init__(self, path: Path, rights: Rights, interpreter: Interpreter, interrupt: Interrupt) -> None:
         self.path, self._rights, self._interpreter, self._interrupt = path, rights, interpreter, interrupt
         self._server: asyncio.Server | None = None
         self._operators: dict[asyncio.Task[None], int] = {}
-        """Whose each connection is."""
+        """User id of each connection."""
         self._to_stop: dict[asyncio.Task[None], None] = {}
-        """Those beyond the limits, the oldest first."""
+        """Connections beyond the limits, oldest first."""
 
     async def open(self) -> None:
-        """Bind the socket, for whom rights.py says. Raises FrontendError."""
+        """Bind the socket, with the group and mode of rights.py. Raises FrontendError."""
         if len(os.fsencode(self.path)) > 100:
             raise FrontendError(f"{self.path}: too long for a socket's path; set folders.runtime to a shorter one")
         try:
@@ -117,7 +128,7 @@ class SocketServer:
             raise FrontendError(f"{self.path}: cannot listen here: {error.strerror or error}") from None
 
     def _give_to(self, group: int) -> None:
-        """Change the socket's group where it is another: the unit's filter of system calls lets nobody do that."""
+        """Change the socket's group only where it differs: the unit's system call filter allows no chown."""
         if os.stat(self.path).st_gid == group:
             return
         try:
@@ -127,7 +138,7 @@ class SocketServer:
             raise FrontendError(f"{what}; make it the daemon's own group (`systemctl edit facetd`, Group=)") from None
 
     async def close(self) -> None:
-        """Let go of the path and of every operator; safe to call twice."""
+        """Close the socket and every connection; safe to call twice."""
         if self._server is None:
             return
         self._server.close()
@@ -139,9 +150,10 @@ class SocketServer:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _take_over(self) -> None:
-        """Remove the socket of a daemon that died. Raises FrontendError where one is alive, or it is no socket."""
+        """Remove the socket of a daemon that died. Raises FrontendError where one is alive, or the file is no
+        socket."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-            probe.setblocking(False)  # one that hangs takes nobody in, and is there all the same
+            probe.setblocking(False)  # a hanging daemon accepts no connection, but is alive
             try:
                 probe.connect(str(self.path))
             except FileNotFoundError:
@@ -150,9 +162,7 @@ class SocketServer:
                 pass
             except ConnectionRefusedError:
                 if not self.path.is_socket():
-                    raise FrontendError(
-                        f"{self.path}: lies where the socket goes, and is no socket; move it away"
-                    ) from None
+                    raise FrontendError(f"{self.path}: is no socket; move it away, facetd puts one there") from None
                 self.path.unlink()
                 return
         raise FrontendError(f"{self.path}: another facetd answers there; stop it first")
@@ -167,7 +177,7 @@ class SocketServer:
             if may is None:
                 await operator.refuse("permission denied: your user is in neither console.group nor console.look_group")
             elif self._crowded(peer):
-                self._make_way(task)
+                self._drop_oldest(task)
                 await operator.listen_for_a_stop()
             else:
                 self._operators[task] = peer.user
@@ -176,15 +186,16 @@ class SocketServer:
             pass
         finally:
             operator.leave()
-            await _hang_up(writer)
+            await _close(writer)
             self._operators.pop(task, None)
             self._to_stop.pop(task, None)
 
     def _crowded(self, peer: Peer) -> bool:
         return len(self._operators) >= MOST_TOGETHER or Counter(self._operators.values())[peer.user] >= MOST_EACH
 
-    def _make_way(self, newest: asyncio.Task[None]) -> None:
-        """Who came to stop says so at once: of those that wait, the oldest go."""
+    def _drop_oldest(self, newest: asyncio.Task[None]) -> None:
+        """Make room for a connection that may stop: close the oldest of those that wait. A client that came to stop
+        says so at once."""
         for oldest in list(self._to_stop)[: len(self._to_stop) - MOST_TO_STOP + 1]:
             del self._to_stop[oldest]
             oldest.cancel()
@@ -192,7 +203,7 @@ class SocketServer:
 
 
 class SocketFrontend:
-    """One connection: the Frontend a command sees."""
+    """One connection: the Frontend that commands see."""
 
     def __init__(
         self,
@@ -208,32 +219,32 @@ class SocketFrontend:
         self.shown: int | None = None
         self.columns: int = COLUMNS
         self.rows: int | None = None
-        self._spoke = self._listens = False
-        self._queue = CommandQueue(interpreter, self, interrupt, self._show_question, self._give_sign)
+        self._has_sent = self._gets_notices = False
+        self._queue = CommandQueue(interpreter, self, interrupt, self._show_question, self._send_stopping)
         self._file: asyncio.Future[bytes] | None = None
         self._content = bytearray()
         self._typed: Callable[[bytes], None] | None = None
-        self._left = asyncio.Event()
+        self._terminal_left = asyncio.Event()
 
     async def listen(self) -> None:
-        """Serve the operator until they hang up, or have been silent for long with nothing to wait for."""
+        """Serve the operator until they disconnect, or are silent for long and wait for nothing."""
         while line := await self._next_line():
-            self._spoke = True
+            self._has_sent = True
             try:
-                self._hear(_message(line))
+                self._handle(_message(line))
             except ValueError as error:
-                # Nobody waits here for one who does not read: their next line may be a stop.
-                self._write({"done": _plain(CommandResult(f"not a message: {error}", {}, 2))})
-        if _hears(self._writer.get_extra_info("socket")):  # it has said all, and waits for the answers
+                # Do not wait until they read this: their next line may be a stop.
+                self._write({"done": _as_json(CommandResult(f"not a message: {error}", {}, 2))})
+        if _still_receives(self._writer.get_extra_info("socket")):  # its input ended, it waits for answers
             self._interpreter.context.notices.leave(self)
-            self._queue.say_no_more()
-            self._left.set()
+            self._queue.input_ended()
+            self._terminal_left.set()
         else:
             self.leave()
         await self._queue.end()
 
     async def listen_for_a_stop(self) -> None:
-        """Serve somebody who came after too many others. Raises TimeoutError where they say nothing."""
+        """Serve a connection beyond the limits, for a stop only. Raises TimeoutError where it sends nothing."""
         message = SocketMessage()
         with contextlib.suppress(ValueError):
             async with asyncio.timeout(STOP_S):
@@ -241,27 +252,27 @@ class SocketFrontend:
         if message.interrupt is UNSET and not (isinstance(message.do, str) and means_stop(message.do)):
             await self.refuse("too many connections: close some (`stop` and control-C still work)")
             return
-        self._hear(message)
+        self._handle(message)
         await self._queue.end()
 
     async def refuse(self, why: str) -> None:
-        """Say why nothing else is heard here."""
-        await self._send({"done": _plain(CommandResult(why, {"error": why}, NOT_DONE))})
+        """Say why this connection serves nothing else."""
+        await self._send({"done": _as_json(CommandResult(why, {"error": why}, NOT_DONE))})
 
     def leave(self) -> None:
-        """The operator is gone: what they asked for goes on, questions to them are answered by nothing."""
+        """The operator disconnected: their command goes on, questions to them get an empty answer."""
         self._interpreter.context.notices.leave(self)
         self._queue.leave()
-        self._left.set()
+        self._terminal_left.set()
         if self._file is not None and not self._file.done():
             self._file.set_exception(CommandError("the operator disconnected"))
 
     async def say(self, text: str) -> None:
-        """Show some lines now; waits for nobody's reading, as it may be an arm on its way that says them."""
+        """Send lines now, without waiting until they are read: a moving arm may be the sender."""
         self._write({"say": text})
 
     def notice(self, text: str) -> None:
-        """Show what nobody there asked for."""
+        """Send an unsolicited message."""
         if self._writer.transport.get_write_buffer_size() < MOST_UNREAD:
             self._write({"notice": text})
 
@@ -269,25 +280,25 @@ class SocketFrontend:
         return await self._queue.ask(question)
 
     async def fetch(self, path: str) -> bytes:
-        """A file at the operator's end. Raises CommandError."""
-        if self._queue.gone:
+        """Read a file on the operator's machine. Raises CommandError."""
+        if self._queue.disconnected:
             raise CommandError("the operator disconnected")
         self._file, self._content = asyncio.get_running_loop().create_future(), bytearray()
         await self._send({"fetch": path})
         return await self._file
 
     async def terminal(self, typed: Callable[[bytes], None]) -> None:
-        """Keys go to `typed` until the operator leaves."""
+        """Pass keys to `typed` until the operator leaves."""
         if not self.asks:
             raise CommandError("this works only at a terminal", NOT_UNDERSTOOD)
-        self._left.clear()
+        self._terminal_left.clear()
         self._typed = typed
         await self._send({"terminal": True})
         try:
-            await self._left.wait()
+            await self._terminal_left.wait()
         finally:
             self._typed = None
-            self._write({"terminal": False})  # a stop has ended with this: it waits for nobody's reading
+            self._write({"terminal": False})  # this may follow a stop, which must not wait until it is read
 
     def show(self, data: bytes) -> None:
         self._write({"show": data.decode("latin-1")})
@@ -295,20 +306,20 @@ class SocketFrontend:
     async def _next_line(self) -> bytes:
         while True:
             try:
-                async with asyncio.timeout(IDLE_S if self._spoke else FIRST_WORD_S):
+                async with asyncio.timeout(IDLE_S if self._has_sent else FIRST_MESSAGE_S):
                     return await self._reader.readline()
             except ValueError:
-                await self._send({"done": _plain(CommandResult("the message is too long", {}, 2))})
+                await self._send({"done": _as_json(CommandResult("the message is too long", {}, 2))})
                 return b""
             except TimeoutError:
-                if not (self._listens or self._queue.busy or self._queue.asking):
+                if not (self._gets_notices or self._queue.busy or self._queue.asking):
                     return b""
 
-    def _hear(self, message: SocketMessage) -> None:
+    def _handle(self, message: SocketMessage) -> None:
         if message.interrupt is not UNSET or (isinstance(message.keys, str) and "\x03" in message.keys):
-            self._queue.beside(self._stop)
+            self._queue.start_now(self._stop)
         elif isinstance(message.do, str):
-            self._take(message.do if means_stop(message.do) else printable(message.do, names=True), message)
+            self._take_command(message.do if means_stop(message.do) else printable(message.do, names=True), message)
         elif isinstance(message.answer, str):
             if self._interpreter.withdraws(message.answer):
                 self._queue.take(message.answer, self._stopped)
@@ -322,17 +333,17 @@ class SocketFrontend:
             if self._typed is not None:
                 self._typed(message.keys.encode("latin-1", "replace"))
         elif message.leave is not UNSET:
-            self._left.set()
+            self._terminal_left.set()
         elif isinstance(message.complete, str):
             self._write({"options": self._interpreter.complete(message.complete)})
         elif message.notices is not UNSET:
-            if not self._listens:
+            if not self._gets_notices:
                 self._interpreter.context.notices.listen(self)
-            self._listens = True
+            self._gets_notices = True
         else:
             raise ValueError("it holds neither do, answer, file, keys, leave, interrupt, complete nor notices")
 
-    def _take(self, text: str, message: SocketMessage) -> None:
+    def _take_command(self, text: str, message: SocketMessage) -> None:
         stops = self._interpreter.means_stop(text)
         if self._queue.busy and not message.waits and not stops and not self._interpreter.at_once(text):
             raise ValueError("the last command is still running")
@@ -349,12 +360,12 @@ class SocketFrontend:
         number = {} if message.id is UNSET else {"id": message.id}
 
         async def answered(answer: CommandResult) -> None:
-            await self._send({"done": _plain(answer), **number})
+            await self._send({"done": _as_json(answer), **number})
 
         self._queue.take(text, answered, None if message.block is UNSET else message.block)
 
     def _take_file(self, piece: str | UnsetType, no_file: str | UnsetType, more: bool) -> None:
-        """One piece of a file that was asked for, or why there is none."""
+        """Take one part of a fetched file, or the reason why it cannot be sent."""
         if self._file is None or self._file.done():
             return
         if piece is UNSET:
@@ -375,7 +386,7 @@ class SocketFrontend:
     async def _stopped(self, answer: CommandResult) -> None:
         await self._send({"stopped": answer.text})
 
-    def _give_sign(self) -> None:
+    def _send_stopping(self) -> None:
         self._write({"stopping": True})
 
     def _show_question(self, question: str | None) -> None:
@@ -383,11 +394,11 @@ class SocketFrontend:
         self._write({"unasked": number} if question is None else {"ask": question, "id": number})
 
     def _write(self, message: dict[str, Any]) -> None:
-        if self._writer.transport.get_write_buffer_size() > MOST_UNHEARD:
+        if self._writer.transport.get_write_buffer_size() > MOST_BACKLOG:
             self._writer.transport.abort()
-        elif not self._queue.gone:
-            seen = message | {key: visible(message[key]) for key in SHOWN if key in message}
-            self._writer.write(json.dumps(seen, default=str).encode() + b"\n")
+        elif not self._queue.disconnected:
+            printable_message = message | {key: visible(message[key]) for key in SHOWN if key in message}
+            self._writer.write(json.dumps(printable_message, default=str).encode() + b"\n")
 
     async def _send(self, message: dict[str, Any]) -> None:
         self._write(message)
@@ -400,15 +411,15 @@ class SocketFrontend:
             pass
 
 
-def _hears(connection: socket.socket) -> bool:
-    """Whether the other end, which says nothing more, can still hear."""
+def _still_receives(connection: socket.socket) -> bool:
+    """Whether the other end, which sends nothing more, can still receive."""
     poll = select.poll()
     poll.register(connection.fileno(), 0)
     return not poll.poll(0)
 
 
-async def _hang_up(writer: asyncio.StreamWriter) -> None:
-    """What is on its way is read soon, or by nobody."""
+async def _close(writer: asyncio.StreamWriter) -> None:
+    """Close the connection; data on its way has STOP_S to be read."""
     writer.close()
     with contextlib.suppress(ConnectionError, TimeoutError, asyncio.CancelledError):
         async with asyncio.timeout(STOP_S):
@@ -417,20 +428,20 @@ async def _hang_up(writer: asyncio.StreamWriter) -> None:
 
 
 def _message(line: bytes) -> SocketMessage:
-    """What came in one line. One that is no message and still means to stop is taken for that. Raises ValueError."""
+    """Parse one line. A line that is no message but means a stop counts as a stop. Raises ValueError."""
     text = line.decode("utf-8", "replace")
-    said = SAID.search(text)
+    command_text = COMMAND_TEXT.search(text)
     if means_stop(text):
         return SocketMessage(do="stop")
     try:
-        if LONE_SURROGATE.search(text):  # of a file's name that is no UTF-8, which msgspec takes for malformed
+        if LONE_SURROGATE.search(text):  # in a file name that is no UTF-8; msgspec refuses it
             return msgspec.convert(json.loads(text), type=SocketMessage)
         return msgspec.json.decode(text, type=SocketMessage)
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
-        if said is not None and means_stop(said[1]):
+        if command_text is not None and means_stop(command_text[1]):
             return SocketMessage(do="stop")
         raise ValueError(str(error)) from None
 
 
-def _plain(answer: CommandResult) -> dict[str, Any]:
+def _as_json(answer: CommandResult) -> dict[str, Any]:
     return {"text": visible(answer.text), "data": answer.data, "status": answer.status}

@@ -16,7 +16,7 @@ import numpy as np
 
 from daemon.arm.stopping import ABORT_S, TRIES
 from daemon.frontends.client import STOP_ANSWER_S
-from daemon.frontends.command_queue import SIGN_S
+from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import READY_RAD
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
@@ -85,7 +85,7 @@ def drawn_ones() -> None:
     )
     for name, row in (("median", np.median(times, axis=0)), ("worst", times.max(axis=0))):
         print(f"{name:<40}{row[0]:>11.2f}{row[1]:>12.2f}{row[2]:>9.1f}{row[3]:>9.2f}")
-    silent = sum(stop.answered_s + SIGN_S > STOP_ANSWER_S for stop in found)
+    silent = sum(stop.answered_s + STOP_PENDING_EVERY_S > STOP_ANSWER_S for stop in found)
     early = sum(stop.confirmed_s > s for stop, s in zip(found, alarm_s, strict=True))
     late = sum(stop.confirmed_s > STOP_ANSWER_S for stop in found)
     print(

@@ -923,19 +923,19 @@ def test_what_the_controller_says_counts_as_long_as_it_is_asked_whether_the_arm_
 
     async def slow() -> bool:
         for _ in range(3):
-            counted.append(supervisor.heard_asking)
+            counted.append(supervisor.rest_reports)
             supervisor.permit.heard += 1
         return True
 
     async def story() -> None:
         supervisor.permit.heard = 40
-        assert supervisor.heard_asking == 0
+        assert supervisor.rest_reports == 0
         supervisor.mover.cell.robot.at_rest = slow
         assert await supervisor.at_rest()
 
     lived(story())
     assert counted == [0, 1, 2]
-    assert supervisor.heard_asking == 0
+    assert supervisor.rest_reports == 0
 
 
 def test_an_arm_at_work_or_being_stopped_is_not_asked_whether_it_rests():

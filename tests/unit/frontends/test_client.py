@@ -165,7 +165,7 @@ def test_hanging_up_is_heard_at_once_though_the_link_is_kept(daemon: Scripted) -
     link.close()
     assert daemon.gone.wait(5)
     link.close()
-    link.connect_again()
+    link.reconnect()
     daemon.answers["look"] = [DONE]
     assert link.do("look", "here", print) == DONE["done"]
     link.close()
@@ -177,9 +177,9 @@ def test_a_stop_is_said_beside_whatever_is_waited_for_and_that_no_daemon_hears_i
     daemon.answers["stop"] = [DONE]
     link = DaemonLink(daemon.path)
     link.close()
-    assert link.stop_beside("stop", "here", print) == DONE["done"]
+    assert link.stop_separately("stop", "here", print) == DONE["done"]
     daemon.path.unlink()
-    unheard = link.stop_beside("stop", "here", print)
+    unheard = link.stop_separately("stop", "here", print)
     assert re.match("PRESS THE EMERGENCY STOP: the stop was not answered; no daemon answers", unheard["text"])
     assert unheard["status"] == ctl.STOP_UNANSWERED
 
@@ -392,5 +392,5 @@ def test_control_c_amid_a_message_is_a_line_of_its_own(daemon: Scripted) -> None
     daemon.answers["interrupt"] = [{"stopped": "Nothing moves."}]
     with DaemonLink(daemon.path) as link:
         link.socket.sendall(b'{"file": "AAAA')
-        link._amid = True
+        link._partly_sent = True
         assert link.interrupt(print) == "Nothing moves."

@@ -13,7 +13,7 @@ import pytest
 from daemon.console.interpreter import CommandResult, ConsoleCommand, Interpreter
 from daemon.console.notices import Notices
 from daemon.frontends.client import STOP_ANSWER_S
-from daemon.frontends.command_queue import MOST_BESIDE, SIGN_S, CommandQueue
+from daemon.frontends.command_queue import MOST_TASKS, STOP_PENDING_EVERY_S, CommandQueue
 from tests.fakes.in_time import lived
 
 
@@ -31,7 +31,7 @@ class Operator:
         self.stops = self.signs = 0
         self.said: list[str] = []
         self.awaits_confirmation_s: float | None = None
-        self.heard_asking = 0
+        self.rest_reports = 0
 
         async def slow(_: Any, words: list[str], __: Any) -> CommandResult:
             await self.may_end.wait()
@@ -39,7 +39,7 @@ class Operator:
             return CommandResult(f"done {' '.join(words)}")
 
         async def ask(_: Any, words: list[str], __: Any) -> CommandResult:
-            return CommandResult(f"{words[0]}: {await self.turns.ask(words[0])!r}")
+            return CommandResult(f"{words[0]}: {await self.queue.ask(words[0])!r}")
 
         async def now(_: Any, __: list[str], ___: Any) -> CommandResult:
             return CommandResult("now")
@@ -59,7 +59,7 @@ class Operator:
             notices=Notices(),
         )
         interpreter = Interpreter(context, commands)
-        self.turns = CommandQueue(interpreter, self, self.interrupt, self.shown.append, self.sign)  # type: ignore[arg-type]
+        self.queue = CommandQueue(interpreter, self, self.interrupt, self.shown.append, self.sign)  # type: ignore[arg-type]
 
     async def interrupt(self, who: str, about_to_move: bool) -> str:
         self.interrupts.append((who, about_to_move))
@@ -76,8 +76,8 @@ class Operator:
 
     def types(self, *lines: str) -> None:
         for line in lines:
-            if not self.turns.answer(line):
-                self.turns.take(line, self.answered)
+            if not self.queue.answer(line):
+                self.queue.take(line, self.answered)
 
 
 def play(script: Callable[[Operator], Awaitable[None]]) -> Operator:
@@ -85,8 +85,8 @@ def play(script: Callable[[Operator], Awaitable[None]]) -> Operator:
         operator = Operator()
         await asyncio.wait_for(script(operator), 5)
         operator.may_end.set()
-        operator.turns.leave()
-        await asyncio.wait_for(operator.turns.end(), 5)
+        operator.queue.leave()
+        await asyncio.wait_for(operator.queue.end(), 5)
         return operator
 
     return asyncio.run(run())
@@ -112,9 +112,9 @@ def test_who_only_hears_has_what_they_asked_for_done_in_turn_and_answers_no_ques
     async def script(operator: Operator) -> None:
         operator.types("ask sure?")
         await a_moment()
-        operator.turns.take("go 1", operator.answered)
-        operator.turns.take("ask really?", operator.answered)
-        operator.turns.say_no_more()
+        operator.queue.take("go 1", operator.answered)
+        operator.queue.take("ask really?", operator.answered)
+        operator.queue.input_ended()
         operator.may_end.set()
         await a_moment()
 
@@ -126,14 +126,14 @@ def test_who_only_hears_has_what_they_asked_for_done_in_turn_and_answers_no_ques
 def test_a_pasted_block_is_done_line_by_line_to_the_first_that_is_not_done() -> None:
     async def script(operator: Operator) -> None:
         for line in ("go 1", "status", "flurb", "go 2"):
-            operator.turns.take(line, operator.answered, block=7)
+            operator.queue.take(line, operator.answered, block=7)
         operator.types("read 3")
         await a_moment()
         assert operator.answers == [], "not even what is for now is done before its turn"
         operator.may_end.set()
         await a_moment()
-        operator.turns.take("go 4", operator.answered, block=7)
-        operator.turns.take("go 5", operator.answered, block=8)
+        operator.queue.take("go 4", operator.answered, block=7)
+        operator.queue.take("go 5", operator.answered, block=8)
         await a_moment()
 
     operator = play(script)
@@ -156,7 +156,7 @@ def test_a_stop_waits_for_nothing_drops_what_was_typed_ahead_and_answers_the_que
         operator.types("ask sure?")
         await a_moment()
         assert operator.shown == ["sure?"]
-        operator.turns.take("go 2", operator.answered)
+        operator.queue.take("go 2", operator.answered)
         operator.types("stop")
         await a_moment()
 
@@ -194,14 +194,14 @@ def test_what_takes_nothing_away_is_an_answer(text: str) -> None:
 
 def test_control_c_says_whether_something_may_be_about_to_move() -> None:
     async def script(operator: Operator) -> None:
-        await operator.turns.stop("ann")
+        await operator.queue.stop("ann")
         operator.types("read 1")
-        await operator.turns.stop("ann")
+        await operator.queue.stop("ann")
         operator.may_end.set()
         await a_moment()
         operator.may_end.clear()
         operator.types("go 2")
-        await operator.turns.stop("ann")
+        await operator.queue.stop("ann")
 
     assert play(script).interrupts == [("ann", False), ("ann", False), ("ann", True)]
 
@@ -210,7 +210,7 @@ def test_two_questions_are_put_one_after_the_other_and_each_gets_its_own_answer(
     async def script(operator: Operator) -> None:
         operator.types("ask first?")
         await a_moment()
-        operator.turns.take("resume second?", operator.answered)
+        operator.queue.take("resume second?", operator.answered)
         await a_moment()
         assert operator.shown == ["first?"]
         operator.types("y")
@@ -232,7 +232,7 @@ def test_status_and_the_end_of_step_mode_at_a_question_are_done_and_the_question
         await a_moment()
         assert operator.answers == ["now"] * 3
         assert operator.shown == ["sure?"] * 4
-        assert operator.turns.asking
+        assert operator.queue.asking
         operator.types("y")
         await a_moment()
 
@@ -245,10 +245,10 @@ def test_what_decides_the_question_that_is_open_is_not_followed_by_that_question
 
     async def script(operator: Operator) -> None:
         async def confirm(*_: Any) -> CommandResult:
-            operator.turns._unasked()
+            operator.queue._withdraw_question()
             return CommandResult("confirmed")
 
-        commands = operator.turns._interpreter.commands
+        commands = operator.queue._interpreter.commands
         commands["confirm"] = ConsoleCommand("confirm", "confirm", "", confirm, "move", at_once=True)
         operator.types("ask send?")
         await a_moment()
@@ -263,8 +263,8 @@ def test_who_has_left_is_asked_nothing_and_what_they_typed_ahead_is_not_done() -
     async def script(operator: Operator) -> None:
         operator.types("go 1", "go 2")
         await a_moment()
-        operator.turns.leave()
-        assert await operator.turns.ask("still there?") == ""
+        operator.queue.leave()
+        assert await operator.queue.ask("still there?") == ""
 
     operator = play(script)
     assert operator.done == ["1"]
@@ -312,17 +312,17 @@ def test_a_stop_typed_behind_half_of_a_line_waits_for_nothing() -> None:
 def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
     typed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.frontends.command_queue.MOST_AHEAD", 2)
+    monkeypatch.setattr("daemon.frontends.command_queue.MOST_WAITING", 2)
 
     async def script(operator: Operator) -> None:
         for text in typed:
-            assert not operator.turns.crowded
-            operator.turns.take(text, operator.answered)
+            assert not operator.queue.crowded
+            operator.queue.take(text, operator.answered)
             await asyncio.sleep(0)
-        assert operator.turns.crowded
-        room = {text: operator.turns.has_room_for(text) for text in ("read 9", "stop", "go 2stop")}
+        assert operator.queue.crowded
+        room = {text: operator.queue.has_room_for(text) for text in ("read 9", "stop", "go 2stop")}
         assert room == {"read 9": False, "stop": True, "go 2stop": True}
-        operator.turns.leave()
+        operator.queue.leave()
 
     play(script)
 
@@ -330,16 +330,16 @@ def test_too_much_is_what_waits_or_what_is_done_beside_each_other(
 def test_a_question_has_a_number_and_stands_until_it_is_answered() -> None:
     async def script(operator: Operator) -> None:
         for number in (1, 2):
-            assert not operator.turns.asking
+            assert not operator.queue.asking
             operator.types("ask colour")
-            while not operator.turns.asking:
+            while not operator.queue.asking:
                 await asyncio.sleep(0)
-            assert operator.turns.question == number
-            assert operator.turns.answer("blue")
-            assert not operator.turns.answer("green"), "it is answered"
-            await operator.turns.end()
-            assert not operator.turns.busy
-        assert not operator.turns.answer("red"), "nothing is asked"
+            assert operator.queue.question == number
+            assert operator.queue.answer("blue")
+            assert not operator.queue.answer("green"), "it is answered"
+            await operator.queue.end()
+            assert not operator.queue.busy
+        assert not operator.queue.answer("red"), "nothing is asked"
 
     assert play(script).answers == ["colour: 'blue'"] * 2
 
@@ -351,7 +351,7 @@ def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_o
     monkeypatch.setattr("daemon.frontends.command_queue.READ_S", 0.05)
 
     async def script(operator: Operator) -> None:
-        turns = operator.turns
+        turns = operator.queue
         first = asyncio.ensure_future(turns.ask("send 1?"))
         await a_moment()
         first.cancel()
@@ -377,7 +377,7 @@ def test_what_is_typed_before_a_question_can_be_read_answers_it_only_where_the_o
 def test_the_end_is_when_all_is_done() -> None:
     async def script(operator: Operator) -> None:
         operator.types("read 1")
-        ending = asyncio.create_task(operator.turns.end())
+        ending = asyncio.create_task(operator.queue.end())
         await asyncio.sleep(0.01)
         assert not ending.done()
         operator.may_end.set()
@@ -398,21 +398,21 @@ def test_a_flood_of_stops_while_one_is_under_way_takes_no_more_room_than_a_thous
             await stopping.wait()
             return "stopped"
 
-        operator.turns._interrupt = interrupt
+        operator.queue._interrupt = interrupt
 
         async def stop() -> None:
-            await operator.turns.stop("ann")
+            await operator.queue.stop("ann")
 
         for _ in range(5000):
-            operator.turns.beside(stop)
+            operator.queue.start_now(stop)
         operator.types("stop")
         await a_moment()
-        assert len(operator.interrupts) == len(operator.turns._tasks) == MOST_BESIDE
+        assert len(operator.interrupts) == len(operator.queue._tasks) == MOST_TASKS
         stopping.set()
-        await operator.turns.end()
+        await operator.queue.end()
         operator.types("stop", "go 1")
         operator.may_end.set()
-        await operator.turns.end()
+        await operator.queue.end()
         assert operator.answers == ["now", "done 1"], "once they are over all is heard"
 
     play(script)
@@ -432,28 +432,28 @@ def test_who_waits_for_a_stop_is_told_once_that_it_was_sent_and_hears_signs_of_l
             await confirmed.wait()
             return "stopped" if way == "control-C" else CommandResult("stopped")
 
-        operator.turns._interrupt = stop
+        operator.queue._interrupt = stop
         with patch.object(Interpreter, "interpret", stop):
             if way == "control-C":
-                stopping = asyncio.ensure_future(operator.turns.stop("ann"))
+                stopping = asyncio.ensure_future(operator.queue.stop("ann"))
             else:
-                operator.turns.take(way, operator.answered)
+                operator.queue.take(way, operator.answered)
             await asyncio.sleep(3.0)
             assert (operator.signs, operator.said) == (0, [])
             operator.awaits_confirmation_s = 12.0
             await asyncio.sleep(5.0)
-            assert operator.signs == pytest.approx(5.0 / SIGN_S, abs=1)
+            assert operator.signs == pytest.approx(5.0 / STOP_PENDING_EVERY_S, abs=1)
             assert operator.said == [
                 "stop sent; the controller answers; waiting up to 12 s until it confirms that the arm is at rest"
             ]
             confirmed.set()
-            await (stopping if way == "control-C" else operator.turns.end())
+            await (stopping if way == "control-C" else operator.queue.end())
         signs = operator.signs
         await asyncio.sleep(5.0)
         assert operator.signs == signs
         return operator
 
-    assert SIGN_S < STOP_ANSWER_S / 2
+    assert STOP_PENDING_EVERY_S < STOP_ANSWER_S / 2
     assert lived(script()).answers == ([] if way == "control-C" else ["stopped"])
 
 
@@ -469,13 +469,13 @@ def test_who_presses_control_c_at_an_idle_arm_hears_signs_of_life_as_long_as_the
             await at_rest.wait()
             return "Nothing moves."
 
-        operator.turns._interrupt = interrupt
-        stopping = asyncio.ensure_future(operator.turns.stop("ann"))
+        operator.queue._interrupt = interrupt
+        stopping = asyncio.ensure_future(operator.queue.stop("ann"))
         await asyncio.sleep(1.0)
         assert operator.signs == 0
         for _ in range(4):
-            operator.heard_asking += 3
-            await asyncio.sleep(SIGN_S)
+            operator.rest_reports += 3
+            await asyncio.sleep(STOP_PENDING_EVERY_S)
         assert operator.signs == pytest.approx(4, abs=1)
         signs = operator.signs
         await asyncio.sleep(4.0)

@@ -339,7 +339,7 @@ def test_each_line_of_a_paste_is_a_line_of_its_own_behind_one_enter(place: Path)
     daemon, person = Asking(place), Person(place.parent, "console")
     person.sees("facetd>")
     person.types("\x1b[200~# how it stands\rstatus # now\r\r  where\r\x1b[201~")
-    person.sees("2 lines pasted: Enter says one after the other")
+    person.sees("2 lines pasted. Enter runs one after the other")
     assert daemon.heard.qsize() <= 1, "nothing is said before that"
     person.types("\r")
     first, then = commands_heard(daemon, 2)
@@ -457,7 +457,7 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
     """Control-] at the controller's terminal: its key was gone and the terminal gave lines again before it was seen
     whose it was, and facetctl did not end."""
     master, slave = pty.openpty()
-    real, taken = keyboard._gives_lines, threading.Event()
+    real, taken = keyboard._may_read_lines, threading.Event()
 
     def gives_lines(handle: int) -> bool:
         if not taken.is_set():
@@ -467,7 +467,7 @@ def test_a_key_that_another_reader_has_taken_is_not_waited_for(monkeypatch: pyte
 
     with open(slave, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        monkeypatch.setattr(keyboard, "_gives_lines", gives_lines)
+        monkeypatch.setattr(keyboard, "_may_read_lines", gives_lines)
         lines = InputLines(nobody_stops, print)
         os.write(master, b"]\n")
         assert taken.wait(10.0)

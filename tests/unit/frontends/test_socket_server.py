@@ -23,12 +23,12 @@ from daemon.commands import every_command
 from daemon.config import ConsoleSettings, SerialTerminalSettings
 from daemon.console.interpreter import CommandError, CommandResult, ConsoleCommand, Interpreter
 from daemon.frontends.client import DaemonLink, DaemonUnreachableError
-from daemon.frontends.command_queue import MOST_AHEAD
+from daemon.frontends.command_queue import MOST_WAITING
 from daemon.frontends.line_editor import CLEAR_TO_END
 from daemon.frontends.rights import FrontendError, Rights
 from daemon.frontends.serial_terminal import SerialFrontend
 from daemon.frontends.socket_server import (
-    FIRST_WORD_S,
+    FIRST_MESSAGE_S,
     IDLE_S,
     MOST_EACH,
     MOST_TO_STOP,
@@ -385,13 +385,13 @@ def test_lines_without_end_at_a_terminal_that_is_busy_are_not_kept_without_end()
         await terminal.sees("facetd> ")
         await terminal.type(b"go home\r")
         await terminal.sees("go home\r\n")  # it was heard
-        for _ in range(2 * MOST_AHEAD):
-            console._hear("go bin")
-        assert len(console._queue._ahead) == MOST_AHEAD
+        for _ in range(2 * MOST_WAITING):
+            console._handle("go bin")
+        assert len(console._queue._waiting) == MOST_WAITING
         await terminal.sees("too many commands are waiting; wait for their answers")
-        console._hear("stop")
+        console._handle("stop")
         await terminal.sees("Stopped")
-        assert not console._queue._ahead
+        assert not console._queue._waiting
 
     context = at_a_terminal(play, slow=True)
     assert [t.split(" by")[0] for t in context.cycle.told] == ["go home", "stop"]
@@ -638,7 +638,7 @@ def test_a_thousand_idle_clients_keep_nobody_from_a_stop(tmp_path: Path) -> None
 def test_who_is_silent_is_hung_up_and_who_waits_for_notices_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.frontends.socket_server.FIRST_WORD_S", 0.05)
+    monkeypatch.setattr("daemon.frontends.socket_server.FIRST_MESSAGE_S", 0.05)
     monkeypatch.setattr("daemon.frontends.socket_server.IDLE_S", 0.05)
 
     def use(path: Path) -> Any:
@@ -686,7 +686,7 @@ def test_what_would_steer_a_terminal_is_shown_and_not_obeyed(tmp_path: Path) -> 
 def test_an_operator_who_reads_nothing_and_asks_for_ever_is_hung_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.frontends.socket_server.MOST_UNHEARD", 100_000)
+    monkeypatch.setattr("daemon.frontends.socket_server.MOST_BACKLOG", 100_000)
 
     def use(path: Path) -> Any:
         with socket.socket(socket.AF_UNIX) as connection:
@@ -817,7 +817,7 @@ def test_keys_and_what_is_shown_pass_while_a_terminal_is_open(tmp_path: Path) ->
 
 
 def test_who_has_typed_too_far_ahead_is_refused_all_but_a_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daemon.frontends.command_queue.MOST_AHEAD", 0)
+    monkeypatch.setattr("daemon.frontends.command_queue.MOST_WAITING", 0)
     (refused, stopped), context = with_socket(
         tmp_path / "s", lambda path: asked(path, {"do": "enable"}, {"do": "stop"}, answers=2)
     )
@@ -934,8 +934,8 @@ def test_a_file_may_come_in_pieces_of_nothing(tmp_path: Path) -> None:
         file = asyncio.create_task(operator.fetch("part.stl"))
         await asyncio.sleep(0)
         for _ in range(20_000):
-            operator._hear(SocketMessage(file="", more=True))
-        operator._hear(SocketMessage(file="QQ=="))
+            operator._handle(SocketMessage(file="", more=True))
+        operator._handle(SocketMessage(file="QQ=="))
         return await file
 
     began_s = time.thread_time()
@@ -947,7 +947,7 @@ def test_the_guide_says_how_many_may_be_connected_and_for_how_long_in_silence() 
     trouble = (HOUSE / "docs" / "operate" / "trouble.md").read_text()
     faults = (HOUSE / "deploy" / "FAULTS.md").read_text()
     assert f"one user has {MOST_EACH}, or all together {MOST_TOGETHER} |" in trouble
-    silent = f"sends nothing for {FIRST_WORD_S:g} s, and an idle one after {IDLE_S / 60:g} min"
+    silent = f"sends nothing for {FIRST_MESSAGE_S:g} s, and an idle one after {IDLE_S / 60:g} min"
     assert f"closes a new connection that {silent}" in faults
     assert f"takes a connection for a stop, and closes it after {STOP_S:g} s |" in faults
 
@@ -1040,12 +1040,12 @@ def test_who_goes_away_in_the_middle_of_a_file_ends_the_command_that_asked_for_i
         file = asyncio.create_task(operator.fetch("part.stl"))
         await asyncio.sleep(0)
         for piece in pieces:
-            operator._hear(piece)
+            operator._handle(piece)
         operator.leave()
         return await file
 
     assert asyncio.run(come(SocketMessage(file="QQ=="))) == b"A", "it was all there before"
-    operator._queue.gone = False
+    operator._queue.disconnected = False
     with pytest.raises(CommandError, match="the operator disconnected"):
         asyncio.run(come(SocketMessage(file="QQ==", more=True)))
     with pytest.raises(CommandError, match="the operator disconnected"):
@@ -1083,7 +1083,7 @@ def test_who_hung_up_is_served_until_all_that_he_began_is_done() -> None:
 
     async def serve() -> None:
         operator._next_line = AsyncMock(return_value=b"")  # type: ignore[method-assign]
-        operator._queue.beside(command)
+        operator._queue.start_now(command)
         await operator.listen()
 
     with here:

@@ -14,7 +14,7 @@ import pytest
 from daemon.arm.stopping import ABORT_S, TRIES
 from daemon.cell.val2_arm import belongs_together
 from daemon.frontends.client import STOP_ANSWER_S
-from daemon.frontends.command_queue import SIGN_S
+from daemon.frontends.command_queue import STOP_PENDING_EVERY_S
 from drivers.puma560 import forward
 from drivers.simcell.arm import SimulatedArm
 from drivers.simcell.controller import Controller, Manners
@@ -145,5 +145,5 @@ def test_an_arm_at_work_behind_a_controller_that_gives_no_prompt_is_stopped_on_o
 def test_at_9600_baud_a_stop_is_answered_within_a_clients_patience_and_confirmed_before_the_alarm(seed: int) -> None:
     """Of these controllers 15 take longer than a client waits for a daemon that says nothing, 8 longer than 4 s."""
     stop = in_simulated_time(partial(stop_of_a_drawn_one, replace(draw(seed), baud=9600)))
-    assert stop.answered_s + SIGN_S < STOP_ANSWER_S
+    assert stop.answered_s + STOP_PENDING_EVERY_S < STOP_ANSWER_S
     assert stop.confirmed_s < max(ABORT_S, TRIES * stop.tried_s)
