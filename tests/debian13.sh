@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # `make demo` and `make test` on Debian 13, whose Python is 3.13: in a root of it beside this machine's own system.
 #
-# usage: debian13.sh [TESTS...]      needs root and apt; exit status 2 where it cannot be run here
+# usage: debian13.sh [TESTS...]      needs root and apt; exit status 1 where something failed, 2 where it cannot be run here
 # The root, with its .venv, is made once and kept in ~/.cache/facetd/debian13.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,6 +12,7 @@ refuse() { echo "debian13: cannot be run here: $1" >&2; exit 2; }
 
 [[ $(id -u) == 0 ]] || refuse "it needs root"
 command -v apt-get >/dev/null || refuse "this is no Debian (apt-get is missing)"
+unshare --mount mount -t tmpfs tmpfs /mnt || refuse "nothing may be mounted"
 if [[ ! -f $folder/recipe || $(cat "$folder/recipe") != "$packages" ]]; then
     echo "== making a root of Debian 13 (once; minutes)"
     if ! dpkg -s mmdebstrap >/dev/null 2>&1; then
@@ -36,4 +37,4 @@ unshare --mount --fork bash -euo pipefail -c '
     mount --rbind /dev "$root/dev"
     chroot "$root" /usr/bin/env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LANG=C.UTF-8 PIP_CERT=/etc/ssl/certs/ca-certificates.crt \
         sh -ec "cd /facetd && .venv/bin/python --version 2>/dev/null || true; make demo DEMO=\"--seed 106\" && make test-short TESTS=\"\$*\"" sh "$@"
-' bash "$root" "$@"
+' bash "$root" "$@" || exit 1 # make's own status is 2

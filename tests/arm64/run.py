@@ -3,7 +3,8 @@
 usage: run.py [looks]        looks: without the demo, which takes longest
 
 The demo here leaves pairs, a model and a calibration. The package, installed in a root of Debian 12 for arm64, is
-given the same files. Exit status: 0 the same; 1 not, with a line for each difference; 2 it cannot be run here.
+given the same files. Exit status: 0 the same; 1 not, with a line for each difference, or a step failed; 2 it cannot be
+run here.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 CHECKOUT = HERE.parents[1]
+PREPARE = HERE / "prepare.sh"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "facetd" / "arm64"
 PAIRS = 12
 MOST_MM = 0.01
@@ -30,14 +32,23 @@ MOST_MM = 0.01
 SEED = "106"
 
 
+REFUSED = 3
+"""Exit status of prepare.sh where it cannot be run here."""
+
+
 class Arm64Error(Exception):
-    """It cannot be run here; one line."""
+    """A step failed; one line, and the exit status of all."""
+
+    def __init__(self, text: str, status: int = 1) -> None:
+        super().__init__(text)
+        self.status = status
 
 
 def run(*words: str | Path, **more: Any) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(list(map(str, words)), cwd=CHECKOUT, text=True, check=False, **more)
     if done.returncode:
-        raise Arm64Error(f"arm64: {words[0]} ended with status {done.returncode}")
+        refused = words[0] == PREPARE and done.returncode == REFUSED
+        raise Arm64Error(f"arm64: {words[0]} ended with status {done.returncode}", 2 if refused else 1)
     return done
 
 
@@ -86,7 +97,7 @@ def distance_mm(ours: list[list[float]] | None, theirs: list[list[float]] | None
 
 def compare(work: Path, looks_alone: bool) -> int:
     began_s = time.monotonic()
-    run(HERE / "prepare.sh", CACHE)
+    run(PREPARE, CACHE)
     print(f"arm64: the root is there after {time.monotonic() - began_s:.0f} s", flush=True)
     run("debian/build.sh", "arm64", env={**os.environ, "EXTRAS": "no", "COMPRESS": "gzip"})
     (package,) = (CHECKOUT / "build").glob("facetd_*_arm64.deb")
@@ -111,6 +122,7 @@ def compare(work: Path, looks_alone: bool) -> int:
     )
     if not looks_alone:
         run(*there_alone, "--seed", SEED)
+        print(f"arm64: the demo picked all there; {time.monotonic() - began_s:.0f} s", flush=True)
     return int(bool(found) or not named)
 
 
@@ -121,7 +133,7 @@ def main() -> int:
             return compare(Path(work), sys.argv[1:] == ["looks"])
     except Arm64Error as error:
         print(error, file=sys.stderr)
-        return 2
+        return error.status
 
 
 if __name__ == "__main__":
