@@ -42,6 +42,8 @@ ASKED_S = 0.5
 """Where the arm is was asked so long before a move is typed, at most: nobody can know of what others do in between."""
 PRESSED_MM = 1.0
 """So far a part in the gripper may be pressed onto the table: fingers and pads give by more."""
+PART = "the part "
+INTO_TABLE = f"{PART}into the table"
 HAIR_MM = 0.5
 """A length beyond its limit by less is the arm's repeatability."""
 
@@ -340,14 +342,11 @@ class MotionMonitor:
             text = f"the tool at {speeds[k]:.0f} mm/s, allowed are {self._safety.fastest_mm_s:g}"
             yield Violation("too fast", times[k], leg.by, text)
         for rule, deep in self._depths(balls).items():
-            clear = np.logical_or.accumulate(deep.max(axis=1, initial=-np.inf) <= 0.0)
-            too_deep = deep - np.where(clear, 0.0, self._left_mm.get(rule, 0.0))[:, None]
+            too_deep = self._deeper(rule, deep)
             if too_deep.max(initial=0.0) > HAIR_MM:
                 moment, ball = np.unravel_index(int(np.argmax(too_deep)), deep.shape)
                 text = f"{self._body.names[ball]} {deep[moment, ball]:.1f} mm {rule}"
                 yield Violation(rule, times[moment], leg.by, text)
-            if clear[-1]:
-                self._left_mm.pop(rule, None)
 
     def _pressed(self, leg: MotionRecord) -> Iterator[Violation]:
         """The part in the gripper into the table, or a corner of it in a keep-out box, where a motion ends or on its
@@ -359,23 +358,31 @@ class MotionMonitor:
         lost_s = next((event.began_s for event in later if isinstance(event, ReleaseRecord)), float("inf"))
         ends_s = max(motion.started_s, min(motion.ends_s, lost_s))
         times = np.linspace(motion.started_s, ends_s, max(2, ceil((ends_s - motion.started_s) / SAMPLE_S) + 1))
-        corners = self._body.carried(motion, times, self._carried.corners_mm)
-        deep_mm = self._table.height_mm - corners[..., 2].min(axis=1)
-        k = int(np.argmax(deep_mm))
-        carried = f"the {self._carried.label} in the gripper"
-        if deep_mm[k] > PRESSED_MM:
-            yield Violation("pressed", times[k], leg.by, f"{carried} {deep_mm[k]:.1f} mm into the table")
-        for number, box in enumerate(self._safety.keep_out, start=1):
-            inside_mm = -_distance(corners, box).min(axis=1)
-            k = int(np.argmax(inside_mm))
-            if inside_mm[k] > PRESSED_MM:
-                rule = f"in keep-out box {number}"
-                yield Violation(rule, times[k], leg.by, f"{carried} {inside_mm[k]:.1f} mm {rule}")
+        for rule, deep in self._carried_depths(motion, times).items():
+            too_deep = self._deeper(rule, deep)
+            if too_deep.max() > PRESSED_MM:
+                moment, corner = np.unravel_index(int(np.argmax(too_deep)), deep.shape)
+                text = (
+                    f"the {self._carried.label} in the gripper {deep[moment, corner]:.1f} mm {rule.removeprefix(PART)}"
+                )
+                yield Violation(
+                    "pressed" if rule == INTO_TABLE else rule.removeprefix(PART), times[moment], leg.by, text
+                )
+
+    def _deeper(self, rule: str, deep: Array) -> Array:
+        """(N, K) mm on a way -> the same, as far as it is deeper than where somebody else left it, up to where all came
+        clear; what did by the end is left there no longer."""
+        clear = np.logical_or.accumulate(deep.max(axis=1, initial=-np.inf) <= 0.0)
+        deeper: Array = deep - np.where(clear, 0.0, self._left_mm.get(rule, 0.0))[:, None]
+        if clear[-1]:
+            self._left_mm.pop(rule, None)
+        return deeper
 
     def _depths_at_rest(self, leg: MotionRecord) -> dict[str, float]:
         """By rule, mm: how deep the body is where a motion has ended, where it is deep at all."""
-        balls, _ = self._body.at(leg.motion, np.array([leg.motion.ends_s]))
-        deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in self._depths(balls).items()}
+        at_rest = np.array([leg.motion.ends_s])
+        depths = {**self._depths(self._body.at(leg.motion, at_rest)[0]), **self._carried_depths(leg.motion, at_rest)}
+        deepest = {rule: float(deep.max(initial=-np.inf)) for rule, deep in depths.items()}
         return {rule: deep for rule, deep in deepest.items() if deep > 0.0}
 
     def _depths(self, balls: Array) -> dict[str, Array]:
@@ -386,6 +393,16 @@ class MotionMonitor:
         depths["outside the room"] = np.max(np.maximum(room.low_mm - low, high - room.high_mm), axis=2)
         for number, box in enumerate(self._safety.keep_out):
             depths[f"in keep-out box {number + 1}"] = radii - _distance(balls, box)
+        return depths
+
+    def _carried_depths(self, motion: Motion, times: Array) -> dict[str, Array]:
+        """By rule, (N, K) mm: as `_depths`, of the corners of the part in the gripper; none where it holds none."""
+        if self._carried is None:
+            return {}
+        corners = self._body.carried(motion, times, self._carried.corners_mm)
+        depths = {INTO_TABLE: self._table.height_mm - corners[..., 2]}
+        for number, box in enumerate(self._safety.keep_out, start=1):
+            depths[f"{PART}in keep-out box {number}"] = -_distance(corners, box)
         return depths
 
     def _way(self, motion: Motion) -> tuple[Array, Array, Array]:

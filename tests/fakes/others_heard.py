@@ -86,7 +86,11 @@ class OthersHeard:
 
         async def found(session: LineSession, *about: Any, **how: Any) -> Any:
             self._drop()
-            return await find_prompt(session, *about, **how)
+            self._exchanges += 1
+            try:
+                return await find_prompt(session, *about, **how)
+            finally:
+                self._exchanges -= 1
 
         def refused(session: LineSession, heard: Any) -> None:
             try:

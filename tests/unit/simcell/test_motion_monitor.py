@@ -314,6 +314,24 @@ def test_a_part_that_somebody_else_had_the_gripper_close_on_is_carried_by_our_ne
     assert cell.found() == ["pressed"]
 
 
+def test_a_part_that_somebody_else_pressed_into_the_table_is_lifted_out_of_it_and_pressed_no_deeper() -> None:
+    corners = np.array([[x, y, 40.0] for x in (-20.0, 20.0) for y in (-20.0, 20.0)])
+    for then_z_mm, found in ((-240.0, []), (-275.0, ["pressed"])):
+        cell = Cell()
+        cell.types(ABOVE_TABLE)
+        cell.controller.machine.history.add(GraspRecord(cell.now_s, "", "cube", corners))
+        cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", theirs=True)
+        cell.types(f"DO MOVE TRANS(520,0,{then_z_mm:g},0,90,0)")
+        assert cell.found() == found
+    cell = Cell()
+    cell.types(ABOVE_TABLE)
+    cell.controller.machine.history.add(GraspRecord(cell.now_s, "", "cube", corners))
+    cell.types("DO MOVE TRANS(520,0,-270,0,90,0)", theirs=True)
+    cell.types(ABOVE_TABLE)
+    cell.types("DO MOVE TRANS(520,0,-270,0,90,0)")
+    assert cell.found() == ["pressed"], "once it came clear, nothing of theirs counts"
+
+
 def test_nothing_is_answered_for_of_a_line_of_somebody_else_s_and_all_of_the_same_line_typed_later() -> None:
     cell = Cell(fastest_percent=40.0)
     cell.motion_monitor.may_move(0.0, False)
