@@ -12,7 +12,16 @@ from daemon.arm import EYES, EyeName
 from daemon.cell.cameras import StereoPair, ThreadedCameras
 from daemon.cell.hardware import EXPECTED_ERRORS
 from daemon.vision.geometry import StereoRig
-from daemon.vision.health import MEASURES, Finding, examine, measure_steadiness, misleading, overridden, troubles
+from daemon.vision.health import (
+    MEASURES,
+    MOST_IMAGES,
+    Finding,
+    examine,
+    measure_steadiness,
+    misleading,
+    overridden,
+    troubles,
+)
 
 TRIAL_S = 2.0
 """Time limit of a picture in a test."""
@@ -72,6 +81,19 @@ async def unsteady(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict
         if lines:
             faults[name] = lines
     return faults
+
+
+async def shutters(cameras: ThreadedCameras, clock: Callable[[], float]) -> dict[EyeName, str]:
+    """How each camera in use exposes its rows, for people, from pictures in which something moves to and fro; without
+    those that show too little of that. Raises CameraError."""
+    pairs = await _series(cameras, clock, MOST_IMAGES)
+    found: dict[EyeName, str] = {}
+    for name in EYES:
+        frames = [getattr(pair, name) for pair in pairs]
+        one = measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
+        if cameras.alone in (None, name) and one.shutter is not None:
+            found[name] = one.shutter
+    return found
 
 
 async def _series(cameras: ThreadedCameras, clock: Callable[[], float], count: int) -> list[StereoPair]:

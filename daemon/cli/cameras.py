@@ -125,8 +125,8 @@ def _pair_lines(measured: dict[str, Any] | None) -> Iterator[str]:
         yield f"    {one['line']}: {one['frames']} frames, {one['dropped']} dropped, {one['damaged']} damaged; {took}"
         yield from (f"        {old} is called {new} here: use that name" for old, new in one["renamed"].items())
     for eye, found in measured["steadiness"].items():
-        yield from (f"    {eye} camera: {fault}" for fault in found["faults"])
-    if any(found["readout_ms"] is None for found in measured["steadiness"].values()):
+        yield from (f"    {eye} camera: {line}" for line in (*found["faults"], found["shutter"]) if line)
+    if any(found["shutter"] is None for found in measured["steadiness"].values()):
         yield (
             "    Rolling shutter: not measured, as nothing moved to and fro. Repeat with --seconds 5; meanwhile move "
             "the arm with its pendant, or a newspaper that fills the view."
@@ -166,7 +166,7 @@ def _steadiness(pairs: Collection[StereoPair]) -> dict[str, dict[str, Any]]:
         frames = [getattr(pair, eye) for pair in pairs]
         one = measure_steadiness([frame.pixels for frame in frames], [frame.taken_s for frame in frames])
         readout_ms = None if math.isnan(one.readout_s) else round(1000 * one.readout_s, 1)
-        found[eye] = {"faults": one.faults(), "readout_ms": readout_ms}
+        found[eye] = {"faults": one.faults(), "shutter": one.shutter, "readout_ms": readout_ms}
     return found
 
 

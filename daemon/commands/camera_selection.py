@@ -3,32 +3,36 @@
 Nothing here moves the arm. With one eye each look is two pictures with a move between them (daemon/pick/moved_pair.py).
 """
 
-from daemon.arm import EyeName
-from daemon.cell.camera_trial import camera_faults, pair_fault, unsteady
+from daemon.arm import EYES, EyeName
+from daemon.cell.camera_trial import camera_faults, pair_fault, shutters, unsteady
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.errors import NOT_DONE
 
-WORDS = ("left", "right", "both")
-USAGE = "cameras [left|right|both]"
+WORDS = ("left", "right", "both", "moving")
+USAGE = "cameras [left|right|both|moving]"
 OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
 COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
+UNMEASURED = "not measured: too little moved to and fro; repeat, with print all over the view"
 CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
 """Codes of the faults that a camera may be to blame for."""
 
 
-@command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: not words)
-async def cameras(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
+@command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: words in ([], ["moving"]))
+async def cameras(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Choose the cameras in use: both, or one alone.
 
     left, right   that camera alone, when the other is missing, dark or frozen; the arm moves it between two images
     both          both again, after a test that they still agree with the calibration
+    moving        measure for a rolling shutter while you move a newspaper to and fro before the cameras
     Without a word both cameras are tested and shown, also whether they hold exposure and focus; nothing moves.
     """
     if not words:
         return await _told(context)
     word = one_of(words, 0, WORDS, "word", USAGE)
     no_more(words, 1, USAGE)
+    if word == "moving":
+        return await _shutters(context, frontend)
     if context.hardware.kind == "recorded" or context.calibration.alone is not None:
         raise CommandError("this cell has a fixed choice of cameras")
     if word != "both" and context.calibration.fixed:
@@ -65,6 +69,21 @@ async def _told(context: CommandContext) -> CommandResult:
         lines += [f"{eye} camera: {why}" for eye, whys in not_held.items() for why in whys]
         lines += [] if not_held else ["Exposure and focus are held before a still scene."]
     return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong), "not_held": not_held})
+
+
+async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResult:
+    """Measure how each camera reads out its rows. Nothing moves the arm: a person moves what is seen."""
+    if context.hardware.kind == "recorded":
+        raise CommandError("recorded images show nothing of a shutter")
+    asked = "Move a newspaper that fills the view to and fro, about once a second, until the answer comes. Start? [y/n]"
+    if frontend.asks and not await yes_or_no(frontend, asked):
+        raise CommandError("not measured", NOT_DONE)
+    trial = shutters(context.hardware.cameras, context.hardware.clock)
+    found = await context.cycle.supervisor.run("look at a moving scene", trial, moves=False)
+    context.shutters = {**(context.shutters or {}), **found}
+    used = [eye for eye in EYES if context.hardware.cameras.alone in (None, eye)]
+    lines = [f"{eye} camera: {found.get(eye, UNMEASURED)}" for eye in used]
+    return CommandResult("\n".join(lines), {"shutters": dict(found)})
 
 
 async def _ailments(context: CommandContext) -> dict[EyeName, str]:

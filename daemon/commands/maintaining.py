@@ -15,7 +15,7 @@ async def doctor(context: CommandContext, words: list[str], _: Frontend) -> Comm
     """Check the installation and the cell; say what to correct."""
     findings = await asyncio.to_thread(doctors.examine, context.config, True)
     troubles, fault = context.troubles.active, context.cycle.supervisor.fault
-    findings += doctors.from_service(context.hardware, troubles, fault, context.not_held)
+    findings += doctors.from_service(context.hardware, troubles, fault, context.not_held, context.shutters)
     return doctor_answer(findings)
 
 

@@ -76,6 +76,8 @@ class CommandContext:
     """An operator permitted picking with one camera after a fault of the other."""
     not_held: Mapping[EyeName, Sequence[str]] | None = None
     """What each camera did not hold in the last test before a still scene; None: not tested."""
+    shutters: Mapping[EyeName, str] | None = None
+    """How each camera exposes its rows, where `cameras moving` measured it; None: never tested."""
     _auto: asyncio.Task[list[CycleEnd]] | None = None
     _begun: PickOrder = ALL
     """What the last auto was to bring."""

@@ -66,9 +66,10 @@ def from_service(
     troubles: Mapping[str, str],
     fault: str | None,
     not_held: Mapping[EyeName, Sequence[str]] | None = None,
+    shutters: Mapping[EyeName, str] | None = None,
 ) -> list[CheckResult]:
     """Checks that only the running daemon can make. fault: the active one; not_held: by camera, what it did not hold
-    when the command `cameras` tested it."""
+    when the command `cameras` tested it; shutters: by camera, what `cameras moving` measured."""
     heard_s = hardware.robot.heard_s
     findings = []
     if "cameras" not in troubles:
@@ -76,6 +77,11 @@ def from_service(
     if not_held is None and hardware.kind != "recorded":
         mend = "Give `cameras`, with parts in view and nothing in motion"
         findings.append(CheckResult("note", "cameras", "not tested whether they hold exposure and focus", mend))
+    if not shutters and hardware.kind == "real":
+        mend = "Give `cameras moving`, and move a newspaper before them"
+        findings.append(CheckResult("note", "cameras", "not tested for a rolling shutter", mend))
+    for eye, shutter in (shutters or {}).items():
+        findings.append(CheckResult("note" if shutter.startswith("rolling") else "good", f"{eye} camera", shutter))
     for eye, whys in (not_held or {}).items():
         findings += [CheckResult("bad", f"{eye} camera", why) for why in whys]
     if "controller" not in troubles and heard_s is not None:

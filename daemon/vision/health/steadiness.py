@@ -49,6 +49,19 @@ class Steadiness:
     readout_s: float
     readout_error_s: float
 
+    @property
+    def shutter(self) -> str | None:
+        """How the camera exposes its rows, for people; None: not measured."""
+        if np.isnan(self.readout_s):
+            return None
+        ms, error_ms = 1000 * self.readout_s, 1000 * self.readout_error_s
+        if self.readout_s > max(ROLLING_S, SURE * self.readout_error_s):
+            return (
+                f"rolling shutter: the last row is exposed {ms:.0f} ms after the first; facetd looks with the arm at "
+                "rest; let nothing else move in view"
+            )
+        return f"global shutter: the last row is exposed {abs(ms):.0f} +- {error_ms:.0f} ms from the first"
+
     def faults(self) -> list[str]:
         """What is wrong, a line each with the remedy."""
         lines = []
@@ -62,11 +75,6 @@ class Steadiness:
             lines.append(
                 f"sharpness changes by {self.focus:.0%} in a still scene: autofocus that is not held (set focus in "
                 "cameras.controls; each focus needs its own calibration)"
-            )
-        if self.readout_s > max(ROLLING_S, SURE * self.readout_error_s):
-            lines.append(
-                f"rolling shutter: the last row is exposed {1000 * self.readout_s:.0f} ms after the first; facetd "
-                "looks with the arm at rest; let nothing else move in view"
             )
         return lines
 

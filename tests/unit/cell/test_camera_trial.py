@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from daemon.calibration.file import load_calibration
-from daemon.cell.camera_trial import camera_faults, pair_fault
-from daemon.cell.cameras import ThreadedCameras
+from daemon.cell.camera_trial import camera_faults, pair_fault, shutters
+from daemon.cell.cameras import StereoPair, ThreadedCameras
+from drivers.camera.pair import Frame
 from drivers.simcell.cell import SimulatedCell
+from tests.fakes.moving_texture import FPS, frame
 from tests.fakes.simulated_cell import CONFIG
 from tests.fakes.simulated_time import SimulatedLoop
 
@@ -82,3 +85,25 @@ def test_over_an_empty_table_both_eyes_are_not_trusted_yet() -> None:
     wrong, alone = tried(lambda cell: cell.clear(), back)
     assert "no common object in view" in wrong
     assert alone == "left"
+
+
+def moved_before(readout_s: dict[str, float]) -> Any:
+    """Cameras before which a print goes to and fro; each exposes its last row so long after its first."""
+    rng, taken = np.random.default_rng(7), iter(range(100))
+
+    def way_px(at_s: float) -> float:
+        return 40.0 * float(np.sin(2 * np.pi * at_s))
+
+    async def grab(after_s: float, _: float) -> StereoPair:
+        number = next(taken)
+        at_s = number / FPS
+        assert at_s > after_s or number == 0
+        left, right = (Frame(frame(way_px, at_s, rng, readout_s[eye]), at_s, number) for eye in ("left", "right"))
+        return StereoPair(left, right)
+
+    return SimpleNamespace(grab=grab, alone=None)
+
+
+def test_the_camera_with_a_rolling_shutter_is_named_and_the_other_is_not() -> None:
+    found = asyncio.run(shutters(moved_before({"left": 0.0, "right": 0.025}), lambda: 0.0))
+    assert [found["left"][:14], found["right"][:15]] == ["global shutter", "rolling shutter"]

@@ -12,7 +12,8 @@ import pytest
 
 from daemon.arm import EyeName, Interruption, RefusedError, said
 from daemon.arm.belief import BeliefSource
-from daemon.commands.camera_selection import cameras
+from daemon.commands import camera_selection
+from daemon.commands.camera_selection import UNMEASURED, cameras
 from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.maintaining import doctor
 from daemon.commands.moving import resume
@@ -365,5 +366,24 @@ def test_a_camera_that_does_not_hold_exposure_or_focus_is_told_by_cameras_and_th
         assert list(answer.data["not_held"]) == ["right"]
         here.cell.camera.set_fault("right", None)
         assert "Exposure and focus are held" in (await cameras.run(here.context, [], FakeFrontend())).text
+
+    lived(story)
+
+
+def test_a_rolling_shutter_is_measured_only_where_something_moves_and_doctor_says_what_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def measured(*_: object) -> dict[EyeName, str]:
+        return {"left": "rolling shutter: the last row is exposed 20 ms after the first"}
+
+    async def story(here: Hours) -> None:
+        still = await cameras.run(here.context, ["moving"], FakeFrontend(answers=["y"]))
+        assert still.text.splitlines() == [f"{eye} camera: {UNMEASURED}" for eye in ("left", "right")]
+        with pytest.raises(CommandError, match="not measured"):
+            await cameras.run(here.context, ["moving"], FakeFrontend(answers=["n"]))
+        monkeypatch.setattr(camera_selection, "shutters", measured)
+        await cameras.run(here.context, ["moving"], FakeFrontend(answers=["y"]))
+        await cameras.run(here.context, ["moving"], FakeFrontend(answers=["y"]))
+        assert "note left camera: rolling shutter" in (await doctor.run(here.context, [], FakeFrontend())).text
 
     lived(story)

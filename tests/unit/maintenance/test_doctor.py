@@ -144,13 +144,24 @@ def test_what_a_camera_did_not_hold_is_to_correct_and_an_untested_camera_is_note
     hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
     assert "note cameras: not tested whether" in from_service(hardware, {}, None)[1].line()
     found = from_service(hardware, {}, None, {"left": ["autofocus"]})
-    assert [(one.level, one.line()) for one in found[1:]] == [("bad", "BAD  left camera: autofocus")]
+    assert ("bad", "BAD  left camera: autofocus") in [(one.level, one.line()) for one in found]
     hardware.kind = "recorded"
     assert len(from_service(hardware, {}, None)) == 1
 
 
+def test_a_rolling_shutter_is_noted_and_so_is_a_camera_that_was_never_tested_for_one() -> None:
+    cameras = SimpleNamespace(describe=lambda: "two")
+    hardware: Any = SimpleNamespace(kind="real", cameras=cameras, robot=SimpleNamespace(heard_s=None))
+    (_, found) = from_service(hardware, {}, None, {})
+    assert found.line().startswith("note cameras: not tested for a rolling shutter. Give `cameras moving`")
+    measured: Any = {"left": "rolling shutter: 20 ms", "right": "global shutter: 0 ms"}
+    levels = [(one.what, one.level) for one in from_service(hardware, {}, None, {}, measured)[1:]]
+    assert levels == [("left camera", "note"), ("right camera", "good")]
+
+
 def test_the_running_daemon_adds_its_devices_and_its_troubles() -> None:
     hardware: Any = SimpleNamespace(
+        kind="simulated",
         clock=lambda: 50.0,
         cameras=SimpleNamespace(describe=lambda: "two eyes at 30 Hz"),
         robot=SimpleNamespace(heard_s=47.0),
