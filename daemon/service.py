@@ -26,7 +26,7 @@ from daemon.commands.cycle_observer import CycleObserver
 from daemon.commands.placing import report_moved
 from daemon.commands.signals import plc_readings, serve_the_line
 from daemon.commands.simulated_parts import know_drawings
-from daemon.commands.step_mode import tell_what_waits
+from daemon.commands.step_mode import report_waiting_move
 from daemon.compute.worker import Worker
 from daemon.config import TOOL, Config, Matrix4, load_config
 from daemon.console.context import Change, CommandContext
@@ -253,7 +253,7 @@ class Service:
         watch = Watchdog(context)
         self.in_background(self._guarded(watch.run()), "watch")
         self.in_background(self._guarded(serve_the_line(context)), "signals")
-        self.in_background(self._guarded(tell_what_waits(context)), "what waits for a yes")
+        self.in_background(self._guarded(report_waiting_move(context)), "what waits for a yes")
         self._ready = True
         journal.notify("READY=1", f"STATUS={watch.status_line()}")
         gripper = "" if config.gripper is None else f", gripper {config.gripper}"

@@ -1,4 +1,4 @@
-"""What each of the operators' words does. One file a subject; daemon/console/interpreter.py finds them."""
+"""What each operator command does. One file a subject; daemon/console/interpreter.py has the table of commands."""
 
 from daemon.commands import (
     calibrating,
@@ -21,7 +21,7 @@ from daemon.console.interpreter import ConsoleCommand
 
 
 def every_command(kind: str = "real") -> list[ConsoleCommand]:
-    """All commands in the order `help` shows them; those of the hand in a simulated or recorded cell only there."""
+    """All commands in the order of `help`; those of the simulated operator only in a simulated or recorded cell."""
     hand = {"simulated": simulated_parts.COMMANDS, "recorded": simulated_parts.RECORDED_COMMANDS}
     return [
         *observing.COMMANDS,

@@ -1,4 +1,4 @@
-"""Facets as a few lines of characters, for terminals that show nothing else. Pure: corners in, text out."""
+"""Draw facets with characters, for terminals without graphics. Pure: corners in, text out."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ CELL_ASPECT = 2.0  # a character cell is about twice as high as wide
 
 
 def sketch(outlines: Sequence[tuple[Array, str]], columns: int = COLUMNS) -> str:
-    """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as fits the size given."""
+    """Draw closed outlines (N, 2) px, each with a short name in its middle, as large as the given size allows."""
     if not outlines:
         return ""
     every = np.concatenate([corners for corners, _ in outlines])

@@ -1,7 +1,7 @@
 """Commands that calibrate with the arm and a board: stereo, hand-eye, both, verify, and the touch test.
 
-A result is kept beside those before it (daemon/store/calibrations.py) and taken over at once; a failed one changes
-nothing.
+A result is stored beside earlier ones (daemon/store/calibrations.py) and taken into use at once; a failed calibration
+changes nothing.
 """
 
 import asyncio
@@ -43,21 +43,21 @@ from daemon.quantities import decimal, whole
 from daemon.store.calibrations import CONFIGURED
 
 KINDS = ("stereo", "camera", "by-hand", "hand-eye", "verify", "touch")
-KEPT = ("list", "use")
+STORED = ("list", "use")
 USAGE = "calibrate stereo|camera|by-hand|hand-eye|verify|touch [CxR SQUARE_MM [charuco [legacy] [DICT]]] | list | use N"
 POSES = {"stereo": 28, "camera": 28, "hand-eye": 16, "verify": 8, "touch": 0}
 USUAL_BOARD = ("9x6", "16")
 SPEED_PCT = 60.0
 OVER_MM, TOUCH_ABOVE_MM = 60.0, 2.0
-"""How high over the corner the finger tips stop, and where they then are: that last way is straight, and slow."""
+"""Heights of the finger tips above the corner: before the last move, which is straight and slow, and after it."""
 WORTH_A_POSE = 0.95
-"""A further pose is named where it leaves less than this share of the error."""
+"""A further pose is recommended where it leaves less than this share of the error."""
 ARM_WORSE = 3.0
-"""So many times as far off its word as the configuration says, an arm is told to be. The poses of a tour are far apart
-and tilted; looks at one part are near each other, and what errs with the pose errs alike in them."""
+"""The arm counts as inaccurate where its error is this many times what the configuration says. The poses of a tour are
+far apart and tilted; looks at one part are near each other, and an error that depends on the pose is alike in them."""
 
 
-@command(USAGE, "move", most=None, choices=(*KINDS, *KEPT), looks=lambda words: words[:1] == ["list"],
+@command(USAGE, "move", most=None, choices=(*KINDS, *STORED), looks=lambda words: words[:1] == ["list"],
          further=lambda context, word: map(str, (CONFIGURED, *context.config.calibrations.numbers())) if word == "use"
          else ())  # fmt: skip
 async def calibrate(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
@@ -74,10 +74,10 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
     world) the gripper holds the board instead, in their view, except for `touch`. CxR: inner corners (9x6), SQUARE_MM:
     size of a square (16).
     """
-    kind = one_of(words, 0, (*KINDS, *KEPT), "kind of calibration", USAGE)
-    if kind in KEPT:
+    kind = one_of(words, 0, (*KINDS, *STORED), "kind of calibration", USAGE)
+    if kind in STORED:
         return await _use(context, words, frontend) if kind == "use" else _list(context, words)
-    _check_eyes(context, kind)
+    _check_cameras(context, kind)
     if kind not in ("verify", "touch"):
         await asyncio.to_thread(context.config.calibrations.check)
     board = _board(words[1:])
@@ -88,7 +88,7 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
         await frontend.say(f"(simulated) The board is {'in the gripper' if held else 'placed on the table'}.")
     try:
         if kind == "by-hand":
-            return await _eyes_alone(context, board, frontend)
+            return await _by_hand(context, board, frontend)
         session = _session(context, board, held)
         tour = view_tour(session, POSES[kind], frontend.say, SPEED_PCT, mounting_alone=kind == "hand-eye")
         views = await with_questions(context, tour, frontend)
@@ -106,8 +106,8 @@ async def calibrate(context: CommandContext, words: list[str], frontend: Fronten
                 context.cycle.holding(False)
 
 
-def _check_eyes(context: CommandContext, kind: str) -> None:
-    """Raises CommandError where the eyes that are looked with are not those to be calibrated."""
+def _check_cameras(context: CommandContext, kind: str) -> None:
+    """Check that the cameras in use are those to be calibrated. Raises CommandError."""
     one = sections.alone(context.config)
     if context.hardware.cameras.alone != one:
         raise CommandError(
@@ -124,7 +124,8 @@ def _check_eyes(context: CommandContext, kind: str) -> None:
 
 
 def _session(context: CommandContext, board: Board, held: bool = False) -> CalibrationSession:
-    """held: the gripper holds the board, which a tour guards as it sees it; nothing moves before."""
+    """Start a calibration. held: the gripper holds the board; the tour guards the board once it was seen, and nothing
+    moves before."""
     cycle = context.cycle
     set_out = cycle.supervisor.mover.rest if held else cycle.set_out
     settling = cycle.settings.settling
@@ -169,32 +170,32 @@ async def _solved(
         "arm_deg": hand_eye.arm.deg,
         "warning": hand_eye.warning,
     }
-    lines += [_moved(before, after), *await _taken_over(context, before, after, frontend)]
+    lines += [_change_of_hand_eye(before, after), *await _store_and_use(context, before, after, frontend)]
     lines += grasp_lines(mount_of(context.cycle.cell), context.cycle.settings)
     lines.append("Residuals are not accuracy. Measure accuracy from new poses: `calibrate verify`.")
     return CommandResult("\n".join(lines), data)
 
 
-async def _eyes_alone(context: CommandContext, board: Board, frontend: Frontend) -> CommandResult:
-    """Both eyes, from a board held by a person; no arm is needed."""
+async def _by_hand(context: CommandContext, board: Board, frontend: Frontend) -> CommandResult:
+    """Calibrate both cameras from a board that a person holds; no arm is needed."""
     views = await show_by_hand(_session(context, board), frontend.say)
     before = context.calibration
     after, stereo = await context.study(solve_stereo, views, board, before)
-    lines = [*_stereo_lines(stereo), *await _taken_over(context, before, after, frontend)]
+    lines = [*_stereo_lines(stereo), *await _store_and_use(context, before, after, frontend)]
     lines.append("Next: `calibrate hand-eye` (the common frame of the cameras has changed).")
     return CommandResult(
         "\n".join(lines), {"views": len(views), "rms_px": stereo.stereo_rms_px, "sigmas": stereo.sigmas}
     )
 
 
-async def _taken_over(
+async def _store_and_use(
     context: CommandContext, before: Calibration, after: Calibration, frontend: Frontend
 ) -> list[str]:
-    """Keep it, and work with it from now on. before: what was worked with as it was solved."""
+    """Store the new calibration and take it into use. before: the calibration in use while it was solved."""
     calibrations = context.config.calibrations
     used, number = CONFIGURED, CONFIGURED
 
-    async def go_over() -> Callable[[], None]:
+    async def change() -> Callable[[], None]:
         nonlocal used, number
         used, number = calibrations.current, await asyncio.to_thread(calibrations.keep, calibration_text(after))
         if not same_geometry(before, context.calibration):
@@ -205,7 +206,7 @@ async def _taken_over(
         return lambda: calibrations.use(used)
 
     try:
-        taken = await context.reload(frontend.who, go_over)
+        taken = await context.reload(frontend.who, change)
     except FacetdError as error:
         if number == CONFIGURED:
             raise
@@ -232,14 +233,14 @@ async def _use(context: CommandContext, words: list[str], frontend: Frontend) ->
     known = (CONFIGURED, *calibrations.numbers())
     word = one_of(words, 1, map(str, known), "calibration", USAGE)
     number = whole(word)
-    load_calibration(calibrations.path(number))  # what cannot be used is not taken over
+    load_calibration(calibrations.path(number))  # refuse one that cannot be used
 
-    async def go_over() -> Callable[[], None]:
+    async def change() -> Callable[[], None]:
         before = calibrations.current
         calibrations.use(number)
         return lambda: calibrations.use(before)
 
-    taken = await context.reload(frontend.who, go_over)
+    taken = await context.reload(frontend.who, change)
     return CommandResult(f"Calibration {word} is in use. {taken}", {"current": number})
 
 
@@ -259,10 +260,11 @@ def _hand_eye_lines(result: HandEyeResult, further: FurtherView | None) -> list[
     lines = [
         f"hand-eye: known to {result.sigma_mm:.2f} mm and {result.sigma_deg:.3f} degrees (one standard deviation)",
         f"  the arm turned {result.diversity_deg:.0f} degrees about its second axis; "
-        f"a pose left out is off by {np.median(result.left_out_mm):.2f} mm, at most {max(result.left_out_mm):.2f}",
+        f"a pose, predicted from the others, is off by {np.median(result.left_out_mm):.2f} mm, "
+        f"at most {max(result.left_out_mm):.2f}",
     ]
     if further is not None:
-        left = f"chance leaves {further.before_mm:.2f} mm at a part"
+        left = f"random error at a part: {further.before_mm:.2f} mm"
         helps = (
             f"one more pose helps most with the board {further.away_mm:.0f} mm away and tilted by "
             f"{further.tilt_deg:.0f} degrees: {further.after_mm:.2f} mm"
@@ -273,7 +275,7 @@ def _hand_eye_lines(result: HandEyeResult, further: FurtherView | None) -> list[
 
 
 def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
-    """What calibration and arm leave at a grasp from each stand-off, beside what a grasp needs."""
+    """The error at a grasp that calibration and arm leave from each stand-off, and the error that a grasp allows."""
     stops = settings.stops
     least = [(mm, least_error(mount, mm, settings.doubt)) for mm in stops.stand_offs_mm]
     each = ", ".join(
@@ -285,12 +287,12 @@ def grasp_lines(mount: CameraMount, settings: Settings) -> list[str]:
     ]
     _, nearest = least[-1]
     if nearest.predicted_mm > stops.enough_mm or nearest.predicted_deg > stops.enough_deg:
-        lines.append("No look can be sure enough to grasp: calibrate again, with the board larger in view.")
+        lines.append("No look can be accurate enough to grasp: calibrate again, with the board larger in view.")
     return lines
 
 
 def arm_line(found: ArmError, reckoned: Doubt) -> str:
-    """How well the arm keeps its word, beside what the configuration says of it."""
+    """The measured accuracy of the arm, compared with the configured one."""
     told = f"arm accuracy: {found.mm:.2f} mm and {found.deg:.3f} degrees an axis (one standard deviation)"
     if found.mm <= ARM_WORSE * reckoned.arm_mm and found.deg <= ARM_WORSE * reckoned.arm_deg:
         return told
@@ -301,15 +303,15 @@ def arm_line(found: ArmError, reckoned: Doubt) -> str:
     )
 
 
-def _moved(before: Calibration, after: Calibration) -> str:
+def _change_of_hand_eye(before: Calibration, after: Calibration) -> str:
     if before.hand_eye is None or after.hand_eye is None:
         return "This is the first hand-eye calibration."
     mm, turn = frames.size(frames.difference(after.hand_eye, before.hand_eye))
-    return f"The hand-eye has changed since the calibration before by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
+    return f"The hand-eye differs from the previous calibration by {mm:.2f} mm and {np.degrees(turn):.2f} degrees."
 
 
 def verification_result(found: Verified) -> CommandResult:
-    """The errors of a verification in words. The first view, from where the arm stood, is one of its poses."""
+    """The errors of a verification as text. The first view, from where the arm was, is one of its poses."""
     lines = [
         f"From {found.poses - 1} new poses and the first one: lengths {found.length_mm:.2f} mm off "
         f"(scale {100 * found.scale_error:+.2f} %), {found.epipolar_px:.2f} px to the epipolar line, "
@@ -321,7 +323,7 @@ def verification_result(found: Verified) -> CommandResult:
 
 
 async def _touch(context: CommandContext, view: BoardView, board: Board, frontend: Frontend) -> CommandResult:
-    """Bring the closed gripper over the board's first corner; the operator says how far off it is."""
+    """Move the closed gripper over the board's first corner; the operator types how far off it is."""
     world_from_board = board_in_world(view, board, context.calibration)
     heights_mm = frames.apply(world_from_board, board.points_mm())[:, 2]
     corner, table_mm = world_from_board[:3, 3], context.config.values.pick.limits.table_z_mm

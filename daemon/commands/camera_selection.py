@@ -1,6 +1,7 @@
-"""The command that says which eyes are looked with, and what is asked after a camera's fault.
+"""Command `cameras`: which cameras are in use; and the question about them after a camera fault.
 
-Nothing here moves the arm. With one eye each look is two pictures with a move between them (daemon/pick/moved_pair.py).
+Nothing here moves the arm. With one camera each look takes two images with a move between them
+(daemon/pick/moved_pair.py).
 """
 
 from daemon.arm import EYES, EyeName
@@ -15,7 +16,7 @@ OTHER: dict[EyeName, EyeName] = {"left": "right", "right": "left"}
 COST = "each look takes two images with a move of 40 to 120 mm between them; a pick takes about a third longer"
 UNMEASURED = "not measured: too little moved to and fro; repeat, with print all over the view"
 CAMERA_FAULTS = ("CameraError", "VisionError", "MisleadingImagesError", "cameras")
-"""Codes of the faults that a camera may be to blame for."""
+"""Codes of faults that a camera may have caused."""
 
 
 @command(USAGE, "move", most=1, choices=WORDS, looks=lambda words: words in ([], ["moving"]))
@@ -28,7 +29,7 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
     Without a word both cameras are tested and shown, also whether they hold exposure and focus; nothing moves.
     """
     if not words:
-        return await _told(context)
+        return await _show(context)
     word = one_of(words, 0, WORDS, "word", USAGE)
     no_more(words, 1, USAGE)
     if word == "moving":
@@ -42,13 +43,13 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
     if word == "both":
         hardware, supervisor = context.hardware, context.cycle.supervisor
         trial = pair_fault(hardware.cameras, context.calibration.rig, hardware.clock)
-        wrong = await supervisor.run("try both eyes", trial, moves=False)
+        wrong = await supervisor.run("test both cameras", trial, moves=False)
         if wrong is not None:
             raise CommandError(f"both cameras cannot be used yet: {wrong}", NOT_DONE)
         await context.look_with(None, "both cameras agree with the calibration")
         return CommandResult("Using both cameras.", {"alone": None})
     alone: EyeName = "left" if word == "left" else "right"
-    wrong = (await _ailments(context)).get(alone)
+    wrong = (await _camera_problems(context)).get(alone)
     if wrong is not None:
         raise CommandError(f"the {alone} camera cannot be used: {wrong}", NOT_DONE)
     await context.look_with(alone, "chosen by an operator")
@@ -56,17 +57,17 @@ async def cameras(context: CommandContext, words: list[str], frontend: Frontend)
     return CommandResult(f"Using the {alone} camera alone: {COST}. `cameras both` switches back.", {"alone": alone})
 
 
-async def _told(context: CommandContext) -> CommandResult:
-    wrong: dict[EyeName, str] = {} if context.calibration.alone is not None else await _ailments(context)
+async def _show(context: CommandContext) -> CommandResult:
+    wrong: dict[EyeName, str] = {} if context.calibration.alone is not None else await _camera_problems(context)
     used = context.hardware.cameras.alone
     lines = ["Using both cameras." if used is None else f"Using the {used} camera alone."]
-    lines += [f"{eye} camera: {why}" for eye, why in wrong.items()]
+    lines += [f"{camera} camera: {why}" for camera, why in wrong.items()]
     not_held: dict[EyeName, list[str]] = {}
     if not wrong and context.hardware.kind != "recorded":
         trial = unsteady(context.hardware.cameras, context.hardware.clock)
         not_held = await context.cycle.supervisor.run("look at a still scene", trial, moves=False)
-        context.not_held = {eye: tuple(whys) for eye, whys in not_held.items()}
-        lines += [f"{eye} camera: {why}" for eye, whys in not_held.items() for why in whys]
+        context.not_held = {camera: tuple(whys) for camera, whys in not_held.items()}
+        lines += [f"{camera} camera: {why}" for camera, whys in not_held.items() for why in whys]
         lines += [] if not_held else ["Exposure and focus are held before a still scene."]
     return CommandResult("\n".join(lines), {"alone": used, "wrong": dict(wrong), "not_held": not_held})
 
@@ -86,15 +87,15 @@ async def _shutters(context: CommandContext, frontend: Frontend) -> CommandResul
     return CommandResult("\n".join(lines), {"shutters": dict(found)})
 
 
-async def _ailments(context: CommandContext) -> dict[EyeName, str]:
-    """Each eye tried, while nobody else looks or moves. Raises RefusedError."""
+async def _camera_problems(context: CommandContext) -> dict[EyeName, str]:
+    """Test each camera, while nothing else looks or moves; returns the problem by camera. Raises RefusedError."""
     trial = camera_faults(context.hardware.cameras, context.hardware.clock)
-    return await context.cycle.supervisor.run("try the eyes", trial, moves=False)
+    return await context.cycle.supervisor.run("test the cameras", trial, moves=False)
 
 
-async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] | None:
-    """The one eye that still sees after a camera's fault, and what is wrong with the other; None where both see, or
-    none does, or something else was the matter."""
+async def remaining_camera(context: CommandContext, fault: str) -> tuple[EyeName, str] | None:
+    """The only camera that still works after a camera fault, and the problem of the other one. None where both work, or
+    none does, or the fault has another cause."""
     hardware = context.hardware
     if (
         fault.partition(":")[0] not in CAMERA_FAULTS
@@ -103,20 +104,20 @@ async def remaining(context: CommandContext, fault: str) -> tuple[EyeName, str] 
         or context.calibration.fixed
     ):
         return None
-    wrong = await _ailments(context)
+    wrong = await _camera_problems(context)
     if len(wrong) != 1:
         return None
     lost, why = next(iter(wrong.items()))
     return OTHER[lost], why
 
 
-async def offered(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
-    """After a camera's fault: ask whether to go on with the eye that is left, and do so. Gives what is to be told, None
-    where there is nothing to; raises CommandError where the operator would not."""
-    left = await remaining(context, fault)
+async def offer_one_camera(context: CommandContext, fault: str, frontend: Frontend) -> str | None:
+    """After a camera fault, ask whether to continue with the remaining camera, and switch to it. Returns a message, or
+    None; raises CommandError where the operator declines."""
+    left = await remaining_camera(context, fault)
     if left is None:
-        knocked = "knocked" in fault and context.hardware.cameras.alone is None and not context.calibration.fixed
-        return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if knocked else None
+        shocked = "knocked" in fault and context.hardware.cameras.alone is None and not context.calibration.fixed
+        return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if shocked else None
     alone, why = left
     told = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."
     if not frontend.asks:

@@ -1,9 +1,9 @@
-"""The controller's own terminal for an operator while the daemon stands aside: every line is logged, none surprises.
+"""The controller's own terminal for an operator, through the daemon: it logs every line and holds back those that move.
 
-Lines known to be harmless (ControllerMonitor of daemon/arm/robot.py says which) go to the controller as they are
-typed. The end of any other line is kept back: while the arm may not move, or is held by `pause`; and else until the
-operator has said yes to it. A line in which something was taken back is spoiled and typed anew: nobody knows which keys
-the controller knows.
+Lines known to be harmless (ControllerMonitor of daemon/arm/robot.py decides) go to the controller as they are typed. Of
+any other line the end is held back: while the arm may not move or motion is paused, and otherwise until the operator
+confirms it. A line in which keys were deleted is cancelled and typed again, as the controller's delete keys are
+unknown.
 """
 
 import asyncio
@@ -23,17 +23,17 @@ from daemon.errors import FacetdError
 
 ENDS, RUBOUTS, CANCEL = b"\r\n", b"\x08\x7f", b"\x15"
 YES = (b"Y", b"y")
-"""How a line begins that a controller takes for a yes."""
+"""First letters of a line that a controller takes for a yes."""
 SPOIL = CANCEL + b"!!\r"
-"""Takes a typed line back; makes it an error where the controller knows no such key."""
+"""Cancels a typed line; makes it invalid where the controller does not know the cancel key."""
 GREETING = "The controller's own terminal. Control-] returns, control-C stops the arm."
 LEFT = "\nYou left the controller's terminal. facetd waits until the arm is at rest, and stops a motion that goes on."
 ASKED = "this may move the arm, and the guard does not check it. Send it? [y/n]"
 NO_TURNING_OVER = "it changes the arm configuration, which facetd does not know (turn the joints by DO DRIVE instead)"
 POLL_S = 0.2
-"""How often it is looked whether there is still a line to the controller."""
+"""Interval of the check that the controller's line is still open."""
 ANSWER_AFTER_S = 0.3
-"""A key that comes sooner after the question was on its way before it was read."""
+"""A key that comes sooner after the question was typed before the operator could read it."""
 
 
 NOT_OF_POWER_UP = (
@@ -91,7 +91,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
         raise CommandError(f"{text}: {NO_TURNING_OVER}; not sent")
 
     async def typed() -> list[str]:
-        note_hand(context, arm, text)
+        void_gripper_belief(context, arm, text)
         return await arm.monitor(text)
 
     if arm.moves_the_arm(text):
@@ -100,7 +100,7 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
 
 
 def _monitor_of(context: CommandContext) -> ControllerMonitor:
-    """Raises CommandError where the robot has none."""
+    """The controller's monitor. Raises CommandError where the robot has none."""
     monitor = context.hardware.robot.controller
     if monitor is None:
         raise CommandError(NO_MONITOR.format(context.hardware.kind))
@@ -112,7 +112,7 @@ def _replies(lines: list[str]) -> CommandResult:
 
 
 async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
-    """Talk to the controller until control-]. Raises CommandError where the frontend is no terminal."""
+    """Connect the operator to the controller until control-]. Raises CommandError where the frontend is no terminal."""
     if not frontend.asks:
         raise CommandError("only at a terminal; here send one line at a time: robot monitor TEXT", 2)
     await frontend.say(GREETING)
@@ -126,40 +126,40 @@ async def monitor(context: CommandContext, frontend: Frontend) -> CommandResult:
 async def _monitored(context: CommandContext, frontend: Frontend) -> CommandResult:
     controller = _monitor_of(context)
     typist = Typist(context, controller, frontend)
-    told: list[str] = []
-    async with controller.terminal(lambda data: frontend.show(shown(data)), told.append) as send:
+    stops_reported: list[str] = []
+    async with controller.terminal(lambda data: frontend.show(shown(data)), stops_reported.append) as send:
         if controller.question is None:
-            send(b"\r")  # an empty line, for the controller to show its prompt
-        else:  # to which that might be an answer
+            send(b"\r")  # an empty line makes the controller show its prompt
+        else:  # an empty line might answer it
             frontend.show(f"{controller.question} ".encode("ascii", "replace"))
 
         def typed(keys: bytes) -> None:
-            with contextlib.suppress(*ANSWERABLE):  # the line is gone, or a stop has it: that is told otherwise
+            with contextlib.suppress(*ANSWERABLE):  # a lost line or a stop is reported elsewhere
                 typist.typed(keys, send)
 
         await _while_connected(context, frontend.terminal(typed))
         await frontend.say(LEFT)
     back = f"\nBack at the console; {plural(typist.lines, 'line')} sent to the controller."
-    return CommandResult("\n".join([back, *told]), {"lines": typist.lines})
+    return CommandResult("\n".join([back, *stops_reported]), {"lines": typist.lines})
 
 
 async def _while_connected(context: CommandContext, leaving: Coroutine[Any, Any, None]) -> None:
-    """Until the operator leaves. Raises CellError where the line goes: nobody is told of it otherwise, or stops an arm
-    that is on its way, because the daemon stands aside."""
-    left = asyncio.ensure_future(leaving)
+    """Wait until the operator leaves. Raises CellError when the controller's line is lost: while a person types, the
+    daemon does not check the line and would neither report the loss nor stop the arm."""
+    leaving_task = asyncio.ensure_future(leaving)
     try:
-        while not left.done():
-            await asyncio.wait([left], timeout=POLL_S)
+        while not leaving_task.done():
+            await asyncio.wait([leaving_task], timeout=POLL_S)
             if not context.hardware.robot.connected:
                 raise CellError("the serial line to the controller is lost")
-        left.result()
+        leaving_task.result()
     finally:
-        left.cancel()
-        await asyncio.wait([left])
+        leaving_task.cancel()
+        await asyncio.wait([leaving_task])
 
 
 def shown(data: bytes) -> bytes:
-    """What the controller says, as a terminal may have it: no byte of it steers more than the cursor in its line."""
+    """The controller's output, safe for a terminal: no byte does more than move the cursor within its line."""
     return b"".join(_SHOWN[byte] for byte in data)
 
 
@@ -170,32 +170,32 @@ _SHOWN = [
 
 
 class Typist:
-    """Follows what is typed, line by line: records each line, and keeps back the end of one that may not be sent."""
+    """Follows typed lines: records each, and holds back the end of one that may not be sent."""
 
     def __init__(self, context: CommandContext, controller: ControllerMonitor, frontend: Frontend) -> None:
         self._context, self._frontend, self._clock = context, frontend, context.hardware.clock
         self._controller = controller
         self._line, self._plain = bytearray(), bytearray()
-        """The line; and all that was typed, whatever it was taken for."""
+        """The line without deleted keys; and every key typed."""
         self._unsent = bytearray()
-        """What the controller has not of the line: a Y that may be a yes to a motion goes out with its end only. One
-        that stands there is a yes, whatever is typed behind it to spoil it."""
-        self._asked: tuple[str, float] | None = None
-        """The line that waits for a yes, and when it was asked for."""
-        self._edited, self._moving = False, controller.asks_whether_to_move
-        """Whether something of the line was taken back; whether a yes may move the arm: to a line sent, or before."""
+        """Part of the line that the controller does not have yet. A Y that may start a motion is sent only with the
+        line's end: once sent it is a yes, and nothing typed behind it cancels it."""
+        self._unconfirmed: tuple[str, float] | None = None
+        """The line that waits for confirmation, and when the operator was asked."""
+        self._keys_deleted, self._yes_may_move = False, controller.asks_whether_to_move
+        """_edited: keys of the line were deleted. _moving: a yes may move the arm, to this line or an earlier one."""
         self._stopping: asyncio.Task[str | None] | None = None
         self.lines = 0
 
     def typed(self, keys: bytes, send: Callable[[bytes], None]) -> None:
-        """Take some keys and send on what may be sent: plain characters and the keys known here. Others could edit the
-        line past our knowledge: a controller may pass over a byte that is no ASCII, and read a motion behind it."""
+        """Take keys and send those that may be sent: plain characters and the editing keys known here. A controller may
+        ignore a byte that is not ASCII and read a motion command behind it."""
         for key in (bytes([k]) for k in keys):
             self._plain += key
-            if key in ENDS and self._stops():
+            if key in ENDS and self._is_stop():
                 self._withdraw(send)
-            elif self._asked is not None:
-                self._answered(key, *self._asked, send)
+            elif self._unconfirmed is not None:
+                self._take_answer(key, *self._unconfirmed, send)
             elif key in ENDS:
                 self._end_line(send)
             elif key == CANCEL or key in RUBOUTS:
@@ -206,7 +206,7 @@ class Typist:
     def _add(self, key: bytes, send: Callable[[bytes], None]) -> None:
         begins = not self._line.strip()
         self._line += key
-        if self._unsent or (self._moving and begins and key in YES):
+        if self._unsent or (self._yes_may_move and begins and key in YES):
             self._unsent += key
         else:
             send(key)
@@ -216,12 +216,12 @@ class Typist:
         if self._unsent:
             del self._unsent[to:]
         else:
-            self._edited = True
+            self._keys_deleted = True
             send(key)
 
-    def _stops(self) -> bool:
-        """Whether the line that ends here is a stop, also where its letters were taken for an answer, or came too soon
-        for one; then the arm is stopped."""
+    def _is_stop(self) -> bool:
+        """Whether the line that ends here is a stop, also where its letters counted as an answer or came too soon for
+        one; then stop the arm."""
         text = self._plain.decode("latin-1")
         self._plain.clear()
         stops = means_stop(text) or means_stop(self._line.decode("latin-1"))
@@ -230,40 +230,40 @@ class Typist:
         return stops
 
     def _withdraw(self, send: Callable[[bytes], None]) -> None:
-        """Nothing of what was typed is sent, and nothing waits for a yes."""
+        """Send nothing of what was typed, and cancel the question."""
         self._line.clear()
         self._unsent.clear()
-        if self._asked is not None:
-            text, _ = self._asked
-            self._asked = None
-            self._keep_back(text, "stopped", send)
+        if self._unconfirmed is not None:
+            text, _ = self._unconfirmed
+            self._unconfirmed = None
+            self._hold_back(text, "stopped", send)
 
     def _end_line(self, send: Callable[[bytes], None]) -> None:
         text = self._line.decode("latin-1").strip()
         self._line.clear()
-        moves, why = self._controller.moves_the_arm(text), self._held()
-        if why is not None and (moves or (self._moving and text[:1].encode() in YES)):
-            self._keep_back(text, why, send)
+        moves, why = self._controller.moves_the_arm(text), self._reason_held()
+        if why is not None and (moves or (self._yes_may_move and text[:1].encode() in YES)):
+            self._hold_back(text, why, send)
         elif self._controller.turns_over(text):
-            self._keep_back(text, NO_TURNING_OVER, send)
+            self._hold_back(text, NO_TURNING_OVER, send)
         elif moves:
-            self._asked = text, self._clock()
+            self._unconfirmed = text, self._clock()
             self._frontend.show(f"\r\nfacetd: {ASKED} ".encode())
         else:
             self._send(text, send)
 
-    def _answered(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
+    def _take_answer(self, key: bytes, text: str, asked_s: float, send: Callable[[bytes], None]) -> None:
         if key in ENDS or self._clock() - asked_s < ANSWER_AFTER_S:
             return
-        self._asked = None
-        why = self._held() if is_yes(key.decode("latin-1")) else "not confirmed"
+        self._unconfirmed = None
+        why = self._reason_held() if is_yes(key.decode("latin-1")) else "not confirmed"
         if why is None:
             self._send(text, send)
         else:
-            self._keep_back(text, why, send)
+            self._hold_back(text, why, send)
 
-    def _held(self) -> str | None:
-        """Why a line that may move the arm may not be sent now."""
+    def _reason_held(self) -> str | None:
+        """The reason why a line that may move the arm may not be sent now, or None."""
         supervisor = self._context.cycle.supervisor
         try:
             supervisor.may_move_by_hand()
@@ -271,10 +271,10 @@ class Typist:
             return f"the arm may not move now: {refused}"
         return "motion is paused: `resume`" if supervisor.hold.paused else None
 
-    def _keep_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
+    def _hold_back(self, text: str, why: str, send: Callable[[bytes], None]) -> None:
         send(SPOIL)
         self._unsent.clear()
-        self._edited = False
+        self._keys_deleted = False
         self._frontend.show(f"\r\nfacetd: {why}; not sent\r\n".encode("ascii", "replace"))
         self._record(f"not sent: {text}")
 
@@ -282,20 +282,20 @@ class Typist:
         if text:
             self.lines += 1
             self._record(text)
-        if self._moving and text[:1].encode() in YES:  # a program may go on with it
+        if self._yes_may_move and text[:1].encode() in YES:  # a program may go on with it
             self._context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
-        note_hand(self._context, self._controller, text)
-        self._moving |= self._controller.moves_the_arm(text)
-        send((SPOIL + text.encode() if self._edited else bytes(self._unsent)) + b"\r")
+        void_gripper_belief(self._context, self._controller, text)
+        self._yes_may_move |= self._controller.moves_the_arm(text)
+        send((SPOIL + text.encode() if self._keys_deleted else bytes(self._unsent)) + b"\r")
         self._unsent.clear()
-        self._edited = False
+        self._keys_deleted = False
 
     def _record(self, text: str) -> None:
         self._context.log.record("command", who=self._frontend.who, door=f"{self._frontend.name}, monitor", text=text)
 
 
-def note_hand(context: CommandContext, controller: ControllerMonitor, text: str) -> None:
-    """Where a line may work the hand, nobody knows whether a part is in it."""
+def void_gripper_belief(context: CommandContext, controller: ControllerMonitor, text: str) -> None:
+    """Mark the gripper's content as unknown where a line may open or close the gripper."""
     if controller.works_the_hand(text):
         context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
 

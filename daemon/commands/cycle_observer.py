@@ -1,6 +1,7 @@
-"""What the daemon does of itself after each look and each pick: the drift watch, one eye instead of two, notices.
+"""What the daemon does by itself after each look and each pick: drift detection, one camera instead of two, notices.
 
-The observer of the cycle (pick/outcome.py). The arm is stopped and let go on by the supervisor, as for a person's word.
+The observer of the cycle (pick/outcome.py). The supervisor stops the arm and permits motion again, as for a person's
+command.
 """
 
 import asyncio
@@ -12,7 +13,7 @@ from typing import Any
 from daemon.arm import Interruption
 from daemon.calibration.drift import DriftWatch
 from daemon.commands import camera_selection
-from daemon.commands.moving import tell_end
+from daemon.commands.moving import report_end
 from daemon.commands.placing import report_moved
 from daemon.console.context import CommandContext
 from daemon.errors import FacetdError
@@ -22,18 +23,18 @@ from daemon.pick.outcome import CycleEnd
 
 
 class CycleObserver:
-    """See the module. beside: does something, of a name, while all else goes on."""
+    """See the module. beside: starts a named coroutine in the background."""
 
     def __init__(self, context: CommandContext, beside: Callable[[Coroutine[Any, Any, None], str], None]) -> None:
         self._context, self._beside = context, beside
         self._drift, self._calibration = DriftWatch(), context.calibration
 
     def looked(self, look: Look) -> None:
-        """Each look says a little of the calibration; a drift is told, and past its limit picking by itself ends."""
+        """Feed the drift detection with a look; report a drift, and stop autonomous picking beyond its limit."""
         context = self._context
-        eye = None if look.taken.moved is None else look.taken.moved.eye
-        if eye != self._drift.alone or context.calibration is not self._calibration:
-            self._drift, self._calibration = DriftWatch(alone=eye), context.calibration
+        camera = None if look.taken.moved is None else look.taken.moved.eye
+        if camera != self._drift.alone or context.calibration is not self._calibration:
+            self._drift, self._calibration = DriftWatch(alone=camera), context.calibration
         drift = self._drift.seen(look.clue, datetime.now().strftime("%H:%M"))
         context.troubles.report("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
@@ -41,29 +42,29 @@ class CycleObserver:
             self._beside(failing, "calibration drift")
 
     def ended(self, end: CycleEnd) -> None:
-        """What is to be done between two picks."""
+        """Do what is due between two picks."""
         context = self._context
         self._note_truth(end)
-        tell_end(context, end)
+        report_end(context, end)
         report_moved(context)
         context.roll_if_due()
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
-        stopped = context.cycle.supervisor.stopping  # by somebody: what the fault asked for is done by now
+        stopped = context.cycle.supervisor.stopping  # a person's stop: the one for the fault is done by now
         if end.ended_by is Interruption.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
-            self._beside(self.go_on_with_one_eye(), "one eye")
+            self._beside(self.continue_with_one_camera(), "one eye")
 
-    def go_on_with_one_eye(self) -> Coroutine[Any, Any, None]:
-        """After a camera's fault in an auto, which an operator allowed beforehand: what `resume` would ask. Of the
-        fault that stands now, and of none that comes before this is begun."""
+    def continue_with_one_camera(self) -> Coroutine[Any, Any, None]:
+        """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`
+        would ask. Applies to the present fault only."""
         supervisor = self._context.cycle.supervisor
-        return self._gone_on(supervisor.stops, supervisor.fault)
+        return self._continue(supervisor.stops, supervisor.fault)
 
-    async def _gone_on(self, stops: int, fault: str | None) -> None:
+    async def _continue(self, stops: int, fault: str | None) -> None:
         context, supervisor = self._context, self._context.cycle.supervisor
         while supervisor.busy:
             await asyncio.sleep(0.05)
-        with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: it is left to the operator
-            left = None if fault is None else await camera_selection.remaining(context, fault)
+        with contextlib.suppress(FacetdError):  # stopped meanwhile, or refused: the operator decides
+            left = None if fault is None else await camera_selection.remaining_camera(context, fault)
             if left is None or context.cycle.belief.holds_part is None or not supervisor.enabled:
                 return
             await context.look_with(*left)
@@ -75,8 +76,8 @@ class CycleObserver:
             context.notices.tell(f"Auto continues with the {left[0]} camera alone (pick.auto_degrade): {left[1]}")
 
     def _note_truth(self, end: CycleEnd) -> None:
-        """A simulated cell knows how well each grasp met the part, and how far from its place the part lies, and the
-        log keeps it beside what was predicted and seen."""
+        """Record the true error of the grasp and the set-down, which only a simulated cell knows, beside the predicted
+        and observed ones."""
         context, hand = self._context, self._context.hardware.operator
         if (
             hand is None

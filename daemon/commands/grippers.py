@@ -1,4 +1,4 @@
-"""Commands for the grippers that the cell knows: which is mounted, and that another one is from now on."""
+"""Command `gripper`: show the configured grippers, and report which one is mounted."""
 
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -41,12 +41,12 @@ async def gripper(context: CommandContext, words: list[str], frontend: Frontend)
     no_more(words, 2, USAGE)
     if name == config.gripper:
         return CommandResult(f"{name} is mounted already: nothing has changed.", {"gripper": name})
-    await _may_change(context)
+    await _check_may_change(context)
     if frontend.asks and not await yes_or_no(frontend, f"Is {name} on the arm now? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
-    await _may_change(context)
+    await _check_may_change(context)
     taken = await context.reload(frontend.who, _change(context, name, frontend.who))
-    lines = [f"{name} is mounted. {taken}", *_what_changed(config, context.config), *_of_the_cell(context)]
+    lines = [f"{name} is mounted. {taken}", *_what_changed(config, context.config), *_to_do(context)]
     return CommandResult("\n".join(lines), {"gripper": name, "before": config.gripper})
 
 
@@ -58,21 +58,23 @@ def _show(context: CommandContext, frontend: Frontend) -> CommandResult:
         where = f"{kind}, tool centre point {at_mm(tool_mm)} from the wrist centre"
         rows.append((name or kind, f"{where}{'; mounted' if mounted else ''}"))
         data[name or kind] = {"kind": kind, "tool_mm": tool_mm.tolist(), "mounted": mounted}
-    said = config.mounted
+    reported = config.mounted
     lines = [table(rows, frontend.columns)]
     lines += [unsaid(config)] if config.gripper is None else []
-    lines += [f"{said.name} was mounted by {said.who}, {said.at}"] if said is not None and config.gripper else []
+    if reported is not None and config.gripper:
+        lines.append(f"{reported.name} was mounted by {reported.who}, {reported.at}")
     return CommandResult("\n".join(lines), {"grippers": data, "gripper": config.gripper})
 
 
-async def _may_change(context: CommandContext) -> None:
-    """Raise what refuses it where the arm moves, something is being done, or a part is in the gripper."""
+async def _check_may_change(context: CommandContext) -> None:
+    """Check that the gripper may be changed: the arm rests, no job runs, the gripper is empty. Raises CommandError,
+    RefusedError."""
     supervisor = context.cycle.supervisor
     supervisor.not_while_stopping("gripper use")
     supervisor.between_jobs("the gripper is changed")
     if context.cycle.belief.holds_part:
         raise CommandError("a part is in the gripper: let it go first (`hand open` here, `pick` over the bin)")
-    if not await supervisor.run("see the arm at rest", context.hardware.robot.at_rest(), moves=False):
+    if not await supervisor.run("check that the arm is at rest", context.hardware.robot.at_rest(), moves=False):
         raise CommandError("the arm moves: change the gripper on an arm at rest")
 
 
@@ -98,7 +100,7 @@ def _change(context: CommandContext, name: str, who: str) -> Change:
 
 
 def _what_changed(before: Config, after: Config) -> list[str]:
-    """Tool, guarded body and grasps, in words."""
+    """What the new gripper changes: tool, guarded body and grasps, as lines of text."""
     old, new = (np.array(each.values.arm.flange_from_tool) for each in (before, after))
     held = after.values.pick.gripper
     wide, outside_mm = held.outside
@@ -111,7 +113,7 @@ def _what_changed(before: Config, after: Config) -> list[str]:
     ]
 
 
-def _of_the_cell(context: CommandContext) -> list[str]:
+def _to_do(context: CommandContext) -> list[str]:
     """What a person has to do after the change."""
     lines = ["What it holds is unknown: look, then `holding yes` or `holding no`."]
     named = len(kept(context).now())

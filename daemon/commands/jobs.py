@@ -1,5 +1,4 @@
-"""Commands for jobs: which there are, what one consists of, and doing it. How a job goes on, ends or is resumed is
-`auto`'s (moving.py)."""
+"""Command `job`: list, show and run job files. `auto` (moving.py) ends or resumes a job."""
 
 from collections.abc import Sequence
 
@@ -42,7 +41,7 @@ async def job(context: CommandContext, words: list[str], frontend: Frontend) -> 
     words = [words[0], *(word.removesuffix(SUFFIX) for word in words[1:2]), *words[2:]]
     names = job_names(context.config.jobs)
     if not names:
-        raise CommandError(f"no job: put one into {context.config.jobs}, as kit{SUFFIX}")
+        raise CommandError(f"there is no job: put a job file into {context.config.jobs}, such as kit{SUFFIX}")
     made = load_job(context.config.jobs, one_of(words, 1, names, "job", USAGE))
     if act == "show":
         no_more(words, 2, USAGE)
@@ -66,7 +65,7 @@ def _list(context: CommandContext) -> CommandResult:
         except FileError as error:
             data[name] = str(error)
     if not data:
-        return CommandResult(f"No job is there. A job is a file in {context.config.jobs}.", {"jobs": {}})
+        return CommandResult(f"There is no job. Put a job file into {context.config.jobs}.", {"jobs": {}})
     return CommandResult("\n".join(f"{name}: {said}" for name, said in data.items()), {"jobs": data})
 
 

@@ -1,4 +1,4 @@
-"""Commands about models: train a candidate, take it into use, see which there are, take another."""
+"""Commands about models: train a candidate, put it into use, list the versions, use another one."""
 
 import asyncio
 from typing import Any
@@ -33,12 +33,12 @@ async def train(context: CommandContext, words: list[str], frontend: Frontend) -
     trained = await context.study(context.trainer.train)
     wrong = [v for v in trained.verdicts if not v.right]
     right = len(trained.verdicts) - len(wrong)
-    text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} rightly"
+    text = f"Candidate {trained.version}: names {right} of {plural(len(trained.verdicts), 'taught view')} correctly"
     lines = [f"{text} ({trained.seconds:.1f} s)."]
     lines += [f"  {v.view}: taken for {v.named} ({v.reason})" for v in wrong]
     lines += [f"  left out: {line}" for line in trained.left_out]
     frontend.shown = trained.version
-    judged = await _judged(context, trained.version)
+    judged = await _judge(context, trained.version)
     data: dict[str, Any] = {"version": trained.version, "right": right, "views": len(trained.verdicts)}
     data["seconds"] = round(trained.seconds, 2)
     lines += [describe_sufficiency(judgement, brief=True) for judgement in judged]
@@ -70,8 +70,8 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
             f"not accepted: you saw version {shown}, but the candidate is now version {candidate}: "
             f"`try` tests it, `accept` again takes it, `model use {shown}` takes the other"
         )
-    await _not_amid_a_pick(context, frontend)
-    pairs = [] if candidate is None else alike(await _judged(context, candidate))
+    await _confirm_during_pick(context, frontend)
+    pairs = [] if candidate is None else alike(await _judge(context, candidate))
     version = await asyncio.to_thread(context.trainer.accept, candidate)
     context.use_model("accept", version)
     lines = [f"Version {version} is in use; `rollback` switches back.", *([describe_alike(pairs)] if pairs else [])]
@@ -83,11 +83,11 @@ async def accept(context: CommandContext, words: list[str], frontend: Frontend) 
 async def rollback(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Go back to the model used before."""
     if context.trainer.model_store.history:
-        await _not_amid_a_pick(context, frontend)
+        await _confirm_during_pick(context, frontend)
     version = await asyncio.to_thread(context.trainer.rollback)
     context.use_model("rollback", version)
     frontend.shown = context.trainer.model_store.candidate
-    return CommandResult(f"Version {version} is in use again; the one before is the candidate.", {"version": version})
+    return CommandResult(f"Version {version} is in use again; the previous one is the candidate.", {"version": version})
 
 
 @command(MODEL_USAGE, "change", most=2, choices=MODEL_WORDS, aliases=("models",),
@@ -110,21 +110,21 @@ async def model(context: CommandContext, words: list[str], frontend: Frontend) -
     version = version_named(store, words[1])
     if version == store.current:
         raise CommandError(f"version {version} is in use already")
-    await _not_amid_a_pick(context, frontend)
+    await _confirm_during_pick(context, frontend)
     await asyncio.to_thread(context.trainer.take, version)
     context.use_model("use", version)
     return CommandResult(f"Version {version} is in use; `rollback` switches back.", {"version": version})
 
 
-async def _judged(context: CommandContext, version: int) -> tuple[Sufficiency, ...]:
-    """Every part that a version knows; the version that was judged last is not judged again."""
+async def _judge(context: CommandContext, version: int) -> tuple[Sufficiency, ...]:
+    """Judge every part that a version knows; the last result is reused."""
     if context.judged is None or context.judged[0] != version:
         context.judged = version, await context.study(context.trainer.judge_version, version)
     return context.judged[1]
 
 
 def version_named(store: ModelStore, word: str) -> int:
-    """A version's number, or `latest`. Raises CommandError."""
+    """The version that `word` names: a number, or `latest`. Raises CommandError."""
     known = store.versions()
     if not known:
         raise CommandError("no model is trained yet: `teach`, then `train`")
@@ -135,7 +135,7 @@ def version_named(store: ModelStore, word: str) -> int:
 
 
 def list_of(store: ModelStore) -> CommandResult:
-    """Every version, what it knows and what it is at present."""
+    """List every version, the parts that it knows, and its state."""
     current, candidate, before = store.current, store.candidate, store.history[-1:]
     rows, data = [], []
     for version in store.versions():
@@ -152,8 +152,8 @@ def _versions(context: CommandContext) -> list[str]:
     return [*map(str, context.trainer.model_store.versions()), "latest"]
 
 
-async def _not_amid_a_pick(context: CommandContext, frontend: Frontend) -> None:
-    """Another model from one pick to the next is no small thing while the arm picks by itself. Raises CommandError."""
+async def _confirm_during_pick(context: CommandContext, frontend: Frontend) -> None:
+    """Ask before the model changes while the arm picks. Raises CommandError on anything but a yes."""
     state = context.cycle.status()
     if not state["auto"] and state["doing"] != "pick":
         return

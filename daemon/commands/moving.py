@@ -1,11 +1,11 @@
-"""Commands that let the arm move, hold it, or stop it. Every motion itself is the cycle's, and guarded there."""
+"""Commands that let the arm move, pause it, or stop it. The pick cycle makes and guards every motion."""
 
 import asyncio
 from typing import Any
 
 from daemon.arm import Grant, Interruption, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
-from daemon.commands.step_mode import POLL_S, decide, not_behind_a_pause, not_too_soon, with_questions
+from daemon.commands.step_mode import POLL_S, decide, refuse_hasty_confirm, refuse_hasty_resume, with_questions
 from daemon.config import unsaid
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
@@ -26,7 +26,7 @@ from daemon.events.pick_order import PickOrder
 from daemon.pick.outcome import CycleEnd
 
 MOST_PICKS = 1_000_000
-HELD = "Motion is paused: `resume` continues."
+PAUSED = "Motion is paused: `resume` continues."
 AUTO_WORDS = ("on", "off", "wait", "resume")
 AUTO_USAGE = "auto on [N] [every S|signal] | auto resume | auto off | auto wait"
 
@@ -45,12 +45,12 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
         raise CommandError(f"not enabled: {unsaid(context.config)}")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
-    grant = Grant.ALL if _eyes_on_hand(context) else await _by_hand_only(context, frontend)
+    grant = Grant.ALL if _has_hand_eye(context) else await _ask_robot_only(context, frontend)
     try:
         await supervisor.prove_stop()
     except StopRefusedError as refused:
         raise CommandError(f"not enabled: {refused}: correct arm.dialect.abort_word and restart facetd") from None
-    if grant is Grant.ALL and not _eyes_on_hand(context):
+    if grant is Grant.ALL and not _has_hand_eye(context):
         raise CommandError("not enabled: the calibration was replaced by one without hand_eye meanwhile")
     supervisor.enable(asked, grant)
     fault = context.cycle.status()["fault"]
@@ -58,13 +58,14 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
     return CommandResult(may + (f" Clear the fault first: `resume` ({fault})." if fault else ""))
 
 
-def _eyes_on_hand(context: CommandContext) -> bool:
-    """Whether it is known where the cameras are, on the hand or in the world: without that no move is permitted."""
+def _has_hand_eye(context: CommandContext) -> bool:
+    """Whether the pose of the cameras is calibrated, on the hand or in the world: without it no move is permitted."""
     return context.calibration.hand_eye is not None
 
 
-async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Grant:
-    """Asked where no move could be guarded. Raises CommandError on anything but a yes."""
+async def _ask_robot_only(context: CommandContext, frontend: Frontend) -> Grant:
+    """Ask whether to enable the arm for `robot` only, where no move could be guarded. Raises CommandError on anything
+    but a yes."""
     lack = f"{context.config.calibration} has no hand_eye yet"
     if not frontend.asks:
         raise CommandError(
@@ -78,7 +79,7 @@ async def _by_hand_only(context: CommandContext, frontend: Frontend) -> Grant:
 @command("disable", "move", at_once=True)
 async def disable(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Disable the arm; stop it if it moves."""
-    return _stopped(await context.cycle.supervisor.disable(), "The arm is disabled; `enable` lets it move again.")
+    return _stop_result(await context.cycle.supervisor.disable(), "The arm is disabled; `enable` lets it move again.")
 
 
 @command("stop", "move", most=None, at_once=True, aliases=("halt",), first=True)
@@ -89,11 +90,13 @@ async def stop(context: CommandContext, _: list[str], frontend: Frontend) -> Com
     same. facetd repeats the stop word until two WHERE answers agree that the arm is at rest. If it cannot confirm
     that, it tells you to press the emergency stop, and keeps trying. Commands that wait are dropped.
     """
-    return _stopped(await context.cycle.supervisor.stop(f"by {frontend.who}"), "Stopped. Nothing moves until `resume`.")
+    return _stop_result(
+        await context.cycle.supervisor.stop(f"by {frontend.who}"), "Stopped. Nothing moves until `resume`."
+    )
 
 
-def _stopped(alarm: str | None, text: str) -> CommandResult:
-    """What a stop has come to."""
+def _stop_result(alarm: str | None, text: str) -> CommandResult:
+    """The result of a stop."""
     return CommandResult(text) if alarm is None else CommandResult(alarm, {"error": alarm}, NOT_DONE)
 
 
@@ -107,7 +110,7 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
     Refused while the arm is being stopped, and within one second of somebody else's `pause`.
     """
     supervisor = context.cycle.supervisor
-    not_behind_a_pause(context, frontend)
+    refuse_hasty_resume(context, frontend)
     before, stops, pauses = context.cycle.status(), supervisor.stops, supervisor.hold.pauses
     if before["fault"] is None:
         supervisor.resume()
@@ -118,26 +121,26 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         )
     supervisor.not_while_stopping("resume")
     lines = [f"Fault cleared: {before['fault']}."]
-    told = await camera_selection.offered(context, str(before["fault"]), frontend)
-    lines += [] if told is None else [told]
+    camera_text = await camera_selection.offer_one_camera(context, str(before["fault"]), frontend)
+    lines += [] if camera_text is None else [camera_text]
     if before["holding"] is None and frontend.asks:
         held = await yes_or_no(frontend, "Is a part in the gripper? [y/n]")
         if held is not None:
             supervisor.not_after(stops, "resume")
             if supervisor.fault is None or context.cycle.status()["holding"] is not None:
                 raise CommandError("another operator resumed meanwhile; `status` shows what the gripper holds")
-            lines.append(_take_word(context, held))
+            lines.append(_set_holding(context, held))
     known, pick_order = context.cycle.status()["holding"] is not None, context.cycle.pick_order
-    may_enable = _eyes_on_hand(context) and context.config.gripper is not None
+    may_enable = _has_hand_eye(context) and context.config.gripper is not None
     if known and pick_order is not None and frontend.asks and may_enable:
         left = cut_off(pick_order)
         agreed = await yes_or_no(frontend, f"{left}. Enable the arm and continue? [y/n]")
         if agreed is None:
             raise CommandError(f"not resumed, the fault is still active: {before['fault']}; `resume` asks again")
         if not agreed:
-            return _cleared(context, lines, stops, pauses)
+            return _clear_fault(context, lines, stops, pauses)
         await supervisor.prove_stop()
-        if not _eyes_on_hand(context):
+        if not _has_hand_eye(context):
             raise CommandError("not resumed: the calibration was replaced by one without hand_eye meanwhile")
         if context.cycle.pick_order != pick_order:
             raise CommandError("another operator resumed or cancelled the interrupted auto meanwhile")
@@ -145,15 +148,15 @@ async def resume(context: CommandContext, words: list[str], frontend: Frontend) 
         supervisor.enable(stops)
         try:
             await context.begin_auto(pick_order)
-        except RefusedError as refused:  # somebody else was faster; the fault is gone all the same, and is told so
+        except RefusedError as refused:  # another operator was faster; report that the fault is cleared all the same
             return CommandResult("\n".join([*lines, f"{left}, and was not resumed: {refused}; then `auto resume`."]))
         lines.append("Auto resumed; `auto off` ends it after the current part.")
-        return CommandResult("\n".join([*lines, HELD] if supervisor.hold.paused else lines))
-    return _cleared(context, lines, stops, pauses)
+        return CommandResult("\n".join([*lines, PAUSED] if supervisor.hold.paused else lines))
+    return _clear_fault(context, lines, stops, pauses)
 
 
-def _cleared(context: CommandContext, lines: list[str], stops: int, pauses: int) -> CommandResult:
-    """The fault is no more, and nothing moves; what to type next. stops, pauses: as many as there had been before."""
+def _clear_fault(context: CommandContext, lines: list[str], stops: int, pauses: int) -> CommandResult:
+    """Clear the fault, start nothing, and say what to type next. stops, pauses: their numbers before `resume`."""
     supervisor, pick_order = context.cycle.supervisor, context.cycle.pick_order
     supervisor.resume(stops, pauses)
     if context.cycle.status()["holding"] is None:
@@ -161,7 +164,7 @@ def _cleared(context: CommandContext, lines: list[str], stops: int, pauses: int)
     if not context.cycle.status()["enabled"]:
         lines.append("The arm is disabled: `enable`, then `pick` or `auto on`.")
     if supervisor.hold.paused:
-        lines.append(HELD)
+        lines.append(PAUSED)
     if pick_order is not None:
         lines.append(f"{cut_off(pick_order)}: `auto resume` continues it, `auto off` cancels it.")
     return CommandResult("\n".join(lines))
@@ -178,7 +181,7 @@ async def pause(context: CommandContext, words: list[str], frontend: Frontend) -
 async def abort(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Stop the arm and cancel the job; leaves no fault."""
     done = "Stopped; the job is cancelled." if context.cycle.status()["doing"] else "No job was running."
-    return _stopped(await context.cycle.supervisor.abort(), done)
+    return _stop_result(await context.cycle.supervisor.abort(), done)
 
 
 @command("pick [LABEL]", "move", most=1, choices=lambda context: context.trainer.model.labels, first=True)
@@ -191,9 +194,9 @@ async def pick(context: CommandContext, words: list[str], frontend: Frontend) ->
     """
     label = one_of(words, 0, context.trainer.model.labels, "taught part", pick.usage) if words else None
     end = await with_questions(context, context.cycle.pick(label), frontend)
-    heard = end.ended_by is Interruption.ERROR and context.notices.level(frontend) is not None
+    notified = end.ended_by is Interruption.ERROR and context.notices.level(frontend) is not None
     done = DONE if end.outcome in ("picked", "dry", "emptied") and end.ended_by is None else NOT_DONE
-    return CommandResult(describe_end(end, why=not heard), end_json(end), done)
+    return CommandResult(describe_end(end, why=not notified), end_json(end), done)
 
 
 @command(AUTO_USAGE, "move", most=None, at_once=frozenset({"off"}), choices=AUTO_WORDS, first=True)
@@ -208,7 +211,7 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
     """
     word = one_of(words, 0, AUTO_WORDS, "word", AUTO_USAGE)
     if word in ("on", "resume"):
-        return await begin(context, _auto_words(words[1:]) if word == "on" else _cut_off(context, words))
+        return await begin(context, _parse_auto(words[1:]) if word == "on" else _interrupted(context, words))
     no_more(words, 1, AUTO_USAGE)
     if word == "off":
         was_on, left = context.cycle.status()["auto"], context.cycle.pick_order is not None
@@ -218,7 +221,7 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
         return CommandResult("Auto ends after the current part.")
     if not context.cycle.status()["auto"]:
         raise CommandError("auto is not running; `auto on` starts it")
-    ends = await with_questions(context, _auto_told(context, frontend), frontend)
+    ends = await with_questions(context, _follow_auto(context, frontend), frontend)
     picked = sum(end.outcome == "picked" for end in ends)
     done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry") and ends[-1].ended_by is None
     said = describe_end(ends[-1]) + "\n" if ends and not done else ""
@@ -227,7 +230,7 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
 
 
 async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult:
-    """Start picking in the background: an auto, or a job."""
+    """Start picking in the background: an auto or a job."""
     await context.begin_auto(pick_order)
     count, every_s = pick_order.count, pick_order.every_s
     what = "until the table is empty" if count is None else f"at most {plural(count, 'part')}"
@@ -235,18 +238,18 @@ async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult
     missing = "when it is empty" if pick_order.job is None else "when a part is missing"
     what += ", each when the line asks for it" if pick_order.on_signal else ""
     what += "" if every_s is None or pick_order.on_signal else f", looking again every {every_s:g} s {missing}"
-    told = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
-    return CommandResult(f"{told}\n{HELD}" if context.cycle.supervisor.hold.paused else told)
+    text = f"Picking, {what}; `auto off` ends it after the current part, `status` shows progress."
+    return CommandResult(f"{text}\n{PAUSED}" if context.cycle.supervisor.hold.paused else text)
 
 
-async def _auto_told(context: CommandContext, frontend: Frontend) -> list[CycleEnd]:
-    """Wait for the end of auto; each part is told as it is picked."""
+async def _follow_auto(context: CommandContext, frontend: Frontend) -> list[CycleEnd]:
+    """Wait for the end of auto; show each part as it is picked."""
     ended = asyncio.ensure_future(context.auto_ends())
-    told = context.cycle.ends[-1].cycle if context.cycle.ends else 0
+    shown_cycle = context.cycle.ends[-1].cycle if context.cycle.ends else 0
     while not ended.done():
         await asyncio.wait([ended], timeout=POLL_S)
-        for end in [end for end in context.cycle.ends if end.cycle > told]:
-            told = end.cycle
+        for end in [end for end in context.cycle.ends if end.cycle > shown_cycle]:
+            shown_cycle = end.cycle
             if end.outcome in (Outcome.PICKED, Outcome.RELEASED, Outcome.EMPTIED, Outcome.MISSED, Outcome.LOST):
                 await frontend.say(describe_end(end))
     return await ended
@@ -271,11 +274,11 @@ async def holding(context: CommandContext, words: list[str], _: Frontend) -> Com
     """
     word = one_of(words, 0, ("yes", "no"), "word", holding.usage)
     context.cycle.supervisor.between_jobs("what is in the gripper is said")
-    return CommandResult(_take_word(context, word == "yes"))
+    return CommandResult(_set_holding(context, word == "yes"))
 
 
-def _take_word(context: CommandContext, held: bool) -> str:
-    """Believe the operator about the gripper."""
+def _set_holding(context: CommandContext, held: bool) -> str:
+    """Take over the operator's report about the gripper."""
     context.cycle.holding(held)
     context.log.record("holding", held=held)
     if held:
@@ -292,7 +295,7 @@ async def step(context: CommandContext, words: list[str], _: Frontend) -> Comman
     """
     on = _on_or_off(words, step.usage)
     if on is None:
-        return _how_it_is("step", bool(context.cycle.status()["step"]))
+        return _switch_state("step", bool(context.cycle.status()["step"]))
     context.cycle.supervisor.hold.step(on)
     if on:
         return CommandResult("Step mode is on: each move waits for `confirm` (y) or `refuse` (n).")
@@ -304,7 +307,7 @@ async def step(context: CommandContext, words: list[str], _: Frontend) -> Comman
 @command("confirm", "move", at_once=True, aliases=YES)
 async def confirm(context: CommandContext, words: list[str], _: Frontend) -> CommandResult:
     """Confirm the waiting move: it is sent."""
-    not_too_soon(context)
+    refuse_hasty_confirm(context)
     return decide(context, True)
 
 
@@ -319,7 +322,7 @@ async def dry(context: CommandContext, words: list[str], _: Frontend) -> Command
     """Plan, guard and log moves, but do not send them."""
     on = _on_or_off(words, dry.usage)
     if on is None:
-        return _how_it_is("dry", bool(context.cycle.status()["dry"]))
+        return _switch_state("dry", bool(context.cycle.status()["dry"]))
     context.cycle.supervisor.dry(on)
     return CommandResult(
         "Dry run is on: moves are planned, guarded and logged, not sent." if on else "Dry run is off: moves are sent."
@@ -327,7 +330,7 @@ async def dry(context: CommandContext, words: list[str], _: Frontend) -> Command
 
 
 def describe_end(end: CycleEnd, why: bool = True) -> str:
-    """One pick in a line; without why, where whoever reads it has been told."""
+    """One pick in a line; without `why` where the operator already has it."""
     if end.outcome == "emptied":
         return f"{end.outcome}: {end.why}, {end.seconds:.1f} s"
     approached = f"{end.label}, {plural(end.stops, 'look')}" if end.label else "no part"
@@ -338,8 +341,9 @@ def describe_end(end: CycleEnd, why: bool = True) -> str:
     return text + (f" ({end.why})" if why and end.why and says_more else "")
 
 
-def tell_end(context: CommandContext, end: CycleEnd) -> None:
-    """Tell a pick's end to whoever is not waiting for it. An empty table is no news, a fault was told."""
+def report_end(context: CommandContext, end: CycleEnd) -> None:
+    """Report the end of a pick to operators who do not wait for it, except an empty table and a fault, which is
+    reported elsewhere."""
     if end.outcome not in ("empty", "fault"):
         context.notices.tell(describe_end(end), NoticeLevel.OUTCOMES)
 
@@ -360,9 +364,9 @@ def end_json(end: CycleEnd) -> dict[str, Any]:
     }
 
 
-def _auto_words(words: list[str]) -> PickOrder:
-    """[N] [every S|signal] -> how many; after how many seconds an empty table is looked at again, or when the line asks
-    for the next part."""
+def _parse_auto(words: list[str]) -> PickOrder:
+    """Parse [N] [every S|signal]: how many parts; after how many seconds to look again at an empty table, or whether to
+    wait for the line's signal."""
     count = every_s = None
     if words and words[0] not in ("every", "signal"):
         count, words = number(words[0], "N", 1, MOST_PICKS), words[1:]
@@ -379,8 +383,8 @@ def _auto_words(words: list[str]) -> PickOrder:
     return PickOrder(count, every_s)
 
 
-def _cut_off(context: CommandContext, words: list[str]) -> PickOrder:
-    """What is left of an auto or job that was cut off. Raises CommandError."""
+def _interrupted(context: CommandContext, words: list[str]) -> PickOrder:
+    """The rest of an interrupted auto or job. Raises CommandError."""
     no_more(words, 1, AUTO_USAGE)
     pick_order = context.cycle.pick_order
     if pick_order is None:
@@ -389,13 +393,13 @@ def _cut_off(context: CommandContext, words: list[str]) -> PickOrder:
 
 
 def _on_or_off(words: list[str], usage: str) -> bool | None:
-    """What was said; None where nothing was, and nothing is changed."""
+    """Parse `on` or `off`; None without an argument: nothing changes."""
     if words and words[0] not in ("on", "off"):
         raise CommandError(f"{words[0]}: expected on or off; usage: {usage}", NOT_UNDERSTOOD)
     return words[0] == "on" if words else None
 
 
-def _how_it_is(name: str, on: bool) -> CommandResult:
+def _switch_state(name: str, on: bool) -> CommandResult:
     here, other = ("on", "off") if on else ("off", "on")
     return CommandResult(f"`{name}` is {here}; `{name} {other}` switches it {other}.", {name: on})
 

@@ -1,4 +1,4 @@
-"""Commands that only look: status, look, try, where, parts. Nothing moves but for `look around`, no model changes."""
+"""Commands that only look: status, look, try, where, parts. Only `look around` moves the arm; none changes a model."""
 
 import textwrap
 import time
@@ -47,7 +47,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     in_use = "not accepted yet" if model_store.current is None else f"version {model_store.current}"
     up = duration(time.monotonic() - context.started_s)
     lines = [
-        f"cell      {context.hardware.kind}; {_standing(state)}",
+        f"cell      {context.hardware.kind}; {_cell_state(state)}",
         f"doing     {_doing(context, state)}",
         f"model     {in_use}; knows {', '.join(model.labels)}"
         if model.labels
@@ -68,10 +68,10 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         lines.insert(-1, f"gripper   {context.config.gripper or unsaid(context.config)}")
     places = counted(context)
     if places:
-        told = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
-        lines.insert(-1, f"places    {sum(places.values())}: {told}")
+        places_text = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
+        lines.insert(-1, f"places    {sum(places.values())}: {places_text}")
     left_out: Any = state["skipped"]
-    lines += map(_left_out, left_out)
+    lines += map(_skipped, left_out)
     lines += [f"TROUBLE   {text}" for text in context.troubles.active.values()]
     lines[1:1] = _to_do(state)
     data: dict[str, Any] = {
@@ -92,7 +92,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
     return CommandResult("\n".join(lines), data)
 
 
-def _standing(state: dict[str, Any]) -> str:
+def _cell_state(state: dict[str, Any]) -> str:
     if state["fault"]:
         moves = "stopping: not confirmed at rest yet" if state.get("stopping") else "nothing moves until `resume`"
         return f"{fault_line(state['fault'])} ({moves})"
@@ -114,14 +114,14 @@ def _to_do(state: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _left_out(part: dict[str, Any]) -> str:
-    """A part that the last pick or auto left alone."""
+def _skipped(part: dict[str, Any]) -> str:
+    """A part that the last pick or auto skipped, as a line."""
     x, y, z = part["at"]
     return f"skipped   {part['label']} at world x {x:.0f} y {y:.0f} z {z:.0f} mm: {part['why']}"
 
 
 def _counted(state: dict[str, Any]) -> str:
-    """Picks since the start, by the one definition of tried (daemon/events/outcomes.py)."""
+    """Picks since the start, counted as tried by daemon/events/outcomes.py."""
     more = "".join(f", {state[key]} {key}" for key in ("released", "aborted") if state[key])
     return f"{state['picked']} of {state['tried']} picked{more}"
 
@@ -155,16 +155,18 @@ async def look(context: CommandContext, words: list[str], frontend: Frontend) ->
     if words:
         one_of(words, 0, ("around",), "word", look.usage)
         most = number(words[1], "N", 1, MOST_PLACES) if len(words) > 1 else PLACES
-        return around_told(await with_questions(context, context.cycle.look_around(most), frontend), frontend.columns)
-    seen = await look_of(context, frontend, "look")
+        return around_result(await with_questions(context, context.cycle.look_around(most), frontend), frontend.columns)
+    seen = await take_look(context, frontend, "look")
     lines = [describe_scene(seen.scene, frontend.columns), _timing(seen), *troubles(seen.health)]
     return CommandResult("\n".join(lines), look_json(seen))
 
 
-def around_told(known: WorldModel, columns: int) -> CommandResult:
-    """What each look has brought, and what is known at the end."""
-    told = [f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, start=2)]
-    lines = [line for text in told for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
+def around_result(known: WorldModel, columns: int) -> CommandResult:
+    """What each look of `look around` added, and the parts known at the end."""
+    looks = [
+        f"Look {n}, at {g.about}. Before: {g.before}. Now: {g.after}." for n, g in enumerate(known.gained, start=2)
+    ]
+    lines = [line for text in looks for line in textwrap.wrap(text, columns - 1, subsequent_indent="  ")]
     for part in known.found:
         x, y, z = part.centre
         name = f"{part.label} ({100 * part.taken_for.confidence:.1f} %)" if part.named else "without a name"
@@ -179,8 +181,8 @@ def around_told(known: WorldModel, columns: int) -> CommandResult:
     return CommandResult("\n".join(lines), {**data, "parts": parts}, 0 if all(p.named for p in known.found) else 1)
 
 
-async def look_of(context: CommandContext, frontend: Frontend, purpose: str) -> Look:
-    """A look; with one eye it moves the arm, which not every frontend may. Raises CommandError."""
+async def take_look(context: CommandContext, frontend: Frontend, purpose: str) -> Look:
+    """Take a look. With one camera this moves the arm, which a read-only frontend may not. Raises CommandError."""
     if context.hardware.cameras.alone is not None and frontend.may == "look":
         raise CommandError(f"with one camera a look moves the arm, and this {frontend.name} is read-only ({RIGHTS})")
     return await with_questions(context, context.cycle.look(purpose), frontend)
@@ -191,7 +193,7 @@ async def try_now(context: CommandContext, words: list[str], frontend: Frontend)
     """Look once with the candidate model, or the one in use, and show the reasons."""
     candidate = frontend.shown = context.trainer.model_store.candidate
     recogniser = context.trainer.in_use if candidate is None else context.trainer.version(candidate)
-    seen = await look_of(context, frontend, "try")
+    seen = await take_look(context, frontend, "try")
     scene = await context.worker(recogniser.see, *seen.taken.images, context.table_in(seen), seen.taken.rig)
     which = "the model in use" if candidate is None else f"candidate {candidate}"
     lines = [f"With {which}:"]
@@ -235,7 +237,7 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
             if metric
             else "not taught"
         )
-        goes, taken = destinations(context, label), "" if metric is None else _taken(context, metric.solid)
+        goes, taken = destinations(context, label), "" if metric is None else _grasped_by(context, metric.solid)
         rows.append((label, "; ".join(text for text in (f"{plural(stored, 'view')}, {known}", taken, goes) if text)))
         data[label] = {"views": stored, "taught": metric is not None, "goes": goes, "taken": taken or None}
     return CommandResult(
@@ -243,8 +245,8 @@ async def parts(context: CommandContext, words: list[str], frontend: Frontend) -
     )
 
 
-def _taken(context: CommandContext, solid: Polyhedron) -> str:
-    """By what the gripper takes hold of a part, in words."""
+def _grasped_by(context: CommandContext, solid: Polyhedron) -> str:
+    """How the gripper grasps a part, as text."""
     pick = context.config.values.pick
     try:
         return pick.gripper.takes(solid, pick.stops.enough_mm)
@@ -253,7 +255,7 @@ def _taken(context: CommandContext, solid: Polyhedron) -> str:
 
 
 def describe_scene(scene: Scene, columns: int) -> str:
-    """What a look saw, for a terminal: a sketch of the left image and a line or two a part."""
+    """The result of a look for a terminal: a sketch of the left image, and a line or two a part."""
     outlines = [(facet.left_px, mark) for mark, part in zip(MARKS, scene.parts, strict=False) for facet in part.facets]
     lines = [drawn(outlines, columns)] if outlines else ["No part is seen."]
     for mark, part in zip(MARKS, scene.parts, strict=False):
@@ -266,12 +268,12 @@ def describe_scene(scene: Scene, columns: int) -> str:
 
 
 def drawn(outlines: Sequence[tuple[Array, str]], columns: int) -> str:
-    """Outlines (N, 2) px with a name each, no wider than a terminal."""
+    """Draw outlines (N, 2) px with their names, no wider than a terminal."""
     return sketch(outlines, min(columns - 1, COLUMNS))
 
 
 def describe_part(part: Part) -> str:
-    """One part in words: name, sureness, where, its facets."""
+    """One part as text: name, confidence, position, facets."""
     found = part.recognition
     x, y, z = part.cyclopean_from_part[:3, 3]
     beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
@@ -283,7 +285,7 @@ def describe_part(part: Part) -> str:
 
 
 def describe_facet(facet: Facet) -> str:
-    """square 50 50 50 50 mm."""
+    """One facet as text: square 50 50 50 50 mm."""
     sides = np.linalg.norm(facet.corners_mm - np.roll(facet.corners_mm, -1, axis=0), axis=1)
     return f"{facet_name(facet.type)} {millimetres(sides)}"
 

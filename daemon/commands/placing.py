@@ -1,4 +1,4 @@
-"""Commands for where parts belong: show, check, teach, clear and drop places. Where the arm goes is positions.py's."""
+"""Command `place`: show, check, plan, teach, clear and drop places for parts. positions.py has positions of the arm."""
 
 from collections.abc import Callable, Sequence
 
@@ -25,39 +25,39 @@ from daemon.vision.geometry import Polyhedron
 USAGE = "place show [NAME|PART] | check [NAME] | plan PART [NAME] | teach NAME PART|here | clear NAME|all | drop NAME"
 ACTS = ("show", "check", "plan", "teach", "clear", "drop")
 SURE = 2.0
-"""So many predicted errors are within the tolerance of a place that is known well enough."""
+"""A place is known well enough where its tolerance is this many predicted errors."""
 HERE = "here"
-"""Instead of a part: the one in the gripper, where the arm is."""
+"""In place of a label: the part in the gripper, where the arm is."""
 MOST_PLANNED = 3
-"""For so many places is planned at once; of a pattern for its first."""
+"""The most places planned by one command; of a pattern only the first."""
 PICTURE = "place-plan.svg"
-"""The last plan, drawn, in the state folder."""
-MOST_TOLD = 3
-"""So many places are named in a line about what has moved."""
+"""File name of the drawing of the last plan, in the state folder."""
+MOST_NAMED = 3
+"""The most places named in a line about places that moved."""
 
 
 def _names(context: CommandContext) -> list[str]:
-    """Every place."""
+    """The names of all places."""
     return [place.name for place in context.cycle.placing.places.places]
 
 
-def _known(context: CommandContext) -> list[str]:
-    """Every place and every pattern."""
+def _places_and_patterns(context: CommandContext) -> list[str]:
+    """The names of all places and patterns."""
     return [*_names(context), *context.cycle.placing.places.file.patterns]
 
 
-def _named(context: CommandContext, words: list[str]) -> list[str]:
-    """The place that is named, or those of the pattern that is."""
-    name = one_of(words, 0, _known(context), "place or pattern", USAGE)
+def _places_named(context: CommandContext, words: list[str]) -> list[str]:
+    """The places that a name means: one place, or those of a pattern."""
+    name = one_of(words, 0, _places_and_patterns(context), "place or pattern", USAGE)
     return [each for each in _names(context) if name in (each, pattern_of(each))]
 
 
-def _further(context: CommandContext, word: str) -> Sequence[str]:
+def _completions(context: CommandContext, word: str) -> Sequence[str]:
     more = {"clear": ("all",), "show": context.parts, "plan": context.parts}
-    return (*_known(context), *more.get(word, ()))
+    return (*_places_and_patterns(context), *more.get(word, ()))
 
 
-@command(USAGE, "move", most=3, looks=lambda words: not words or words[0] == "show", choices=ACTS, further=_further)
+@command(USAGE, "move", most=3, looks=lambda words: not words or words[0] == "show", choices=ACTS, further=_completions)
 async def place(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Show, check and teach where parts belong.
 
@@ -83,16 +83,16 @@ async def place(context: CommandContext, words: list[str], frontend: Frontend) -
 async def _show(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
-    if words and words[0] in context.parts and words[0] not in _known(context):
+    if words and words[0] in context.parts and words[0] not in _places_and_patterns(context):
         return _sides(context, words[0])
-    names = _named(context, words) if words else _names(context)
+    names = _places_named(context, words) if words else _names(context)
     rows, data = [], {}
     for name in names:
         state, part = placing.statuses.of(name), placing.places.named(name)
         assert part is not None
         goal = placing.goals.get(name)
         where = placing.unusable[name] if goal is None else at_mm(goal.centre)
-        rows.append((name, f"{part.part}: {_told(state)}; {where}"))
+        rows.append((name, f"{part.part}: {_status_text(state)}; {where}"))
         data[name] = {
             "part": part.part,
             "status": str(state.status),
@@ -103,7 +103,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
     lines = [table(rows, frontend.columns)] if rows else ["No place is taught; every part goes to the bin."]
     if not words:
         lines += [
-            f"pattern {name}: the fourth corner is {off_mm:.2f} mm from where the other three have it"
+            f"pattern {name}: the fourth corner is {off_mm:.2f} mm from where the other three put it"
             for name, off_mm in placing.places.residuals_mm.items()
         ]
         lines += [
@@ -113,14 +113,14 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
     return CommandResult("\n".join(lines), {"places": data})
 
 
-def _told(state: PlaceState) -> str:
-    """A status in words: seen right, 0.12 mm and 0.05 degrees off, within 1 mm and 1 degrees (since ...)."""
+def _status_text(state: PlaceState) -> str:
+    """A status as text: seen right, 0.12 mm and 0.05 degrees off, within 1 mm and 1 degrees (since ...)."""
     since = f" ({at_utc(state.at)} UTC)" if state.at else ""
     return f"{state.status}{f', {state.why}' if state.why else ''}{since}"
 
 
 def _sides(context: CommandContext, label: str) -> CommandResult:
-    """The sides of a part, as side_down counts them."""
+    """List the sides of a part, numbered as side_down numbers them."""
     shape = _shape(context, label)
     corners = [shape.corners_mm[ring] for ring in shape.rings]
     lengths = [np.linalg.norm(np.roll(each, -1, axis=0) - each, axis=1) for each in corners]
@@ -140,7 +140,7 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
     no_more(words, 1, USAGE)
     placing = context.cycle.placing
     taken = [goal.place.name for goal in placing.taken()]
-    names = _named(context, words) if words else taken
+    names = _places_named(context, words) if words else taken
     names = names if len(names) == 1 else [name for name in names if name in taken]
     for name in names:
         if name in placing.unusable:
@@ -153,7 +153,7 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
         return CommandResult(f"Dry run: {plural(len(goals), 'place')} planned, not looked at.")
     states = {name: placing.statuses.of(name) for name in names}
     right = all(state.status in (PlaceStatus.RIGHT, *FILLABLE) for state in states.values())
-    rows = [(name, f"{placing.goals[name].place.part}: {_told(state)}") for name, state in states.items()]
+    rows = [(name, f"{placing.goals[name].place.part}: {_status_text(state)}") for name, state in states.items()]
     data = {
         name: {"status": str(s.status), "off_mm": s.off_mm, "off_deg": s.off_deg, "why": s.why}
         for name, s in states.items()
@@ -162,16 +162,19 @@ async def _check(context: CommandContext, words: list[str], frontend: Frontend) 
 
 
 async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """By each side that a part can lie on: whether it can be brought to its place, or to the first of its pattern."""
+    """Plan, for each side that a part can lie on, whether it can be brought to its place, or to the first of its
+    pattern."""
     no_more(words, 2, USAGE)
     label, placing = one_of(words, 0, context.parts, "part", USAGE), context.cycle.placing
     own = [place.name for place in placing.places.of(label)]
     if not own:
         return CommandResult(f"The {label} has no place: it goes to the bin.", {"plans": {}})
     firsts = list({pattern_of(name): name for name in reversed(own)}.values())[::-1]
-    names = [name for name in _named(context, words[1:]) if name in own][:1] if words[1:] else firsts[:MOST_PLANNED]
+    names = (
+        [name for name in _places_named(context, words[1:]) if name in own][:1] if words[1:] else firsts[:MOST_PLANNED]
+    )
     if not names:
-        raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_TOLD])}")
+        raise CommandError(f"{words[1]}: not a place of the {label}, which goes to {', '.join(own[:MOST_NAMED])}")
     plans: dict[str, list[SidePlan]] = {}
     for name in names:
         if name in placing.unusable:
@@ -180,16 +183,16 @@ async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -
         try:
             for side in stable_sides(goal.shape):
                 plan = await context.cycle.plan_from_side(goal, side)
-                await frontend.say(f"{name}, from side {plan.side} down: {_planned(plan)}")
+                await frontend.say(f"{name}, from side {plan.side} down: {_plan_text(plan)}")
                 plans[name].append(plan)
         except ValueError as error:
             raise CommandError(f"{label}: its taught corners give no solid to grasp: {error}") from None
     ways = {name: sum(bool(plan.found) for plan in each) for name, each in plans.items()}
-    told = [f"{name} from {n} of {plural(len(plans[name]), 'side')}" for name, n in ways.items()]
+    reached = [f"{name} from {n} of {plural(len(plans[name]), 'side')}" for name, n in ways.items()]
     path = context.config.places_file.with_name(PICTURE)
     with failing_as(CommandError, f"{path}: the picture was not written"):
         write_atomically(path, plan_picture(_shape(context, label), plans, context.cycle.settings.gripper.body))
-    text = f"The {label} can be brought to {'; '.join(told)} that it can lie on. Picture: {path}"
+    text = f"The {label} can be brought to {'; '.join(reached)} that it can lie on. Picture: {path}"
     data = {
         name: [
             {"side": p.side, "found": p.found, "tried": p.tried, "grasps": [m.grasp for m in p.motions], "why": p.why}
@@ -200,7 +203,7 @@ async def _plan(context: CommandContext, words: list[str], frontend: Frontend) -
     return CommandResult(text, {"plans": data, "picture": str(path)}, 0 if any(ways.values()) else NOT_DONE)
 
 
-def _planned(plan: SidePlan) -> str:
+def _plan_text(plan: SidePlan) -> str:
     how = ", laid down, then ".join(motion.grasp for motion in plan.motions)
     if len(plan.motions) > 1:
         how = f"{len(plan.motions)} grasps: {how}"
@@ -242,45 +245,45 @@ async def _teach(context: CommandContext, words: list[str], frontend: Frontend) 
     if old is not None and old.fixture is not None:
         frame = placing.places.file.fixtures[old.fixture].world_from_fixture
     rows = tuple(tuple(float(v) for v in row) for row in (frames.inverse(frame) @ pose).round(6))
-    entry = _entry(old, label, rows)
-    # Its status first: a kill before the file is written leaves no place that counts as free.
+    entry = _taught_entry(old, label, rows)
+    # Status first: a daemon killed before the file is written leaves no place that counts as free.
     spot = spot_of(entry, shape, pose)
     if held:
         placing.statuses.put(name, PlaceStatus.CLAIMED, why="the gripper held a part there", spot=spot)
     else:
         placing.statuses.put(name, PlaceStatus.RIGHT, 0.0, 0.0, "it lay there as the place was taught", spot)
-    await _written(context, frontend, with_place(placing.places, name, entry))
+    await _write(context, frontend, with_place(placing.places, name, entry))
     status = context.cycle.placing.statuses.of(name).status
-    _recorded(context, name, label, status, f"taught by {frontend.who}")
+    _record(context, name, label, status, f"taught by {frontend.who}")
     middle = np.asarray(frames.apply(pose, shape.corners_mm).mean(axis=0))
     lies = "is in the gripper" if held else "lies"
-    told = f"{name} is where the {label} {lies}, {at_mm(middle)}. When you take it away: `place clear {name}`."
+    text = f"{name} is where the {label} {lies}, {at_mm(middle)}. When you take it away: `place clear {name}`."
     data: dict[str, object] = {"place": name, "world_from_part": pose.tolist()}
     if known is not None:
-        told += f"\n{_how_sure(known, entry)}"
+        text += f"\n{_accuracy_text(known, entry)}"
         data |= {"errs_mm": known.errs_mm, "errs_deg": known.errs_deg}
     if why := context.cycle.placing.unusable.get(name):
-        told += f"\nIt cannot be used: {why}"
-    return CommandResult(told, data)
+        text += f"\nIt cannot be used: {why}"
+    return CommandResult(text, data)
 
 
-def _how_sure(known: HeldHere, entry: PlaceEntry) -> str:
-    """How well the place is known that was taught by the part in the gripper, beside its tolerance."""
-    told = f"Known to {known.errs_mm:.2f} mm and {known.errs_deg:.2f} degrees (one standard deviation)"
+def _accuracy_text(known: HeldHere, entry: PlaceEntry) -> str:
+    """The accuracy of a place that was taught with the part in the gripper, compared with its tolerance."""
+    text = f"Known to {known.errs_mm:.2f} mm and {known.errs_deg:.2f} degrees (one standard deviation)"
     if SURE * known.errs_mm <= entry.tolerance_mm and SURE * known.errs_deg <= entry.tolerance_deg:
-        return f"{told}."
+        return f"{text}."
     most = f"{entry.tolerance_mm:g} mm and {entry.tolerance_deg:g} degrees"
-    lay_it = "Lay the part there, and `place teach NAME PART`, if you can"
-    return f"{told}: that is much beside its tolerance of {most}. {lay_it}."
+    lay_it = "If you can, lay the part there and type `place teach NAME PART`"
+    return f"{text}: too much for its tolerance of {most}. {lay_it}."
 
 
-def _recorded(context: CommandContext, name: str, label: str, status: PlaceStatus, why: str) -> None:
+def _record(context: CommandContext, name: str, label: str, status: PlaceStatus, why: str) -> None:
     goal = context.cycle.placing.goals.get(name)
     outline = None if goal is None else goal.outline
     context.log.record("place", place=name, label=label, status=str(status), why=why, outline=outline)
 
 
-def _entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:
+def _taught_entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ...]) -> PlaceEntry:
     manner = {} if old is None else {
         key: getattr(old, key)
         for key in ("fixture", "tolerance_mm", "tolerance_deg", "equivalents", "approach_mm", "release_mm")
@@ -291,7 +294,7 @@ def _entry(old: PlaceEntry | None, label: str, pose: tuple[tuple[float, ...], ..
 async def _clear(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     no_more(words, 1, USAGE)
     every = words[:1] == ["all"]
-    names = _names(context) if every else _named(context, words)
+    names = _names(context) if every else _places_named(context, words)
     if len(names) > 1 and frontend.asks and not await yes_or_no(frontend, f"Are all {len(names)} places empty? [y/n]"):
         return CommandResult("Nothing was changed.", status=NOT_DONE)
     if context.cycle.status()["doing"]:
@@ -299,8 +302,8 @@ async def _clear(context: CommandContext, words: list[str], frontend: Frontend) 
     for name in names:
         context.cycle.placing.statuses.put(name, PlaceStatus.EMPTIED)
         label = next(one.part for one in context.cycle.placing.places.places if one.name == name)
-        _recorded(context, name, label, PlaceStatus.EMPTIED, f"by {frontend.who}")
-    return CommandResult(f"{plural(len(names), 'place')} emptied by hand: parts are brought there again.")
+        _record(context, name, label, PlaceStatus.EMPTIED, f"by {frontend.who}")
+    return CommandResult(f"{plural(len(names), 'place')} marked as emptied: facetd brings parts there again.")
 
 
 async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
@@ -309,13 +312,13 @@ async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -
     known = [*placing.places.file.places, *placing.places.file.patterns]
     name = one_of(words, 0, known, "place or pattern", USAGE)
     gone = {one for one in _names(context) if name in (one, pattern_of(one))}
-    await _written(context, frontend, without_place(placing.places, name))
+    await _write(context, frontend, without_place(placing.places, name))
     context.cycle.placing.statuses.forget(gone)
     return CommandResult(f"{name} is deleted.", {"dropped": name})
 
 
-async def _written(context: CommandContext, frontend: Frontend, file: PlacesFile) -> None:
-    """Write places.yaml and take it over in one turn; what cannot be taken over is put back."""
+async def _write(context: CommandContext, frontend: Frontend, file: PlacesFile) -> None:
+    """Write places.yaml and take it into use, in one turn; a file that cannot be used is replaced by the old one."""
     path, before = context.config.places_file, context.cycle.placing.places.file
 
     async def change() -> Callable[[], None]:
@@ -329,7 +332,7 @@ async def _written(context: CommandContext, frontend: Frontend, file: PlacesFile
 
 
 def destinations(context: CommandContext, label: str) -> str:
-    """Where parts of a label go, in words."""
+    """Where parts of a label go, as text."""
     placing = context.cycle.placing
     own = placing.places.of(label)
     if not own:
@@ -341,20 +344,20 @@ def destinations(context: CommandContext, label: str) -> str:
 
 
 def report_moved(context: CommandContext) -> None:
-    """Report the places that are to be looked at as they have moved, or lie where something was left; once each."""
+    """Report, once each, the places that must be checked because they moved, or overlap one where a part was left."""
     try:
         moved = context.cycle.placing.moved()
     except FileError as error:
         context.troubles.report("places", str(error))
         return
-    text = "; ".join(f"place {name}: {why}" for name, why in list(moved.items())[:MOST_TOLD])
-    more = f"; and {len(moved) - MOST_TOLD} more" if len(moved) > MOST_TOLD else ""
-    advice = "the next pick looks there first; or `place check`, or `place clear` where nothing lies"
+    text = "; ".join(f"place {name}: {why}" for name, why in list(moved.items())[:MOST_NAMED])
+    more = f"; and {len(moved) - MOST_NAMED} more" if len(moved) > MOST_NAMED else ""
+    advice = "the next pick looks there first; `place check` looks now, `place clear NAME` if it is empty"
     context.troubles.report("places", f"{text}{more}: {advice}" if moved else None)
 
 
 def counted(context: CommandContext) -> dict[str, int]:
-    """How many places there are of each status."""
+    """The number of places of each status."""
     placing = context.cycle.placing
     found: dict[str, int] = {}
     for name in _names(context):
@@ -364,8 +367,8 @@ def counted(context: CommandContext) -> dict[str, int]:
 
 
 def each_place(context: CommandContext) -> list[dict[str, object]]:
-    """Every place whose part is taught, as the dashboard draws it: name, part, status, how far off, outline from above
-    (mm, world)."""
+    """Every place whose part is taught, for the dashboard: name, part, status, deviation, outline from above (mm,
+    world)."""
     placing = context.cycle.placing
     states = {name: placing.statuses.of(name) for name in placing.goals}
     return [

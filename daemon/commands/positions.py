@@ -1,4 +1,4 @@
-"""Commands for whoever sets a cell up: small moves relative to where the arm is, and positions with names."""
+"""Commands to set up a cell: small moves from where the arm is, and named positions."""
 
 import re
 from functools import partial
@@ -24,12 +24,12 @@ AXES = {
     "rz": (2, "degrees"),
 }
 WRITTEN = {"mm": "mm", "degrees": "deg"}
-"""How a unit may stand behind a distance: another than the axis has is no distance along it."""
+"""The unit that may follow a distance; another unit than the axis has is an error."""
 FRAMES = ("world", "tool")
 LONGEST = {"mm": 100.0, "degrees": 30.0}
-"""More than that in one go is no small move: `go` to a position."""
+"""The longest small move; farther: `go` to a position."""
 SAME_MM, SAME_DEG = 0.5, 0.2
-"""An arm that is no farther from where it was, and turned by no more, has not moved."""
+"""The arm counts as unmoved within this distance and angle."""
 JOG_USAGE = "jog x|y|z|rx|ry|rz DISTANCE [world|tool]"
 POSITIONS_USAGE = "positions [NAME] | positions drop NAME"
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
@@ -41,7 +41,7 @@ def kept(context: CommandContext) -> NamedPositions:
 
 
 def all_positions(context: CommandContext) -> list[str]:
-    """Every position there is: the configuration's, and those with a name of the operators' own."""
+    """All positions: the configured ones, and those named by operators."""
     return [*context.cycle.positions(), *kept(context).now()]
 
 
@@ -81,7 +81,8 @@ def _distance(word: str, unit: str) -> float:
 
 
 def _moved(axis: int, unit: str, distance: float, frame: str, world_from_tool: Array) -> Array:
-    """Where the hand is after a small move along or about an axis of world or tool; it turns about its own point."""
+    """The tool pose after a small move along or about an axis of world or tool; a rotation is about the tool centre
+    point."""
     along = np.eye(3)[axis]
     turned, shifted = np.eye(3), np.zeros(3)
     if unit == "mm":

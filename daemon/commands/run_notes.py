@@ -1,4 +1,4 @@
-"""Commands that put people's words into the run: who works here, and comments."""
+"""Commands that add people's notes to the run: comments, and who works here."""
 
 import re
 

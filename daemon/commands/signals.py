@@ -1,4 +1,4 @@
-"""Commands for the line's signals: show, read, find how inputs are read, test an output; and serving the line."""
+"""Command `signal`: show, read, find and test the line's signals; and the task that serves the line."""
 
 import asyncio
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from daemon.signals.settings import VALVES
 USAGE = "signal show | read | find INPUT | test OUTPUT"
 ACTS = ("show", "read", "find", "test")
 TEST_S = 2.0
-"""How long an output is switched for a test."""
+"""How long a test switches an output."""
 
 
 def _further(context: CommandContext, word: str) -> Sequence[str]:
@@ -52,7 +52,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
         rows.append((name, f"{kind} {each.number}, {each.role}: {known}"))
     for role in line.plc.roles:
         on = line.plc.on(role)
-        known = "no PLC is heard" if on is None else "on" if on else "off"
+        known = "no PLC is connected" if on is None else "on" if on else "off"
         rows.append((role, f"coil {COILS.index(role)} of the PLC: {known}"))
     lines = [table(rows, frontend.columns), f"PackML state {context.cycle.packml}"]
     lines += [f"waits for {line.waits_for}"] if line.waits_for else []
@@ -61,7 +61,7 @@ async def _show(context: CommandContext, words: list[str], frontend: Frontend) -
 
 
 def plc_readings(context: CommandContext) -> PLCReadings:
-    """What a PLC may read now."""
+    """The values that a PLC reads."""
     cycle = context.cycle
     counted, enabled = tally(cycle.tally), cycle.supervisor.permit.granted
     now_s = context.hardware.clock()
@@ -69,7 +69,7 @@ def plc_readings(context: CommandContext) -> PLCReadings:
 
 
 def signal_levels(context: CommandContext) -> dict[str, Any]:
-    """Each signal: whether it is on, None where that is not known."""
+    """The level of each signal; None: unknown."""
     line = context.cycle.line
     return {name: level.on if (level := line.levels.get(name)) else None for name in line.signals}
 
@@ -97,7 +97,7 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
         if not await yes_or_no(frontend, f"Switch {name} (input {number}) {level} {where}. Done? [y/n]"):
             return CommandResult("Nothing was changed.", status=NOT_DONE)
         for form in FORMS:
-            asked = _printed(context, form.format(number=number))
+            asked = _answer_to(context, form.format(number=number))
             printed[form].append(await context.cycle.supervisor.run("find how inputs are read", asked, moves=False))
     found = form_found(printed)
     if found is None:
@@ -108,12 +108,12 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
         raise CommandError(f"no answer followed input {number} (off / on / off): {told}. Check number and wiring")
     keep_form(context.config.state, found)
     context.cycle.line.form = found
-    text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: kept."
+    text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: stored."
     return CommandResult(text, {"form": found.form, "off": found.off, "on": found.on})
 
 
-async def _printed(context: CommandContext, text: str) -> str | None:
-    """What the controller prints; None where it refuses the line."""
+async def _answer_to(context: CommandContext, text: str) -> str | None:
+    """The controller's answer; None where it refuses the line."""
     try:
         return await context.hardware.robot.ask_input(text)
     except ANSWERABLE:
@@ -143,7 +143,7 @@ async def _test(context: CommandContext, words: list[str], frontend: Frontend) -
 
 
 async def serve_the_line(context: CommandContext) -> None:
-    """Follow the cell: outputs as it is, hand-shakes, a reset by the line."""
+    """Serve the line: set outputs by the cell's state, do the hand-shakes, clear faults as the line asks."""
     await keep_watch(
         context.cycle.line,
         lambda: context.cycle.packml,
@@ -155,20 +155,20 @@ async def serve_the_line(context: CommandContext) -> None:
 
 
 def reset_by_line(context: CommandContext) -> None:
-    """Clear a fault that facetd found, as the line asks; never a stop by a person, nor where nobody knows what the
-    gripper holds. Tells what came of it."""
+    """Clear a fault that facetd found, as the line asks; never a stop by a person, nor with unknown content of the
+    gripper. Reports the result."""
     supervisor = context.cycle.supervisor
     why = None
     if supervisor.fault_cause is BY_OPERATOR:
         why = "a person stopped the arm, or facetd was restarted"
     elif context.cycle.belief.holds_part is None:
-        why = "nobody has said what is in the gripper"
+        why = "the content of the gripper is unknown"
     try:
         if why is None:
             supervisor.resume(supervisor.stops)
     except RefusedError as error:
         why = str(error)
-    text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; `resume`"
+    text = "The line has cleared the fault." if why is None else f"The line's reset was refused: {why}; type `resume`"
     context.notices.tell(text, NoticeLevel.FAULTS)
 
 

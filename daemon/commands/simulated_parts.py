@@ -1,4 +1,4 @@
-"""The operator's hand where there is no table to reach: in a simulated cell, and among recorded pairs.
+"""The operator's hand in a simulated cell, and the choice of the pair in a recorded one.
 
 In a real cell a person does this; these commands exist only where the cell is not real.
 """
@@ -14,7 +14,7 @@ STEADY = "steady"
 
 
 def _hand(context: CommandContext, label: str | None = None) -> SimulatedOperator:
-    """The hand; label: a part that it must have. Raises CommandError."""
+    """The simulated operator; label: a part that they must have. Raises CommandError."""
     hand = context.hardware.operator
     if hand is None:
         raise CommandError("this cell is real: place the part by hand")
@@ -24,19 +24,19 @@ def _hand(context: CommandContext, label: str | None = None) -> SimulatedOperato
 
 
 def show(context: CommandContext, label: str) -> str:
-    """Hold the part before the cameras in the next of its characteristic views; gives a line about it."""
+    """Hold the part before the cameras in the next of its characteristic views; returns a line about it."""
     view = _hand(context, label).show(label, len(context.trainer.model_store.views(label)))
     return f"(simulated) The {label} is shown, characteristic view {view + 1}."
 
 
 def lay(context: CommandContext, label: str) -> str:
-    """Lay the part alone amid the table; gives a line about it."""
+    """Put the part alone in the middle of the table; returns a line about it."""
     _hand(context, label).lay(label)
     return f"(simulated) The {label} is placed on the table."
 
 
 async def know_drawings(context: CommandContext) -> dict[str, str]:
-    """Give a simulated cell the parts that were drawn, as they are now; gives why for each that it cannot show."""
+    """Give the drawn parts, as they are now, to a simulated cell; returns the reason for each that it cannot show."""
     hand = context.hardware.operator
     if hand is None:
         return {}

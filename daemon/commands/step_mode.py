@@ -1,5 +1,5 @@
-"""Waiting for the end of a motion: in step mode each move is shown and asked about, or told where nobody is asked; that
-`pause` holds it is told, too."""
+"""Wait for the end of a motion. In step mode, ask the operator to confirm each move, or report that it waits; report
+that motion is paused."""
 
 import asyncio
 import contextlib
@@ -13,27 +13,27 @@ from daemon.console.interpreter import CommandError, CommandResult, Frontend, ye
 
 T = TypeVar("T")
 READ_S = 1.0
-"""Nobody has read what is asked and said yes to it sooner than this after it came up, whether by `confirm` or as the
-answer to a question (frontends/command_queue.py)."""
+"""The shortest time in which an operator can read a question. A yes that comes sooner, by `confirm` or as an answer,
+was meant for something else (frontends/command_queue.py)."""
 POLL_S = 0.05
 REMIND_S = 60.0
-"""How long a move waits for a yes before it is told once more, where nobody is asked."""
-STILL = "Still waits: `confirm` or `refuse`."
-UNASKED_S = 0.5
-"""How often it is looked whether one waits so."""
+"""How long a move waits for confirmation before it is reported once more, where nobody is asked."""
+STILL_WAITING = "The move still waits: `confirm` or `refuse`."
+CHECK_WAITING_S = 0.5
+"""Interval of the check for such a move."""
 
 
 async def with_questions(context: CommandContext, work: Awaitable[T], frontend: Frontend) -> T:
     """Wait for the end of a motion. In step mode show each move at this frontend and ask whether to send it."""
     task = asyncio.ensure_future(work)
-    told: Any = None
+    reported: Any = None
     waits, held = PendingMoveReminder(), False
     with context.notices.answered(frontend):
         while not task.done():
             await asyncio.wait([task], timeout=POLL_S)
             state = context.cycle.status()
-            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != told:
-                told = state["cycle"], state["stop"]
+            if state["predicted_mm"] is not None and (state["cycle"], state["stop"]) != reported:
+                reported = state["cycle"], state["stop"]
                 await frontend.say(_progress(state))
             if state.get("state") == "paused" and not held:
                 await frontend.say("Paused before the next move: `resume` continues.")
@@ -47,29 +47,29 @@ async def with_questions(context: CommandContext, work: Awaitable[T], frontend: 
 
 
 class PendingMoveReminder:
-    """The move that waits for a yes: whether it is time to tell of it."""
+    """When to report the move that waits for confirmation."""
 
     def __init__(self) -> None:
-        self._told: tuple[Waiting | None, float] = None, 0.0
+        self._reported: tuple[Waiting | None, float] = None, 0.0
 
     def due(self, waiting: Waiting | None) -> str | None:
-        """The line to tell, once as it begins to wait, and a short one every REMIND_S: a narrow screen has few lines.
-        None where there is none."""
-        now_s, (told, told_s) = time.monotonic(), self._told
-        if waiting is told and (waiting is None or now_s < told_s + REMIND_S):
+        """The line to show: once when a move begins to wait, then a short one every REMIND_S, as a narrow screen has
+        few lines. None where nothing is due."""
+        now_s, (reported, reported_s) = time.monotonic(), self._reported
+        if waiting is reported and (waiting is None or now_s < reported_s + REMIND_S):
             return None
-        self._told = waiting, now_s
-        if waiting is None or waiting is told:
-            return None if waiting is None else STILL
+        self._reported = waiting, now_s
+        if waiting is None or waiting is reported:
+            return None if waiting is None else STILL_WAITING
         return f"Waiting for confirmation: {waiting.text}. `confirm` (y) sends it, `refuse` (n) cancels it."
 
 
-async def tell_what_waits(context: CommandContext) -> None:
-    """For as long as the daemon runs: a move that waits for a yes while nobody is asked for it is told at every
-    frontend."""
+async def report_waiting_move(context: CommandContext) -> None:
+    """Report at every frontend, for as long as the daemon runs, a move that waits for confirmation while no operator is
+    asked."""
     waits = PendingMoveReminder()
     while True:
-        await asyncio.sleep(UNASKED_S)
+        await asyncio.sleep(CHECK_WAITING_S)
         waiting = None if context.notices.can_ask else context.cycle.supervisor.hold.waiting
         if (line := waits.due(waiting)) is not None:
             context.notices.tell(line)
@@ -78,13 +78,13 @@ async def tell_what_waits(context: CommandContext) -> None:
 async def _ask_to_send(
     context: CommandContext, waiting: Waiting, work: asyncio.Future[Any], frontend: Frontend
 ) -> None:
-    """Ask whether to send the move that waits, for as long as that one does: others may decide, or stop the arm."""
+    """Ask whether to send the waiting move, as long as it waits: another operator may decide, or stop the arm."""
     hold = context.cycle.supervisor.hold
     asking = asyncio.ensure_future(yes_or_no(frontend, f"{waiting.text}. Send it? [y/n]"))
     while not (asking.done() or work.done()) and hold.waiting is waiting:
         await asyncio.wait([asking, work], timeout=POLL_S, return_when=asyncio.FIRST_COMPLETED)
     if asking.done() and hold.waiting is waiting:
-        with contextlib.suppress(RefusedError):  # somebody else has decided in this moment
+        with contextlib.suppress(RefusedError):  # another operator has just decided
             decide(context, asking.result() is True)
     asking.cancel()
     await asyncio.wait([asking])
@@ -95,24 +95,24 @@ def _progress(state: dict[str, Any]) -> str:
     return f"{state['target']}, look {state['stop']}: predicted error at the grasp {error}"
 
 
-def not_too_soon(context: CommandContext) -> None:
-    """Raise CommandError where a `confirm` was typed for the move before the one that waits: of two operators who say
-    yes to one move, the slower would send the next."""
+def refuse_hasty_confirm(context: CommandContext) -> None:
+    """Refuse a `confirm` that was typed for the previous move: of two operators who confirm one move, the slower would
+    send the next one. Raises CommandError."""
     hold = context.cycle.supervisor.hold
     if hold.waiting is not None and hold.pending_s < READ_S:
         raise CommandError(f"not sent, this move came up less than 1 s ago: {hold.waiting.text}; `confirm` sends it")
 
 
-def not_behind_a_pause(context: CommandContext, frontend: Frontend) -> None:
-    """Raise CommandError where a `resume` was typed before its operator could read of the pause of somebody else: it
-    was for another one, or for a fault."""
+def refuse_hasty_resume(context: CommandContext, frontend: Frontend) -> None:
+    """Refuse a `resume` that was typed before its operator could read of another operator's pause: it was meant for
+    another pause, or for a fault. Raises CommandError."""
     hold = context.cycle.supervisor.hold
     if hold.paused and hold.paused_s < READ_S and hold.paused_by != frontend.who:
         raise CommandError(f"not resumed: {hold.paused_by} paused less than 1 s ago; `resume` again to continue")
 
 
 def decide(context: CommandContext, yes: bool) -> CommandResult:
-    """Yes or no to the move that waits. Raises CommandError where none does."""
+    """Confirm or refuse the waiting move. Raises CommandError where none waits."""
     hold = context.cycle.supervisor.hold
     if hold.waiting is None:
         raise CommandError("no move is waiting for confirmation")

@@ -1,7 +1,8 @@
-"""`teach LABEL --around`: the arm walks round a part and learns it whole. Every motion is the cycle's.
+"""`teach LABEL --around`: the arm looks at a part from all round and learns it whole. The pick cycle makes every
+motion.
 
-What is said of it, asked and kept; where to look from is daemon/pick/around.py's, what is made of it
-daemon/teaching/walked_round.py's.
+Here are the questions, the report and the storing. daemon/pick/around.py chooses the places to look from,
+daemon/teaching/walked_round.py makes the part.
 """
 
 from typing import Any
@@ -27,11 +28,11 @@ from daemon.vision.model import FacetLibrary, TeachError, empty_model, facet_nam
 USAGE = "teach LABEL --around [6..12]"
 
 
-async def learnt(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
-    """Ask, walk, fuse and tell; None where the operator would not. Raises CommandError."""
+async def learn_around(context: CommandContext, label: str, count: int, frontend: Frontend) -> WalkedRound | None:
+    """Ask, move round the part, fuse the looks and report; None where the operator declines. Raises CommandError."""
     seconds = count * SECONDS_A_PLACE * (1.0 if context.hardware.cameras.alone is None else 2.0)
-    told = f"The arm moves to {count} places around the {label}, 300 mm from it: about {seconds:.0f} s"
-    if frontend.asks and not await yes_or_no(frontend, f"{told}; control-C stops it. Move the arm? [y/n]"):
+    text = f"The arm moves to {count} places around the {label}, 300 mm from it: about {seconds:.0f} s"
+    if frontend.asks and not await yes_or_no(frontend, f"{text}; control-C stops it. Move the arm? [y/n]"):
         return None
     trainer = context.trainer
     sight = ModelRecogniser(empty_model(trainer.library), trainer.rig, trainer.settings)
@@ -43,23 +44,27 @@ async def learnt(context: CommandContext, label: str, count: int, frontend: Fron
         raise RefusedError(f"dry: {plural(count, 'place')} planned; nothing is learnt in a dry run")
     settings = context.cycle.settings
     try:
-        part = await context.worker(_learnt, thing, looks, settings.doubt, settings.limits.table_z_mm, trainer.library)
+        part = await context.worker(
+            _fused_part, thing, looks, settings.doubt, settings.limits.table_z_mm, trainer.library
+        )
     except TeachError as error:
         raise CommandError(f"teach {label}: {error}", NOT_DONE) from None
-    await frontend.say("\n".join(_told(part, len(looks))))
+    await frontend.say("\n".join(_part_lines(part, len(looks))))
     return part
 
 
-def _learnt(
+def _fused_part(
     thing: CircledPart, looks: list[Look], doubt: Doubt, table_z_mm: float, library: FacetLibrary
 ) -> WalkedRound:
-    """What the looks together show of the thing. Raises TeachError."""
+    """The part that the looks together show. Raises TeachError."""
     seen = [seen_from(look, thing.groups_in(look), doubt) for look in looks]
     return learnt_round(fuse(seen, doubt.shared(), table_z_mm), table_z_mm, library)
 
 
-def beside_drawing(part: WalkedRound, drawn: Polyhedron | None) -> tuple[list[str], list[dict[str, Any] | None]]:
-    """How far each side is from the drawing's, in words and as JSON values; nothing where there is no drawing."""
+def deviations_from_drawing(
+    part: WalkedRound, drawn: Polyhedron | None
+) -> tuple[list[str], list[dict[str, Any] | None]]:
+    """The deviation of each side from the drawing, as text and as JSON values; empty without a drawing."""
     if drawn is None:
         return [], []
     beside = deviations(part.solid, drawn)
@@ -84,8 +89,8 @@ def _json(one: Deviation) -> dict[str, Any]:
     return {**rounded, "facet": one.facet}
 
 
-def _told(part: WalkedRound, looks: int) -> list[str]:
-    """What was learnt, side by side, and what was never seen."""
+def _part_lines(part: WalkedRound, looks: int) -> list[str]:
+    """The learnt part as text: each side, and what was never seen."""
     solid = part.solid
     closed = "" if solid.open_edges else ", closed"
     lines = [
@@ -107,11 +112,11 @@ def _told(part: WalkedRound, looks: int) -> list[str]:
     return lines
 
 
-def answered(
+def stored_result(
     label: str, view: str, stl: str, part: WalkedRound, lines: list[str], data: dict[str, Any]
 ) -> CommandResult:
-    """What is said once it is kept."""
-    told = [f"Stored as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
+    """The result of `teach --around` once the part is stored."""
+    text = [f"Stored as {view}: {plural(len(part.solid.facets), 'side')}; as STL in {stl}.", *lines]
     values = {
         "kept": True,
         "view": view,
@@ -125,4 +130,4 @@ def answered(
         "rings": [list(ring) for ring in part.solid.facets],
         **data,
     }
-    return CommandResult("\n".join(told), values)
+    return CommandResult("\n".join(text), values)

@@ -1,4 +1,4 @@
-"""Commands that teach: show a part, or its drawing, keep the view, remove it again. Models are made in models.py."""
+"""Commands that teach: store a view of a part or its drawing, list views, remove them. models.py makes the models."""
 
 import difflib
 import hashlib
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from daemon.commands import simulated_parts, teach_around
-from daemon.commands.observing import describe_facet, drawn, look_of
+from daemon.commands.observing import describe_facet, drawn, take_look
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     CommandError,
@@ -37,12 +37,12 @@ from daemon.vision.values import Facet
 
 LABEL = re.compile(r"[a-z][a-z0-9_]{0,39}")
 MOST_ALIKE = 3
-"""Pairs of look-alikes that `accept` tells of."""
+"""Pairs of similar parts that `accept` names."""
 MESH_USAGE = "teach LABEL --mesh FILE.stl|obj|ply|3mf|step [mm|cm|m|inch]"
 
 
-def with_views(context: CommandContext) -> list[str]:
-    """Labels that were shown or drawn."""
+def labels_with_views(context: CommandContext) -> list[str]:
+    """Labels that have a view or a drawing."""
     return context.trainer.model_store.labels()
 
 
@@ -78,17 +78,17 @@ async def teach(context: CommandContext, words: list[str], frontend: Frontend) -
 
 
 async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Frontend) -> CommandResult:
-    seen = await look_of(context, frontend, f"teach {label}")
+    seen = await take_look(context, frontend, f"teach {label}")
     left, right = seen.pictures.left.pixels, seen.pictures.right.pixels
     table = context.table_in(seen)
     moved = seen.taken.moved
     group, others = await context.study(context.trainer.check, label, left, right, table, moved)
     facets, sides = await context.study(context.trainer.with_view, label, group)
-    apart, elsewhere = apart_from(group, others)
-    await frontend.say(_shown(label, facets, sides, (apart, elsewhere), frontend.columns))
+    apart, foreign = apart_from(group, others)
+    await frontend.say(_facets_shown(label, facets, sides, (apart, foreign), frontend.columns))
     if any(len(other.facets) > 1 for other in others) and not frontend.asks:
         raise CommandError(f"{len(others) + 1} separate objects are in view; show the {label} alone, evenly lit")
-    named = _named_otherwise(seen, label)
+    named = _other_name(seen, label)
     if named:
         await frontend.say(f"The model in use recognises this as {named}.")
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}, alone and whole? [y/n]"):
@@ -104,7 +104,7 @@ async def _teach_what_is_shown(context: CommandContext, label: str, frontend: Fr
 
 
 async def _teach_around(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Learn a part by walking round it as it lies on the table."""
+    """Learn a part on the table from looks all round it."""
     at = words.index("--around")
     no_more(words[at:], 2, teach_around.USAGE)
     count = USUAL_PLACES
@@ -116,14 +116,14 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     if hand is not None:
         await frontend.say(simulated_parts.lay(context, label))
     try:
-        part = await teach_around.learnt(context, label, count, frontend)
+        part = await teach_around.learn_around(context, label, count, frontend)
     finally:
         if hand is not None:
             hand.put_back()
     if part is None:
         return CommandResult("Cancelled; nothing is stored.", {"kept": False}, NOT_DONE)
     drawn_solid = await context.study(context.trainer.drawing, label)
-    lines, beside = await context.study(teach_around.beside_drawing, part, drawn_solid)
+    lines, deviations = await context.study(teach_around.deviations_from_drawing, part, drawn_solid)
     if lines:
         await frontend.say("\n".join(lines))
     if frontend.asks and not await yes_or_no(frontend, f"Is this the {label}? [y/n]"):
@@ -134,11 +134,13 @@ async def _teach_around(context: CommandContext, words: list[str], frontend: Fro
     view = await context.study(context.trainer.store_round, label, part.solid, note)
     verdict, data = await _sufficiency(context, label)
     more = [verdict, "Next: `train`."]
-    return teach_around.answered(label, view.name, str(view.mesh), part, more, {"beside_drawing": beside, **data})
+    return teach_around.stored_result(
+        label, view.name, str(view.mesh), part, more, {"beside_drawing": deviations, **data}
+    )
 
 
 async def _teach_drawing(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
-    """Learn a part from its drawing's file, without showing it."""
+    """Learn a part from the file of its drawing, without showing it."""
     at = words.index("--mesh")
     file, unit = (*words[at + 1 :], *(None,) * 2)[:2]
     if file is None:
@@ -147,12 +149,12 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     in_unit = one_of(words, at + 2, UNITS_MM, "unit", MESH_USAGE) if unit is not None else "mm"
     content = await frontend.fetch(file)
     name = spelt(file.rpartition("/")[2])
-    try:  # what is wrong with the file is said before anything is asked
+    try:  # report an unusable file before asking anything
         name, content, in_unit = await context.study(in_own_format, name, content, in_unit)
-        drawing, in_unit = await _understood(context, name, content, in_unit, frontend)
+        drawing, in_unit = await _read_with_unit(context, name, content, in_unit, frontend)
         opening_mm = context.config.values.pick.gripper.widest_mm
-        told = await context.study(understood, drawing, opening_mm)
-        await frontend.say("\n".join(told))
+        summary = await context.study(understood, drawing, opening_mm)
+        await frontend.say("\n".join(summary))
         label = await _label(context, words[:at], frontend, shown=False)
         odd = await context.study(context.trainer.odd_drawing, label, name, content, in_unit)
         if odd is not None and not (frontend.asks and await yes_or_no(frontend, f"{odd}. Store it anyway? [y/n]")):
@@ -170,13 +172,13 @@ async def _teach_drawing(context: CommandContext, words: list[str], frontend: Fr
     elif context.hardware.operator is not None:
         lines.append(f"In the simulated cell: `show {label}`, or `scatter {label}` onto the table.")
     lines.append("Next: `train`.")
-    return CommandResult("\n".join(lines), {"kept": True, "view": view.name, "understood": told, **data})
+    return CommandResult("\n".join(lines), {"kept": True, "view": view.name, "understood": summary, **data})
 
 
-async def _understood(
+async def _read_with_unit(
     context: CommandContext, name: str, content: bytes, unit: str, frontend: Frontend
 ) -> tuple[Drawing, str]:
-    """A drawing and its unit, which is asked for where the one given makes an absurd part. Raises MeshError."""
+    """Read a drawing; ask for its unit where the given one makes an implausible part. Raises MeshError."""
     try:
         return await context.study(read_drawing, name, content, unit, context.trainer.library), unit
     except UnitError as error:
@@ -200,7 +202,7 @@ async def untaught(context: CommandContext, words: list[str], _: Frontend) -> Co
     return CommandResult("\n".join(lines), {"untaught": missing, "waiting": [view.name for view in waiting]})
 
 
-@command("views [LABEL]", most=1, choices=with_views)
+@command("views [LABEL]", most=1, choices=labels_with_views)
 async def views(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """List the taught views."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", views.usage) if words else None
@@ -210,7 +212,7 @@ async def views(context: CommandContext, words: list[str], frontend: Frontend) -
     return CommandResult(table(rows, frontend.columns) or "No view is stored yet: `teach LABEL`.", {"views": data})
 
 
-@command("forget LABEL [NUMBER]", "change", most=2, choices=with_views, further=_numbers)
+@command("forget LABEL [NUMBER]", "change", most=2, choices=labels_with_views, further=_numbers)
 async def forget(context: CommandContext, words: list[str], frontend: Frontend) -> CommandResult:
     """Remove taught views."""
     label = one_of(words, 0, context.trainer.model_store.labels(), "part with views", forget.usage)
@@ -229,7 +231,7 @@ async def forget(context: CommandContext, words: list[str], frontend: Frontend) 
 
 
 async def _label(context: CommandContext, words: list[str], frontend: Frontend, shown: bool = True) -> str:
-    """The label to teach; one that is new is asked about. shown: a simulated hand must have it. Raises CommandError."""
+    """The label to teach; ask about a new one. shown: a simulated operator must have the part. Raises CommandError."""
     no_more(words, 1, "teach LABEL")
     if not words:
         known = ", ".join(context.parts) or "none yet"
@@ -255,7 +257,7 @@ async def _label(context: CommandContext, words: list[str], frontend: Frontend, 
 
 
 async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[str, Any]]:
-    """What the views kept so far leave open about a part: in words and as JSON."""
+    """What the stored views do not yet show of a part, as text and as JSON values."""
     judged = await context.study(context.trainer.sufficiency, label)
     if judged is None:
         return "", {}
@@ -263,13 +265,13 @@ async def _sufficiency(context: CommandContext, label: str) -> tuple[str, dict[s
 
 
 def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
-    """In at most a few lines: what is known, what was never seen, what it could be taken for, what to show next. brief:
-    in one line, without what only helps whoever holds the part."""
+    """A few lines: what is known, what was never seen, what the part could be confused with, what to show next. brief:
+    one line, without the advice for the person who holds the part."""
     known = f"{judged.label}: {plural(len(judged.facets), 'side')} known"
     if judged.unseen:
-        known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides never seen"
+        known += f"; from {100 * judged.unseen:.0f} % of all directions it shows sides that were never seen"
     else:
-        known += ", from every direction enough of it is known"
+        known += ", enough from every direction"
     lines = [known + "."]
     if brief:
         taken = {name for m in judged.mistakes for name in m.taken_for if name not in (judged.label, "unknown")}
@@ -279,33 +281,33 @@ def describe_sufficiency(judged: Sufficiency, brief: bool = False) -> str:
         lines.append(
             f"  Show next: turn it so that side {place + 1} ({facet_name(kind)}) points away from the cameras."
         )
-    told: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for mistake in judged.mistakes:
         others = [name for name in mistake.taken_for if name not in (judged.label, "unknown")]
         what = f"could be {' or '.join(others)}" if others else "is not named"
         alone = facets_counted(mistake.facets, " and ")
         seen = f"Seen as {alone} alone" if len(mistake.facets) < 3 else "From some sides"
-        told[f"{seen}, it {what}"] = told.get(f"{seen}, it {what}", 0) + mistake.viewpoints
-    for text, directions in list(told.items())[:3]:
+        counts[f"{seen}, it {what}"] = counts.get(f"{seen}, it {what}", 0) + mistake.viewpoints
+    for text, directions in list(counts.items())[:3]:
         count = f"{plural(directions, 'direction')} of {VIEWPOINTS}"
         lines.append(f"  {text} ({count}); a second look from another side decides.")
     return "\n".join(lines)
 
 
 def describe_alike(pairs: Sequence[Alike]) -> str:
-    """In one line: which parts could be taken for each other, and what is then seen of them; the likeliest few."""
-    told = [
+    """One line: the likeliest pairs of parts that could be confused, and the facets that both show."""
+    described = [
         f"{' and '.join(two.labels)} seen as {facets_counted(two.facets, ' and ')} alone"
         f" ({plural(two.viewpoints, 'direction')} of {VIEWPOINTS})"
         for two in pairs[:MOST_ALIKE]
     ]
     if len(pairs) > MOST_ALIKE:
-        told.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more by less")
-    return f"Could be taken for each other: {'; '.join(told)}. A second look from another side decides."
+        described.append(f"{plural(len(pairs) - MOST_ALIKE, 'pair')} more, less likely")
+    return f"Could be confused: {'; '.join(described)}. A second look from another side decides."
 
 
 def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
-    """The same as JSON values."""
+    """The judgement as JSON values."""
     return {
         "sides": list(judged.facets),
         "open_edges": judged.open_edges,
@@ -318,33 +320,33 @@ def sufficiency_json(judged: Sufficiency) -> dict[str, Any]:
     }
 
 
-def _shown(
+def _facets_shown(
     label: str,
     facets: Sequence[Facet],
     sides: list[int | None],
-    beside: tuple[Sequence[Facet], Sequence[Facet]],
+    without_number: tuple[Sequence[Facet], Sequence[Facet]],
     columns: int,
 ) -> str:
-    """The facets in view as a drawing, numbered as the part's sides, and how long their edges are. beside: those that
-    may be its own and meet none of them, and those of other things; they have no number."""
-    apart, elsewhere = beside
+    """A sketch of the facets in view, numbered as the part's sides, with the lengths of their edges. beside: facets
+    without a number: those that may be the part's but do not meet it, and those of other objects."""
+    apart, foreign = without_number
     marks = ["?" if side is None else str(side + 1) for side in sides]
-    outlines = [(f.left_px, "") for f in (*apart, *elsewhere)]
+    outlines = [(f.left_px, "") for f in (*apart, *foreign)]
     outlines += [(facet.left_px, mark) for facet, mark in zip(facets, marks, strict=True)]
     rows: dict[str, list[str]] = {}
     for facet, mark in zip(facets, marks, strict=True):
         rows.setdefault(describe_facet(facet), []).append(mark)
     lines = [drawn(outlines, columns)]
     lines += [f"side {' '.join(sorted(numbers))}: {what}" for what, numbers in rows.items()]
-    if elsewhere:
-        lines.append(f"and {plural(len(elsewhere), 'facet')} of another object")
+    if foreign:
+        lines.append(f"and {plural(len(foreign), 'facet')} of another object")
     if apart:
         lines.append(_describe_apart(label, len(apart)))
     return "\n".join(lines)
 
 
 def _describe_apart(label: str, count: int) -> str:
-    """What is the matter with a view in which facets that may be the part's meet none of its sides, and what to do."""
+    """The problem of a view in which facets of the part meet none of its other sides, and what to do."""
     meet, they_are, them = ("meets", "it is", "it") if count == 1 else ("meet", "they are", "them")
     return (
         f"{plural(count, 'facet')} {meet} none of these sides. If {they_are} the {label}'s, this view teaches little: "
@@ -352,8 +354,8 @@ def _describe_apart(label: str, count: int) -> str:
     )
 
 
-def _named_otherwise(seen: Look, label: str) -> str | None:
-    """Another label the model in use gives to the part in view."""
+def _other_name(seen: Look, label: str) -> str | None:
+    """Another label that the model in use gives to the part in view."""
     names = [part.recognition.label for part in seen.scene.parts]
     others = [name for name in names if name not in (label, "unknown")]
     return others[0] if others and label not in names else None

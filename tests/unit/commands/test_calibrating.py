@@ -134,7 +134,7 @@ def test_what_calibration_and_arm_leave_at_a_grasp_is_told_beside_what_a_grasp_n
     assert far > middle > near > np.sqrt(3) * 0.2
     assert "1 mm and 1 deg" in told[0]
     worse = replace(settings, doubt=replace(settings.doubt, hand_eye_mm=1.0))
-    assert grasp_lines(CameraMount(known.rig, mounting), worse)[1].startswith("No look can be sure enough to grasp")
+    assert grasp_lines(CameraMount(known.rig, mounting), worse)[1].startswith("No look can be accurate enough to grasp")
 
 
 @pytest.mark.parametrize("kind", ["stereo", "hand-eye", "verify", "touch"])

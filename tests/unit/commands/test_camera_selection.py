@@ -224,7 +224,7 @@ def test_auto_degrade_goes_on_by_itself_only_where_the_arm_may_move_and_nobody_s
         if hindrance == "hand":
             here.cycle.beliefs.learn(BeliefSource.COMMANDED, holding=None)
         going = asyncio.create_task(
-            CycleObserver(context, Service(CONFIG, simulated=True).in_background).go_on_with_one_eye()
+            CycleObserver(context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
         )
         if hindrance == "stopped":
             await asyncio.sleep(0)
@@ -254,7 +254,7 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_while_it_changed_eyes(
         here.context.begin_auto = begin_auto  # type: ignore[method-assign]
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
-        await CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).go_on_with_one_eye()
+        await CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
         assert here.cycle.supervisor.fault is not None
         assert begun == []
 
@@ -275,7 +275,7 @@ def test_auto_degrade_lets_nothing_go_on_that_was_stopped_before_it_began(resume
         here.context.begin_auto = begin_auto  # type: ignore[method-assign]
         here.cycle.pick_order = PickOrder(3, None)
         broken(here)
-        going = CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).go_on_with_one_eye()
+        going = CycleObserver(here.context, Service(CONFIG, simulated=True).in_background).continue_with_one_camera()
         await here.cycle.supervisor.stop()
         if resumed:
             here.cycle.supervisor.resume()

@@ -87,5 +87,5 @@ def test_a_job_with_a_fault_is_listed_with_it_beside_those_without(context: Any)
 
 
 def test_without_jobs_it_says_where_to_put_one(context: Any) -> None:
-    assert say(context, "job list").text == f"No job is there. A job is a file in {context.config.jobs}."
-    assert "no job: put one into" in say(context, "job run kit").text
+    assert say(context, "job list").text == f"There is no job. Put a job file into {context.config.jobs}."
+    assert "there is no job: put a job file into" in say(context, "job run kit").text

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.observing import around_told
+from daemon.commands.observing import around_result
 from daemon.pick.world import Gained
 
 BEFORE, AFTER = "block_60 67 %, cut_60 17 %, step_60 17 %, not taught 0 %", "block_60 99.8 %"
@@ -28,7 +28,7 @@ def known() -> Any:
 
 @pytest.mark.parametrize("columns", [40, 80])
 def test_each_look_says_what_was_thought_before_it_and_what_after(columns: int) -> None:
-    answer = around_told(known(), columns)
+    answer = around_result(known(), columns)
     lines = answer.text.splitlines()
     assert max(map(len, lines)) < columns
     text = " ".join(line.strip() for line in lines)
@@ -40,7 +40,7 @@ def test_each_look_says_what_was_thought_before_it_and_what_after(columns: int) 
 
 
 def test_as_values_it_has_the_bits() -> None:
-    data = around_told(known(), 80).data
+    data = around_result(known(), 80).data
     assert data is not None
     assert data["gained"][0]["bits_before"] == 1.25
     assert [part["label"] for part in data["parts"]] == ["cube", "block_60", "unknown"]

@@ -46,7 +46,7 @@ def test_parts_that_could_be_taken_for_each_other_are_told_of_with_what_is_then_
     assert pairs[0]["facets"] == ("rectangle",) * 3
     told = text.splitlines()
     assert told[0] == "Version 1 is in use; `rollback` switches back."
-    assert told[1].startswith("Could be taken for each other: brick and copy seen as 3 rectangles alone (")
+    assert told[1].startswith("Could be confused: brick and copy seen as 3 rectangles alone (")
     assert told[1].endswith(f" directions of {VIEWPOINTS}). A second look from another side decides.")
 
 
@@ -117,4 +117,4 @@ def test_the_likeliest_few_pairs_are_told_and_how_many_more_there_are() -> None:
     told = describe_alike(pairs)
     assert "a0 and b0 seen as 2 squares and 1 rectangle alone (9 directions of 60); " in told
     assert "a3" not in told
-    assert told.endswith("; 2 pairs more by less. A second look from another side decides.")
+    assert told.endswith("; 2 pairs more, less likely. A second look from another side decides.")

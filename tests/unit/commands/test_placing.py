@@ -116,7 +116,7 @@ def test_a_place_that_is_known_less_well_than_its_tolerance_is_told_so(context: 
     for errs in ((0.6, 0.1), (0.1, 0.6)):
         context.cycle.errs = errs
         answer = say(context, "place teach slot here", FakeFrontend(answers=["y"]))
-        assert "that is much beside its tolerance of 1 mm and 1 degrees. Lay the part there" in " ".join(
+        assert "too much for its tolerance of 1 mm and 1 degrees. If you can, lay the part there" in " ".join(
             answer.text.split()
         )
 
@@ -199,7 +199,7 @@ def test_a_pattern_is_shown_looked_at_and_cleared_by_its_name(context: Any) -> N
     assert sorted(say(context, "place show tray").data["places"]) == [f"tray.{k}" for k in range(1, 7)]
     assert sorted(say(context, "place check tray").data["places"]) == ["tray.2", "tray.5"]
     asking = FakeFrontend(answers=["y"])
-    assert say(context, "place clear tray", asking).text.startswith("6 places emptied by hand")
+    assert say(context, "place clear tray", asking).text.startswith("6 places marked as emptied")
     assert asking.asked == ["Are all 6 places empty? [y/n]"]
     assert statuses.of("tray.5").status is PlaceStatus.EMPTIED
     assert statuses.of("nest").status is PlaceStatus.CLAIMED

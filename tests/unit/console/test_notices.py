@@ -12,8 +12,8 @@ import pytest
 
 from daemon.arm import RefusedError, Waiting
 from daemon.commands import step_mode
-from daemon.commands.moving import tell_end
-from daemon.commands.step_mode import tell_what_waits, with_questions
+from daemon.commands.moving import report_end
+from daemon.commands.step_mode import report_waiting_move, with_questions
 from daemon.console.context import CommandContext
 from daemon.console.notices import NoticeLevel, Notices
 from daemon.events.outcomes import BROUGHT
@@ -126,7 +126,7 @@ def test_an_empty_table_is_no_news_and_a_fault_is_told_once() -> None:
     frontend = Frontend()
     context.notices.listen(frontend)
     for outcome in ("empty", "fault", "picked", "missed"):
-        tell_end(context, end(outcome))
+        report_end(context, end(outcome))
     assert frontend.heard == ["picked: cube, 3 looks, 12.0 s", "missed: cube, 3 looks, 12.0 s (because)"]
 
 
@@ -269,7 +269,7 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A script, or an auto, in step mode would hang without a word of what is waited for."""
-    monkeypatch.setattr(step_mode, "UNASKED_S", 0.0)
+    monkeypatch.setattr(step_mode, "CHECK_WAITING_S", 0.0)
     monkeypatch.setattr(step_mode, "REMIND_S", 0.1)
     state: dict[str, Any] = {"waiting": HOME, "predicted_mm": None}
     context = waited_for(state)
@@ -280,9 +280,11 @@ def test_a_move_that_waits_where_nobody_is_asked_is_told_there_and_at_every_fron
 
     async def run() -> None:
         confirmed = asyncio.Event()
-        watching = asyncio.create_task(tell_what_waits(context))
+        watching = asyncio.create_task(report_waiting_move(context))
         moving_on = asyncio.create_task(with_questions(context, confirmed.wait(), script))  # type: ignore[arg-type]
-        await until_so(lambda: script.said[:3] == console.heard[:3] == [line, step_mode.STILL, step_mode.STILL])
+        await until_so(
+            lambda: script.said[:3] == console.heard[:3] == [line, step_mode.STILL_WAITING, step_mode.STILL_WAITING]
+        )
         asked = asyncio.create_task(with_questions(context, confirmed.wait(), console))  # type: ignore[arg-type]
         await until_so(lambda: bool(console.asked))
         heard, said = len(console.heard), len(script.said)

@@ -20,7 +20,7 @@ WORLD_FROM_CYCLOPEAN = frames.rigid(np.diag([1.0, -1.0, -1.0]), np.array([500.0,
 SQUARE = 25.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
 
 
-def look_of(*parts: Part) -> Any:
+def take_look(*parts: Part) -> Any:
     """As much of a look as its parts need."""
     return SimpleNamespace(
         world_from_cyclopean=WORLD_FROM_CYCLOPEAN, scene=SimpleNamespace(parts=parts), taken=SimpleNamespace(rig=rig())
@@ -38,7 +38,7 @@ def part_at(
 
 
 def seen_at(x: float, y: float, label: str = "cube", **more: Any) -> ObservedPart:
-    return seen_parts(look_of(part_at(x, y, label, **more)))[0]
+    return seen_parts(take_look(part_at(x, y, label, **more)))[0]
 
 
 def test_a_part_is_brought_to_the_world_with_its_corners_and_its_facets_look_out_of_it() -> None:
@@ -51,7 +51,7 @@ def test_a_part_is_brought_to_the_world_with_its_corners_and_its_facets_look_out
 
 
 def test_a_part_without_facets_is_not_told() -> None:
-    assert len(seen_parts(look_of(part_at(0, 0), replace(part_at(60, 0), facets=())))) == 1
+    assert len(seen_parts(take_look(part_at(0, 0), replace(part_at(60, 0), facets=())))) == 1
 
 
 def test_a_lone_facet_within_a_part_is_its_own_and_one_beside_it_is_not() -> None:
@@ -75,9 +75,9 @@ def test_a_facet_shows_again_the_better_the_squarer_it_is_seen_and_not_from_behi
 
 def test_a_lone_facet_that_should_show_and_does_not_is_unconfirmed() -> None:
     lone, named = seen_at(0, 0, UNKNOWN), seen_at(0, 0, "cube")
-    around, nothing = lone.centre + np.array([20.0, 0, 0]), look_of()
+    around, nothing = lone.centre + np.array([20.0, 0, 0]), take_look()
     assert unconfirmed([lone, named], nothing, around) == [lone]
-    assert unconfirmed([lone], look_of(part_at(5, 5, UNKNOWN)), around) == [], "it shows again"
+    assert unconfirmed([lone], take_look(part_at(5, 5, UNKNOWN)), around) == [], "it shows again"
     assert unconfirmed([lone], nothing, around + np.array([150.0, 0, 0])) == [], "it bars nothing"
     assert unconfirmed([seen_at(160, 0, UNKNOWN)], nothing, seen_at(160, 0).centre) == [], "out of view"
 

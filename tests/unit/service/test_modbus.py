@@ -33,7 +33,7 @@ def test_a_plc_reads_the_state_of_the_daemon_and_its_permits_end_with_its_connec
         daemon = Daemon(folder, MODBUS, listener=listener)
         try:
             daemon.hears("READY=1")
-            assert "no PLC is heard" in daemon.do("signal show")["text"]
+            assert "no PLC is connected" in daemon.do("signal show")["text"]
             plc = ModbusTcpClient("127.0.0.1", port=listener.getsockname()[1], timeout=20)
             assert plc.connect()
             assert plc.read_input_registers(0, count=1).registers == [2], "Stopped"
@@ -43,7 +43,7 @@ def test_a_plc_reads_the_state_of_the_daemon_and_its_permits_end_with_its_connec
             assert daemon.do("enable")["status"] == 0
             assert plc.read_input_registers(0, count=1).registers == [4], "Idle"
             plc.close()
-            while "no PLC is heard" not in daemon.do("signal show")["text"]:
+            while "no PLC is connected" not in daemon.do("signal show")["text"]:
                 pass
         finally:
             daemon.close()
