@@ -19,6 +19,7 @@ import numpy as np
 from daemon import frames
 from daemon.arm import EyeName, Picture
 from daemon.arrays import Array
+from daemon.pick.pose_fusion import Doubt
 from daemon.vision.geometry import Camera, StereoRig, moved_rig
 from daemon.vision.health import Clue
 from daemon.vision.values import Facet, FacetView, Group, Part, Scene
@@ -58,7 +59,7 @@ class Places:
     @property
     def arm(self) -> Array:
         """(6, 6) covariance of one place."""
-        return np.diag([self.arm_mm**2] * 3 + [np.radians(self.arm_deg) ** 2] * 3)
+        return Doubt(arm_mm=self.arm_mm, arm_deg=self.arm_deg).arm()
 
     def rig(self, calibrated: StereoRig) -> StereoRig:
         """The eye, as it is in a calibrated rig, at both places."""
@@ -167,7 +168,6 @@ def _crossings(rig: StereoRig, points_mm: Array) -> Array:
     found = []
     for point in points_mm:
         a, b = point - left, point - right
-        a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
         along = np.linalg.pinv(np.stack([a, -b], 1))[0]
         found.append(np.outer(a, along) @ frames.point_motion((point - right)[None])[0])
     return np.array(found)

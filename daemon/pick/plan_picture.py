@@ -48,26 +48,25 @@ def _cell(shape: Polyhedron, hand: HandBody, part: Array, tool: Array, told: str
     """One drawing: the part in front of the hand's far side, and behind its near one."""
     corners = frames.apply(part, shape.corners_mm)
     ends = [frames.apply(tool, np.array([c.from_mm, c.to_mm])) for c in hand.capsules]
-    scale = 0.5 * CELL_PX / max(float(np.ptp(np.vstack([corners, *ends]), axis=0).max()), 1.0)
+    scale = 0.5 * CELL_PX / float(np.ptp(np.vstack([corners, *ends]), axis=0).max())
     right, up, towards = _view(tool)
     middle, floor_mm = corners.mean(axis=0), float(corners[:, 2].min())
     origin = np.array([middle[0], middle[1], floor_mm])
 
-    def flat(points: Array) -> list[tuple[float, float]]:
-        local = points - origin
-        across, above = local @ right * scale + CELL_PX / 2, FLOOR * CELL_PX - local @ up * scale
-        return [(round(float(u), 1), round(float(v), 1)) for u, v in zip(across, above, strict=True)]
+    def flat(points: Array) -> Array:
+        local = (points - origin) * scale
+        return np.column_stack([CELL_PX / 2 + local @ right, FLOOR * CELL_PX - local @ up])
 
     drawn = list[tuple[float, str]]()
     for (a, b), capsule in zip(map(flat, ends), hand.capsules, strict=True):
         depth = float((frames.apply(tool, np.array([capsule.from_mm]))[0] - middle) @ towards)
-        wide = round(2.0 * capsule.radius_mm * scale, 1)
-        drawn.append((depth, f'<line class="hand" stroke-width="{wide}" stroke-linecap="round" '
-                             f'x1="{a[0]}" y1="{a[1]}" x2="{b[0]}" y2="{b[1]}"/>'))  # fmt: skip
+        wide = 2.0 * capsule.radius_mm * scale
+        drawn.append((depth, f'<line class="hand" stroke-width="{wide:.1f}" stroke-linecap="round" '
+                             f'x1="{a[0]:.1f}" y1="{a[1]:.1f}" x2="{b[0]:.1f}" y2="{b[1]:.1f}"/>'))  # fmt: skip
     faces = shape.normals @ part[:3, :3].T @ towards
     for ring, faced in zip(shape.rings, faces, strict=True):
         if faced > 0.0:
-            points = " ".join(f"{u},{v}" for u, v in flat(corners[ring]))
+            points = " ".join(f"{u:.1f},{v:.1f}" for u, v in flat(corners[ring]))
             drawn.append(
                 (float((corners[ring].mean(axis=0) - middle) @ towards), f'<polygon class="part" points="{points}"/>')
             )
@@ -79,9 +78,8 @@ def _cell(shape: Polyhedron, hand: HandBody, part: Array, tool: Array, told: str
 
 def _view(tool: Array) -> tuple[Array, Array, Array]:
     """(3,) each: to the right, up and towards who looks, for a drawing that shows how far a tool (4, 4) leans."""
-    aside = tool[:2, 1] if np.linalg.norm(tool[:2, 1]) > 1e-3 else tool[:2, 0]
-    heading = float(np.arctan2(aside[1], aside[0])) + ASIDE_RAD
-    level = np.array([np.cos(heading), np.sin(heading), 0.0])
-    towards = np.array([*(np.cos(DOWN_RAD) * level[:2]), np.sin(DOWN_RAD)])
-    right = np.array([-level[1], level[0], 0.0])
+    heading = float(np.arctan2(tool[1, 1], tool[0, 1])) + ASIDE_RAD
+    across, ahead = np.cos(heading), np.sin(heading)
+    towards = np.array([np.cos(DOWN_RAD) * across, np.cos(DOWN_RAD) * ahead, np.sin(DOWN_RAD)])
+    right = np.array([-ahead, across, 0.0])
     return right, np.cross(towards, right), towards

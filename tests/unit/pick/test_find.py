@@ -1,5 +1,6 @@
 """Finding, state by state: looks that got old, questions that another look settles or does not."""
 
+import asyncio
 from dataclasses import replace
 
 import numpy as np
@@ -159,3 +160,17 @@ def test_an_arm_that_stands_at_a_survey_position_is_sent_nowhere_to_look_from_th
     fake.at = frames.perturb(fake.at, np.array([3.0, 0, 0, 0, 0, 0]))
     with pytest.raises(MovedByOthersError):
         step(context, world, PickState.SURVEY)
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_all_is_looked_at_from_far_of_the_looks_before_where_the_arm_gets_there(reached):
+    fake = one_part()
+    context, world = begun(fake)
+    brought_to(PickState.CHOOSE, context, world)
+    before, looks = fake.at.copy(), len(world.looks)
+    fake.reach_mm = 900.0 if reached else 1.0
+    assert asyncio.run(find.other_side(context, world)) is reached
+    assert len(world.looks) - looks == int(reached)
+    middle = world.found[0].centre
+    ways = [ON_HAND.world_from_cyclopean_at(pose)[:2, 3] - middle[:2] for pose in (before, fake.at)]
+    assert bool(ways[0] @ ways[1] < 0.0) is reached, "from the other side"

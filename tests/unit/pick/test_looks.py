@@ -16,12 +16,14 @@ from daemon.pick import looks
 from daemon.pick.looks import (
     Expected,
     MisleadingImagesError,
+    Taken,
     log_look,
     take_look,
     taken_here,
     tracked_json,
     whole_look,
 )
+from daemon.pick.pose_fusion import Doubt
 from daemon.vision.health.examination import Finding
 from daemon.vision.refine.following import Fit
 from tests.fakes.fake_cell import TruthRecogniser, World, build, rig, shape_of
@@ -60,6 +62,17 @@ def test_what_was_expected_and_found_is_all_that_is_looked_for_until_the_whole_l
     assert whole.taken_s == look.taken_s
     assert record["whole"] is False
     assert [part["label"] for part in record["scene"]["parts"]] == ["pyramid"]
+
+
+@pytest.mark.parametrize("fit", [FIT, None], ids=["followed", "whole"])
+def test_how_sharp_a_pair_is_and_how_far_its_rows_are_off_is_judged_where_everything_was_looked_for(
+    fit: Fit | None, monkeypatch: pytest.MonkeyPatch
+):
+    blurred, off = Finding("motion", "left", 9.0, False), Finding("epipolar", "pair", 4.0, False)
+    monkeypatch.setattr(looks, "sharpness", lambda _: (blurred,))
+    monkeypatch.setattr(looks, "drift", lambda _: (off,))
+    look, *_ = taken(expected(fit))
+    assert [finding for finding in look.health if not finding.good] == ([] if fit else [blurred, off])
 
 
 def test_where_the_expected_is_not_found_everything_is_looked_for():
@@ -129,3 +142,31 @@ def test_a_pair_that_misleads_makes_no_look_and_one_that_is_shown_again_is_not_c
         with pytest.raises(MisleadingImagesError, match="left"):
             looks._health(one)
     assert (held_against[0] is None) is again
+
+
+@pytest.mark.parametrize("to_the_right", [True, False])
+def test_of_two_pictures_of_one_eye_the_left_is_whichever_was_taken_to_the_left(to_the_right: bool):
+    """On a wrist that is turned, so that the camera's right is along none of the world's axes."""
+    world = World(np.random.default_rng(0))
+    cell, turned = build(world), frames.rotation_from_vector(np.array([0.3, 2.0, 1.1]))
+    object.__setattr__(cell, "alone", "left")
+    start = frames.rigid(turned, np.array([400.0, 100.0, 0.0]))
+    camera = start @ cell.rig.left.cyclopean_from_camera
+    way = camera[:3, :3] @ [60.0 if to_the_right else -60.0, 40.0, -50.0]
+    then = frames.rigid(turned, start[:3, 3] + way)
+
+    def picture(name: str, settled_s: float, at: np.ndarray) -> Taken:
+        pair = SimpleNamespace(left=name, right="of nobody")
+        return Taken(pair, pair, Reading(at, np.zeros(6)), settled_s, cell.rig, at)
+
+    pair = looks.moved_pair_of(cell, picture("first", 0.4, start), picture("second", 0.7, then), Doubt())
+    order = ("first", "second") if to_the_right else ("second", "first")
+    assert (pair.pictures.left, pair.pictures.right) == (pair.before.left, pair.before.right) == order
+    assert pair.settled_s == 0.7
+    assert pair.reading.world_from_tool is then
+    places = [start, then] if to_the_right else [then, start]
+    for place, eye in zip(places, (pair.rig.left, pair.rig.right), strict=True):
+        seen_from = pair.world_from_cyclopean @ eye.cyclopean_from_camera
+        np.testing.assert_allclose(seen_from, place @ cell.rig.left.cyclopean_from_camera, atol=1e-9)
+    assert np.array_equal(pair.moved.left, pair.rig.left.cyclopean_from_camera)
+    assert np.array_equal(pair.moved.right, pair.rig.right.cyclopean_from_camera)

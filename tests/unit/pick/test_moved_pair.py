@@ -78,7 +78,21 @@ def test_the_farther_the_table_the_longer_the_way_aside() -> None:
     )
     assert (near, far, sought) == (50.0, 112.5, 67.5)
     assert moved_pair.distance_mm(DOWN, -300.0) == 350.0
-    assert moved_pair.distance_mm(np.eye(4), -300.0) == moved_pair.USUAL_DISTANCE_MM, "it looks up"
+
+
+@given(st.floats(0.0, 1.3), st.floats(-400.0, 0.0))
+def test_how_far_the_table_is_along_the_axis_of_an_eye_that_leans(lean: float, table_z_mm: float) -> None:
+    eye = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
+    away_mm = moved_pair.distance_mm(eye, table_z_mm)
+    if np.cos(lean) > 0.2:
+        assert (eye @ [0.0, 0.0, away_mm, 1.0])[2] == pytest.approx(table_z_mm)
+    assert moved_pair.distance_mm(eye, None) == moved_pair.USUAL_DISTANCE_MM
+
+
+@pytest.mark.parametrize("lean", [1.38, 1.5, np.pi])
+def test_an_eye_that_hardly_looks_down_is_taken_to_be_a_usual_distance_away(lean: float) -> None:
+    eye = DOWN @ frames.rigid(frames.rotation_from_vector(np.array([lean, 0.0, 0.0])), np.zeros(3))
+    assert moved_pair.distance_mm(eye, -300.0) == moved_pair.USUAL_DISTANCE_MM
 
 
 def test_a_corners_doubt_is_what_arms_that_err_make_of_it() -> None:
@@ -177,11 +191,33 @@ def test_pictures_that_disagree_by_more_than_the_arm_may_err_are_trusted_less() 
     assert np.trace(apart[:3, :3]) > 10 * np.trace(one[:3, :3])
 
 
-def test_what_a_moved_pair_hints_at_is_as_vague_as_the_arm() -> None:
-    sharp = Clue(np.zeros(3), np.array([1e-5, 1e-5, np.inf]), "")
-    sigma = moved_pair.hints(sharp, ARM).sigma
-    assert np.degrees(sigma[0]) > 0.03
-    assert np.isinf(sigma[2])
+@given(st.floats(0.001, 0.2))
+def test_how_large_a_part_is_tells_how_far_it_is_only_as_sharply_as_its_size_is_known(size_share: float) -> None:
+    """From one place twice, nothing but its size tells the distance of 300 mm."""
+    poses, covariances, both = laid([np.zeros(6), np.zeros(6)])
+    pose, covariance = moved_pair.weighed(poses, covariances, [both.left] * 2, np.zeros((6, 6)), size_share)
+    towards = both.left.cyclopean_from_camera[:3, 3] - pose[:3, 3]
+    np.testing.assert_allclose(pose, poses[0], atol=1e-9)
+    expected = covariances[0] / 2
+    expected[:3, :3] += size_share**2 * np.outer(towards, towards)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-12)
+
+
+@given(st.floats(0.01, 0.2))
+def test_pictures_that_turn_a_part_against_each_other_leave_its_turn_as_open_as_they_disagree(turned: float) -> None:
+    """Chi-square of two pictures of six measurements each, for seven unknowns of which one is known before."""
+    poses, covariances, both = laid([np.zeros(6), np.array([0, 0, 0, turned, 0, 0])])
+    pose, covariance = moved_pair.weighed(poses, covariances, (both.left, both.right), np.zeros((6, 6)), 0.004)
+    np.testing.assert_allclose(frames.difference(pose, poses[0])[3:], [turned / 2, 0, 0], atol=1e-6)
+    assert covariance[3, 3] == pytest.approx((turned / 2) ** 2 / 6, rel=0.01)
+
+
+@given(st.floats(0.01, 1.0), st.floats(0.001, 0.1), st.floats(1e-6, 1e-2))
+def test_what_a_moved_pair_hints_at_is_as_vague_as_both_of_its_places(mm: float, deg: float, own: float) -> None:
+    sharp = Clue(np.zeros(3), np.array([own, own, np.inf]), "")
+    sigma = moved_pair.hints(sharp, Doubt(arm_mm=mm, arm_deg=deg).arm()).sigma
+    one_place = np.hypot(np.radians(deg), mm / moved_pair.USUAL_DISTANCE_MM)
+    np.testing.assert_allclose(sigma, np.sqrt([own**2 + 2 * one_place**2] * 2 + [np.inf]))
 
 
 def test_places_are_read_as_they_were_written() -> None:
@@ -190,7 +226,9 @@ def test_places_are_read_as_they_were_written() -> None:
     read = moved_pair.places_of(places.json())
     assert read is not None
     assert (read.eye, read.arm_mm, read.arm_deg) == ("left", 0.1, 0.02)
-    assert np.array_equal(read.rig(rig()).right.cyclopean_from_camera, both.right.cyclopean_from_camera)
+    for eye in ("left", "right"):
+        again, written = (getattr(one, eye).cyclopean_from_camera for one in (read.rig(rig()), both))
+        assert np.array_equal(again, written)
     assert moved_pair.places_of(None) is None
 
 

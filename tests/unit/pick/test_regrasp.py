@@ -1,5 +1,6 @@
 """The search for grasps that bring a part onto another side: shortest, held against brute force, and cached."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -132,7 +133,18 @@ def test_a_plan_of_fewer_grasps_is_asked_for_and_none_longer_is_given(reach):
     fewer = asked.plan(start_on(asked.shape, a), len(steps) - 1)
     assert isinstance(fewer, NoPlan)
     assert fewer.code == "no_way_to_place"
-    assert "can set it down at nest as it is to lie there" in fewer.why
+    assert re.fullmatch(r"none of its \d+ grasps in reach can set it down at nest as it is to lie there", fewer.why)
+
+
+def test_a_place_that_the_arm_does_not_get_to_is_told_as_one_where_no_grasp_sets_the_part_down(reach):
+    a, b, asked, _ = over_plan(reach)
+    nest = asked.destination.goals[0].centre
+
+    def not_there(poses):
+        return reach.allows_each(poses) & (np.linalg.norm(poses[:, :2, 3] - nest[:2], axis=1) > 150.0)
+
+    why = regrasping("pentagonal_prism", b, not_there).plan(start_on(asked.shape, a)).why
+    assert why.startswith("no grasp that it can be taken by on any of its sides can set it down at nest")
 
 
 def test_nothing_is_laid_where_no_look_has_shown_the_table(reach, monkeypatch):

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from daemon import frames
 from daemon.arm import KeepOut, two_fingers
@@ -30,7 +32,9 @@ def test_a_spot_is_free_of_parts_boxes_and_the_bin():
     every = free_spots(beside_of([]), radius, settings)
     assert np.allclose(every[0], CENTRE)
     assert len(every) > 20
-    assert all(np.linalg.norm(spot - CENTRE) <= SPOTS_OUT_MM for spot in every)
+    away_mm = [float(np.linalg.norm(spot - CENTRE)) for spot in every]
+    assert away_mm == sorted(away_mm)
+    assert away_mm[-1] == SPOTS_OUT_MM
     other = block(520.0, 0.0)
     beside = beside_of([other])
     left = free_spots(beside, radius, settings)
@@ -46,6 +50,44 @@ def test_a_spot_is_free_of_parts_boxes_and_the_bin():
     away = free_spots(beside_of([]), radius, bin_here)
     assert 0 < len(away) < len(every)
     assert min(np.linalg.norm(spot - [520.0, 100.0]) for spot in away) > BIN_MM + radius
+
+
+@pytest.mark.parametrize(("off_mm", "free"), [(-0.005, False), (0.005, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_part_keeps_so_far_from_a_keep_out(axis, off_mm, free):
+    settings, edge = Settings(), CENTRE[axis] + 35.0 + BESIDE_MM + off_mm
+    low, high = np.array([520.0, 0.0, -300.0]) - 5.0, np.array([520.0, 0.0, 0.0]) + 5.0
+    low[axis], high[axis] = edge, edge + 10.0
+    barred = replace(settings.limits, keep_out=(KeepOut("post", tuple(low), tuple(high)),))
+    spots = free_spots(beside_of([]), 35.0, replace(settings, limits=barred))
+    assert any(np.allclose(spot, CENTRE) for spot in spots) is free
+
+
+AMONG = st.floats(-60.0, 60.0)
+
+
+@given(st.lists(st.lists(st.tuples(AMONG, AMONG, AMONG), min_size=1, max_size=6), max_size=3))
+def test_a_thing_takes_up_a_circle_around_all_that_is_known_of_it_as_high_as_its_highest_point(things):
+    corners = [np.array(each) for each in things]
+    beside = beside_of(corners)
+    assert len(beside.middles) == len(beside.radii) == len(beside.tops) == len(things)
+    for each, middle, radius, top in zip(corners, beside.middles, beside.radii, beside.tops, strict=True):
+        assert np.linalg.norm(each[:, :2] - middle, axis=1).max() == pytest.approx(radius)
+        assert np.allclose(middle, (each[:, :2].min(axis=0) + each[:, :2].max(axis=0)) / 2)
+        assert top == each[:, 2].max()
+
+
+@given(st.tuples(AMONG, AMONG, AMONG), st.tuples(AMONG, AMONG, st.floats(1.5, 90.0)), st.floats(2.0, 40.0), AMONG)
+def test_a_point_is_hidden_where_its_ray_to_the_eye_crosses_what_lies_beside(point, up, radius, top):
+    beside = Beside(np.array([[5.0, -10.0]]), np.array([radius]), np.array([top]))
+    start, ray = np.array(point), np.array(up)
+    along = start + np.linspace(0.0, 1.0, 400)[:, None] * ray
+    off = np.linalg.norm(along[:, :2] - beside.middles[0], axis=1) - radius
+    hidden = beside.hides(start[None], start + ray)
+    if ((off < -1e-6) & (along[:, 2] < top)).any():
+        assert hidden
+    if off[0] > 0.5 and not ((off < 0.5) & (along[:, 2] < top + 0.5)).any():
+        assert not hidden
 
 
 def test_what_is_laid_down_stays_inside_the_workspace():
@@ -69,20 +111,23 @@ def test_the_hand_is_as_near_as_its_capsules_are():
     rng, limits = np.random.default_rng(3), Settings().limits
     hand = [c for c in limits.capsules if c.link == "tool"]
     assert {c.name for c in two_fingers().capsules} < {c.name for c in hand}
-    near = 0
+    near = far = 0
     for _ in range(400):
         tool = lean(rng.uniform(-50.0, 70.0), TABLE_MM + rng.uniform(10.0, 150.0))
         beside = Beside(CENTRE[None] + rng.uniform(-200.0, 200.0, (1, 2)), np.array([rng.uniform(10.0, 50.0)]),
                         np.array([TABLE_MM + rng.uniform(5.0, 120.0)]))  # fmt: skip
-        met = False
+        met, off = False, True
         for capsule in hand:
             axis = np.linspace(np.array(capsule.from_mm), np.array(capsule.to_mm), 40)
             points = frames.apply(tool, axis)
             away = np.linalg.norm(points[:, :2] - beside.middles[0], axis=1) - beside.radii[0] - capsule.radius_mm
-            met |= bool(((away < 0.0) & (points[:, 2] - capsule.radius_mm < beside.tops[0])).any())
-        near += met
+            low = points[:, 2] - capsule.radius_mm - beside.tops[0]
+            met |= bool(((away < 0.0) & (low < 0.0)).any())
+            off &= bool(away.min() > BESIDE_MM or low.min() > BESIDE_MM)
+        near, far = near + met, far + off
+        assert bool(beside.clear(tool[None], limits)[0]) or not off
         assert not (met and beside.clear(tool[None], limits)[0])
-    assert near > 20
+    assert min(near, far) > 20
 
 
 def test_what_a_part_hides_is_not_seen_to_be_free():

@@ -117,6 +117,7 @@ def test_a_hand_seen_empty_is_a_miss_though_the_part_is_gone(monkeypatch, empty)
     assert event is (PickEvent.MISSED if empty else PickEvent.GONE)
     assert world.result.outcome == ("missed" if empty else "released"), "nobody has seen it above the bin yet"
     assert fake.closed is not empty, "a hand that missed is opened"
+    assert ("is gone" in world.result.why, "shows in" in world.result.why) == (True, False)
     if empty:
         assert np.allclose(fake.at, context.settings.bin.pose(), atol=0.1), "over the bin, as a look may err"
 
