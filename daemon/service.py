@@ -402,7 +402,7 @@ class Service:
         elif self._opening is not None and not self._opening.done():
             await _within(HALT_S, self._opening)
         journal.notify("STOPPING=1", f"STATUS={self._why}")
-        if self._started and self.context is not None and self.context.cycle.line.there:
+        if self._started and self.context is not None and self.context.cycle.line.has_line:
             await _within(0.5, self.context.cycle.line.set_outputs(PackMLState.ABORTED))
         for task in self._tasks:
             task.cancel()

@@ -36,7 +36,7 @@ async def signal(context: CommandContext, words: list[str], frontend: Frontend) 
     signal find permit   find how inputs are read on this controller: you switch the input permit off, on, and off
     signal test busy     switch the output busy to its other state for 2 seconds
     """
-    if not context.cycle.line.there:
+    if not context.cycle.line.has_line:
         raise CommandError("this cell has no signals: write them into the section `signals` of facetd.yaml")
     act = one_of(words, 0, ACTS, "word", USAGE) if words else "show"
     return await HANDLERS[act](context, words[1:], frontend)

@@ -1,4 +1,4 @@
-"""How a calculation is asked for beside the event loop. Pure: who carries it out is worker.py, or a test."""
+"""The interface of a calculation outside the event loop. worker.py implements it; tests call functions directly."""
 
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
@@ -9,18 +9,19 @@ Result = TypeVar("Result")
 
 
 class ComputeError(FacetdError):
-    """A calculation has ended without an answer: its process was killed, ran out of memory, or took too long."""
+    """A calculation gave no result: its process was killed, ran out of memory, or took too long."""
 
     code = "computation"
 
 
 class ByReference:
-    """A value that is large, never changed, and part of many requests: it is sent to a worker once, then by number."""
+    """A large value that never changes and is part of many requests: sent to a worker once, later referred to by
+    number."""
 
 
 class Compute(Protocol):
-    """Carries out a calculation beside the event loop."""
+    """Runs a calculation outside the event loop."""
 
     async def __call__(self, function: Callable[..., Result], /, *args: Any) -> Result:
-        """What a module-level function returns, or raises, for these values; nobody may change them meanwhile. Raises
+        """Returns or raises what a module-level function does for these values, which must not change meanwhile. Raises
         ComputeError."""

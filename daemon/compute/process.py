@@ -1,7 +1,8 @@
-"""The worker process itself: `python -m daemon.compute.process SOCKET MEMORY`, two descriptors that it inherits.
+"""The worker process: `python -m daemon.compute.process DAEMON SOCKET MEMORY`, the daemon's pid and two inherited
+descriptors.
 
-It computes one request after the other and knows nothing of what they are. It ends with the daemon, whatever happens to
-that, and gives way to it: lower priority, and the first to go where memory is short.
+It runs one request after the other. It ends when the daemon ends, however that happens, and leaves processor and memory
+to it: lower priority, and killed first where memory is short.
 """
 
 import contextlib
@@ -22,27 +23,28 @@ from daemon.compute.wire import HEADER, Kind, SharedMemory, frame, pickled, unpi
 from daemon.errors import FacetdError
 
 NICE = 5
-"""So much lower than the daemon's is its priority."""
+"""Priority below the daemon's."""
 FIRST_TO_GO = 500
-"""Added to the daemon's oom_score_adj: where memory is short the kernel ends the worker, and not what stops the arm."""
+"""Added to the daemon's oom_score_adj: where memory is short the kernel kills the worker, not the process that stops
+the arm."""
 MOST_MB = 512
-"""Of its own memory (RLIMIT_DATA): a calculation that asks for more fails, and takes none of the daemon's."""
+"""Limit of its own memory (RLIMIT_DATA): a calculation that needs more fails, and the daemon keeps its memory."""
 PR_SET_PDEATHSIG = 1
 
 
 class WorkerError(FacetdError):
-    """What a calculation raised that cannot be brought to the daemon as it is: its type and text."""
+    """Type and text of a calculation's error that cannot be pickled."""
 
 
 @dataclass(frozen=True)
 class Unusable:
-    """Stands for a value that could not be taken in: whatever asks for it fails with this."""
+    """In place of a value that could not be unpickled: each request that uses it fails with this error."""
 
     error: BaseException
 
 
 def serve(connection: socket.socket, shared: SharedMemory) -> None:
-    """Answer requests until the daemon closes the line."""
+    """Answer requests until the daemon closes the connection."""
     kept = dict[int, object]()
     numbers = dict[int, int]()
 
@@ -83,7 +85,7 @@ def _answer(content: bytes, value_of, number_of, shared: SharedMemory) -> bytes:
 
 
 def _portable(error: Exception) -> Exception:
-    """The error, or where it does not survive being pickled, what it says."""
+    """The error, or its text where it cannot be pickled."""
     with contextlib.suppress(Exception):
         if str(pickle.loads(pickle.dumps(error))) == str(error):
             return error
@@ -91,12 +93,12 @@ def _portable(error: Exception) -> Exception:
 
 
 def give_way(daemon: int) -> None:
-    """Leave processor and memory to the daemon, its signals as well, and end when it ends."""
+    """Lower the priority, limit the memory, ignore the daemon's signals, and end when the daemon ends."""
     for number in (
         signal.SIGINT,
         signal.SIGTERM,
         signal.SIGHUP,
-    ):  # for the daemon; the worker ends as its line is closed
+    ):  # for the daemon only; the worker ends when its connection closes
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != daemon:

@@ -1,7 +1,7 @@
-"""What passes between the daemon and its worker process: frames on a socket, large arrays in shared memory.
+"""Frames between the daemon and its worker process on a socket; large arrays go through shared memory.
 
-A frame is a kind, a number and a pickled value. The worker is the daemon's own child, and both ends are one version of
-one program; nothing of a frame is ever written to a disk.
+A frame is a kind, a number and a pickled value. The worker is the daemon's own child with the same version of the
+program; no frame is ever written to a disk.
 """
 
 import io
@@ -16,34 +16,34 @@ from typing import Any
 from daemon.compute.calls import ByReference
 
 HEADER = struct.Struct("!BIQ")
-"""Kind, number, and how many bytes of pickled value follow."""
+"""Kind, number, and length of the pickled value in bytes."""
 SHARED_BYTES = 64 << 20
-"""Of shared memory; only what was written to is ever taken. Two pairs of 5 megapixels are 20 MB; what does not fit goes
-through the socket."""
+"""Size of the shared memory; only pages that were written use memory. Two pairs of 5 megapixels have 20 MB; what does
+not fit goes through the socket."""
 LARGE_BYTES = 1 << 16
-"""An array of at least so many goes through shared memory."""
+"""Size from which an array goes through shared memory."""
 
 
 class Kind(IntEnum):
-    """Of a frame."""
+    """Kind of a frame."""
 
     READY = 0
     """From the worker: it has started."""
     DROP = 1
-    """The daemon has no use any more for the value of that number."""
+    """The daemon no longer needs the value of this number."""
     KEEP = 2
-    """The value of that number."""
+    """Keep this value under this number."""
     CALL = 3
-    """A function and its arguments. One of the next two answers it."""
+    """A function and its arguments; RESULT or ERROR answers it."""
     RESULT = 4
     ERROR = 5
 
 
 class SharedMemory:
-    """Memory of both processes, for arrays on their way from the daemon to its worker."""
+    """Memory shared by both processes, for arrays on their way to the worker."""
 
     def __init__(self, descriptor: int | None = None) -> None:
-        """descriptor: of one that the other process made."""
+        """descriptor: of memory that the other process made; None: make it."""
         self.descriptor = os.memfd_create("facetd-pictures") if descriptor is None else descriptor
         if descriptor is None:
             os.ftruncate(self.descriptor, SHARED_BYTES)
@@ -51,11 +51,11 @@ class SharedMemory:
         self._used = 0
 
     def clear(self) -> None:
-        """All that was put is taken."""
+        """Free it all: everything was taken."""
         self._used = 0
 
     def put(self, raw: memoryview) -> tuple[int, int] | None:
-        """Where it lies: offset and length; None where there is no room for it."""
+        """Write bytes; returns offset and length, or None where there is no room."""
         start, end = self._used, self._used + raw.nbytes
         if end > SHARED_BYTES:
             return None
@@ -64,19 +64,19 @@ class SharedMemory:
         return start, raw.nbytes
 
     def take(self, place: tuple[int, int]) -> bytearray:
-        """A copy of what lies there."""
+        """Copy the bytes at this offset and length."""
         start, length = place
         return bytearray(memoryview(self._bytes)[start : start + length])
 
     def close(self) -> None:
-        """Let go of it; the worker may still have it."""
+        """Close it here; the worker may still use it."""
         self._bytes.close()
         os.close(self.descriptor)
 
 
 def pickled(value: object, number_of: Callable[[ByReference], int | None], shared: SharedMemory | None = None) -> bytes:
-    """A frame's content. number_of: of what passes by number, None where its value is wanted; shared: for large arrays.
-    Raises what cannot be pickled raises."""
+    """Encode a frame's content. number_of: the number of a value that goes by reference, None to encode the value
+    itself; shared: for large arrays. Raises the errors of pickle."""
     places = list[tuple[int, int]]()
 
     def in_band(buffer: pickle.PickleBuffer) -> bool:
@@ -96,7 +96,7 @@ def pickled(value: object, number_of: Callable[[ByReference], int | None], share
 
 
 def unpickled(content: bytes, value_of: Callable[[int], object], shared: SharedMemory | None = None) -> Any:
-    """What `pickled` was given. value_of: of a number."""
+    """Decode a frame's content. value_of: the value of a number."""
 
     class Unpickler(pickle.Unpickler):
         def persistent_load(self, number: int) -> object:
@@ -108,5 +108,5 @@ def unpickled(content: bytes, value_of: Callable[[int], object], shared: SharedM
 
 
 def frame(kind: Kind, number: int = 0, content: bytes = b"") -> bytes:
-    """One frame, whole."""
+    """Encode one frame."""
     return HEADER.pack(kind, number, len(content)) + content

@@ -1,4 +1,4 @@
-"""The daemon's side of a worker process: start it, ask it, and start it anew where it ends, or takes too long."""
+"""The daemon's side of a worker process: start it, send it calculations, restart it where it ends or takes too long."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from daemon.compute.calls import ByReference, ComputeError, Result
 from daemon.compute.wire import HEADER, Kind, SharedMemory, frame, pickled, unpickled
 
 STARTED_S = 120.0
-"""How long a worker may take to start: it reads its program from a disk that may be slow."""
+"""Time limit of a worker's start: it loads its program from a disk that may be slow."""
 OF_THE_DAEMON = ("NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC")
-"""What systemd gives to the daemon alone."""
+"""Environment variables from systemd for the daemon only."""
 MEMORY_GIVEN_BACK = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "16777216"}
-"""One arena for all threads, and large arrays given back: glibc otherwise keeps pictures long gone. As tame_malloc."""
+"""One arena for all threads, and large arrays returned to the system: otherwise glibc keeps the memory of old pictures.
+As tame_malloc."""
 
 
 class Worker:
-    """A Compute whose calculations run in a process of its own, one after the other.
+    """A Compute with a process of its own, which runs one calculation after the other.
 
     name: what it computes, for people; within_s: a calculation that takes longer is given up. A calculation that is
     given up or cancelled ends with its process. idle_s: a process that has nothing to do for so long is ended; None: it
@@ -61,17 +62,17 @@ class Worker:
             return result
 
     def prepare(self, value: ByReference) -> None:
-        """Send a value ahead that the next requests will need: to this process, and to those after it."""
+        """Send a value that the next requests will need: to this process, and to later ones."""
         self._prepared = value
         self._running().keep(value)
 
     @property
     def pid(self) -> int | None:
-        """Of its process; None where none runs."""
+        """Its process's id; None where none runs."""
         return None if self._process is None else self._process.popen.pid
 
     def close(self) -> None:
-        """End its process, whatever it computes, and start none any more."""
+        """End the process, whatever it runs, and start no other."""
         self._closed = True
         self._end_process()
 
@@ -93,7 +94,7 @@ class Worker:
 
 
 class _Numbers:
-    """Of values that pass by reference, while they exist."""
+    """Numbers of values that go by reference, for as long as they exist."""
 
     def __init__(self) -> None:
         self.values = weakref.WeakValueDictionary[int, ByReference]()
@@ -108,7 +109,7 @@ class _Numbers:
 
 
 class _Process:
-    """One worker process, and what it holds by number."""
+    """One worker process, and the numbers of the values that it has."""
 
     def __init__(self, name: str, numbers: _Numbers) -> None:
         self._name, self._numbers = name, numbers
@@ -141,7 +142,7 @@ class _Process:
             self._writer.write(content)
 
     def keep(self, value: ByReference) -> int:
-        """Send a value, once; its number."""
+        """Send a value, once; returns its number."""
         number = self._numbers.of(value)
         if number not in self._held:
             content = pickled(value, lambda part: None if part is value else self.keep(part), self._shared)
@@ -150,7 +151,7 @@ class _Process:
         return number
 
     async def ask(self, function: Callable[..., object], args: tuple[Any, ...], within_s: float) -> Any:
-        """What the function returns or raises. Raises ComputeError, after which the process is of no use."""
+        """Return or raise what the function does. Raises ComputeError, after which the process must be ended."""
         self._shared.clear()
         for number in self._held - set(self._numbers.values):
             self._held.remove(number)
@@ -186,7 +187,7 @@ class _Process:
         return f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
 
     def end(self) -> None:
-        """End it now."""
+        """Kill it now."""
         self.popen.kill()
         self._opening.cancel()
         if self._writer is None:

@@ -40,7 +40,7 @@ class CauseCode(StrEnum):
     CONTROLLER_SILENT = ("controller_silent", "controller silent", "line",
         "check that the controller is on, the serial cable plugged in at both ends, arm.port right; then `resume`")
     CONTROLLER_REFUSED = ("controller_refused", "controller refused", "arm",
-        "read the controller's own words, remove the cause, then `resume`")
+        "read the controller's message, remove the cause, then `resume`")
     CONVERTER_ECHOES = ("converter_echoes", "converter echoes", "line",
         "switch off the echo of the serial converter (a switch or a jumper on it); then `resume`")
     LINE_NOISE = ("line_noise", "noise on the line", "line",
@@ -71,7 +71,7 @@ class CauseCode(StrEnum):
     NOT_AT_PLACE = ("not_at_place", "not seen at its place", "table",
         "find the part; then `place check`, or `place clear` where nothing lies there")
     NOT_WHERE_LAID = ("not_where_laid", "not seen where it was laid down", "table",
-        "find the part, lay it on the table alone; it slid or toppled as it was let go: see the pictures of its page")
+        "find the part, lay it on the table alone; it slid or toppled when the gripper opened: see the run's page")
     CAMERA_LOST = ("camera_lost", "camera cable", "camera",
         "plug it in at both ends and fasten it; `facetctl cameras` lists the cameras present; then `resume`")
     LENS_COVERED = "lens_covered", "lens covered", "camera", "take off what covers the lens; then `resume`"

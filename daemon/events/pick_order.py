@@ -1,6 +1,6 @@
-"""What is still to be picked: a count of any parts (`auto on 20`), one part (`pick cube`), or the steps of a job file.
+"""What is still to be picked: a number of any parts (`auto on 20`), one part (`pick cube`), or the steps of a job file.
 
-A value. The run log and the recovery file hold it as well, so that a restart can continue it.
+A value. The run log and the recovery file store it, so that a restart can continue it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from msgspec.structs import replace
 
 
 class OrderStep(Struct, frozen=True, omit_defaults=True):
-    """count parts with label `part` are still to be brought; place: the place or pattern that they go to, `bin` for the
-    bin, None for wherever such parts belong."""
+    """A step: `count` parts with label `part` are still to be brought. place: their place or pattern, `bin`, or None
+    for where such parts belong."""
 
     part: str
     count: int = 1
@@ -24,8 +24,8 @@ class OrderStep(Struct, frozen=True, omit_defaults=True):
 
 
 class PickOrder(Struct, frozen=True):
-    """count: how many parts are still to be brought in all, None for every one that lies there; every_s: after how many
-    seconds a table without a wanted part is looked at again, None where that ends the order.
+    """count: parts still to be brought in all, None for every part there; every_s: after how many seconds to look again
+    when no wanted part is there, None to end then.
 
     job: name of the job that it comes from; steps: what is still to be brought this time, none for any part; in_turn:
     only the first step is wanted now; skip: a step whose part is not there is left out; times: how often all of `whole`
@@ -44,7 +44,7 @@ class PickOrder(Struct, frozen=True):
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left of it."""
+        """Whether all parts were brought."""
         return self.count == 0
 
     @property
@@ -53,20 +53,21 @@ class PickOrder(Struct, frozen=True):
 
     @property
     def only(self) -> str | None:
-        """The one part that is wanted now; None: any, or several."""
+        """The only label that is wanted now; None: any, or several."""
         labels = {step.part for step in self._wanted}
         return labels.pop() if len(labels) == 1 else None
 
     def wants(self, label: str) -> bool:
-        """Whether a part of this label is to be brought now."""
+        """Whether a part with this label is wanted now."""
         return not self.steps or any(step.part == label for step in self._wanted)
 
     def place(self, label: str) -> str | None:
-        """The place, pattern or `bin` that the next part of this label goes to; None: wherever such parts belong."""
+        """The place, pattern or `bin` for the next part with this label; None: where such parts belong."""
         return next((step.place for step in self._wanted if step.part == label), None)
 
     def brought(self, label: str | None) -> PickOrder:
-        """After a part was put down; label None: one that was in the gripper before, which belongs to no step."""
+        """The order after a part was brought; label None: a part that was in the gripper before, which belongs to no
+        step."""
         number = next((n for n, step in enumerate(self._wanted) if step.part == label), None)
         if self.count is None or (self.steps and number is None):
             return self
@@ -77,13 +78,13 @@ class PickOrder(Struct, frozen=True):
         return self._with(self.steps[:number] + left + self.steps[number + 1 :], self.count - 1)
 
     def without_wanted(self) -> PickOrder:
-        """After no part could be had that is wanted now: the order without those steps."""
+        """The order without the steps that are wanted now, after no such part was found."""
         assert self.count is not None, "only a job skips"
         left = self.steps[len(self._wanted) :]
         return self._with(left, self.count - sum(step.count for step in self._wanted))
 
     def missing(self, brought: Counter[str]) -> dict[str, int]:
-        """What a job lacks, by label, once so many parts of each label were brought of it."""
+        """The parts that a job lacks, by label, after so many of each label were brought."""
         wanted: Counter[str] = Counter()
         for step in (*self.steps, *(self.whole * (self.times - 1))):
             wanted[step.part] += step.count
@@ -105,12 +106,12 @@ ALL = PickOrder()
 
 
 def auto_record(order: PickOrder | None) -> dict[str, Any]:
-    """The fields of the run log's record `auto`; None: nothing is to be picked any more."""
+    """The fields of the run log's record `auto`; None: nothing is left to pick."""
     plain = order or ALL
     fields: dict[str, Any] = {"on": order is not None, "count": plain.count, "every_s": plain.every_s}
     return fields if plain.job is None and not plain.on_signal else {**fields, "order": plain.json()}
 
 
 def read_order(values: Mapping[str, Any]) -> PickOrder:
-    """The order of a record or of the recovery file. Keys of newer releases are left out."""
+    """Read the order in a record or in the recovery file. Keys of newer releases are ignored."""
     return msgspec.convert(dict(values), PickOrder)

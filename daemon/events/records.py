@@ -147,7 +147,7 @@ class RunStart(EventRecord, kw_only=True):
     calibration: Annotated[Text, meaning("file in kept/")] = None
     model: Annotated[Text, meaning("file in kept/")] = None
     gripper: Annotated[
-        Text, meaning("the mounted one: its name, of several; else its kind; null: nobody has said it")
+        Text, meaning("the mounted gripper: its name, or its kind where only one is configured; null: not reported yet")
     ] = None
     limits: Annotated[dict[str, Number] | None, meaning("grasp_mm and arrival_mm that it works to", "mm")] = None
     seed: Annotated[Count, meaning("of a simulated cell")] = None
@@ -277,7 +277,7 @@ class DecisionMade(CycleRecord, kw_only=True):
     slip_deg: Annotated[Number, meaning("of the chosen grasp: how far off square its contacts are", "degrees")] = None
     facet: Annotated[Count, meaning("of the chosen grasp by suction: the part's facet, from 1")] = None
     room_mm: Annotated[Number, meaning("from the cup's axis to the nearest edge or hole of that facet", "mm")] = None
-    load: Annotated[Number, meaning("the share that the part asks of what the cup can hold")] = None
+    load: Annotated[Number, meaning("the part's load as a share of what the cup can hold")] = None
     chi2: Annotated[Number, meaning("of two looks that disagree")] = None
 
 
@@ -285,7 +285,7 @@ class LookGained(CycleRecord, kw_only=True):
     """How much one more look reduced the uncertainty."""
 
     look: Annotated[Count, meaning("number of the look at the table")] = None
-    about: Annotated[Text, meaning("which of the things that were seen: where it is, in words")] = None
+    about: Annotated[Text, meaning("the object that the look was for: where it is, as text")] = None
     before: Annotated[Text, meaning("what it could be, before the look")] = None
     after: Annotated[Text, meaning("what it could be, after the look")] = None
     bits_before: Annotated[Number, meaning("uncertainty before", "bits")] = None
@@ -367,7 +367,7 @@ class CycleEnded(CycleRecord, kw_only=True):
     stops: Annotated[Count, meaning("looks at it")] = None
     why: Annotated[Text, meaning("in words")] = None
     stopped: Annotated[
-        Text, meaning("code of what stopped the arm after that outcome, on the way home or as it was let go")
+        Text, meaning("code of what stopped the arm after that outcome, on the way home or when the gripper opened")
     ] = None
     grasp: Annotated[Pose, meaning("world_from_tool", "mm")] = None
     predicted: Annotated[PredictedRecord | None, meaning("error expected at the grasp: mm and deg")] = None
@@ -388,7 +388,7 @@ class TrueGrasp(CycleRecord, kw_only=True):
     error_mm: Annotated[Number, meaning("at the grasp", "mm")] = None
     error_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     held: Annotated[Flag, meaning("whether the gripper holds the part")] = None
-    place_mm: Annotated[Number, meaning("of a part set down at its place, from there", "mm")] = None
+    place_mm: Annotated[Number, meaning("of a part set down at its place: distance from that place", "mm")] = None
     place_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
 
 
@@ -425,7 +425,7 @@ class PartMeasured(CycleRecord, kw_only=True):
 
     label: Annotated[Text, meaning("the part")] = None
     tool_from_part: Annotated[Pose, meaning("how it is held", "mm")] = None
-    shift_mm: Annotated[Number, meaning("of how it shows from how it was grasped, at its origin", "mm")] = None
+    shift_mm: Annotated[Number, meaning("difference of the seen pose in the gripper from the planned one", "mm")] = None
     shift_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     chi2: Annotated[Number, meaning("how far apart they are, 6 degrees of freedom")] = None
 
@@ -438,8 +438,8 @@ class PlaceChanged(CycleRecord, kw_only=True):
     status: Annotated[Text, meaning("one of those of daemon/store/place_status.py")] = None
     off_mm: Annotated[Number, meaning("how far off the part was seen, along its support", "mm")] = None
     off_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
-    height_mm: Annotated[Number, meaning("how much higher than it would rest", "mm")] = None
-    tolerance_mm: Annotated[Number, meaning("how far off it may be", "mm")] = None
+    height_mm: Annotated[Number, meaning("height above its resting pose", "mm")] = None
+    tolerance_mm: Annotated[Number, meaning("the place's tolerance", "mm")] = None
     tolerance_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     why: Annotated[Text, meaning("in words")] = None
     outline: Annotated[Points, meaning("the part's corners at the place from above, anticlockwise, world", "mm")] = None
@@ -454,7 +454,7 @@ class PartLaidDown(CycleRecord, kw_only=True):
     off_mm: Annotated[Number, meaning("how far off it was seen, along the table", "mm")] = None
     off_deg: Annotated[Number, meaning("the same in angle", "degrees")] = None
     why: Annotated[Text, meaning("in words")] = None
-    world_from_part: Annotated[Pose, meaning("how it is to lie, or was seen to", "mm")] = None
+    world_from_part: Annotated[Pose, meaning("its goal, or its pose as seen", "mm")] = None
     outline: Annotated[Points, meaning("its corners there from above, anticlockwise, world", "mm")] = None
 
 

@@ -1,2 +1,4 @@
-"""Signals to and from the line: digital inputs and outputs of the controller, by name and role. What they are, how an
-input is read on this controller, what each says of the cell. Which commands an operator has is daemon/commands'."""
+"""The line's signals: digital inputs and outputs of the controller, and coils of a PLC, by name and role.
+
+Settings, how this controller reads an input, hand-shakes, PackML's state. daemon/commands/signals.py has the command.
+"""

@@ -1,7 +1,7 @@
-"""How an input is read on this controller: a form of words that was found by a person who switched one, and kept.
+"""How this controller reads an input: a command text, and its answers for off and on, found by a test and stored.
 
-No source shows what a controller prints, so nothing is assumed: a form counts whose answer differs while the input is
-on and is the first one again when it is off. An answer that is neither of the two is an error, never a level.
+No document says what a controller prints. A person switches an input off, on and off; the form counts whose answer
+follows. Any other answer is an error, never a level.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,9 +15,9 @@ from daemon.store.json_file import read_json
 from daemon.store.outside import FileError
 
 FILE = "signal-reading.json"
-"""Its name in the state folder."""
+"""File name in the state folder."""
 FORMS = ("LISTR SIG({number})", "DO TYPE SIG({number})")
-"""Forms of words that print one input, in the order in which they are tried; none of them sets anything."""
+"""Command texts that print one input, in the order of the test; none changes anything."""
 
 
 class SignalError(FacetdError):
@@ -27,27 +27,27 @@ class SignalError(FacetdError):
 
 
 class InputForm(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """form: what is typed; off, on: what the controller printed."""
+    """form: the command text; off, on: the controller's answers."""
 
     form: str
     off: str
     on: str
 
     def line(self, number: int) -> str:
-        """What is typed to read an input."""
+        """The command that reads an input."""
         return self.form.format(number=number)
 
     def high(self, number: int, printed: str) -> bool:
         """Whether the input is at its high level. Raises SignalError on any other answer than the two known ones."""
         if printed not in (self.on, self.off):
             problem = f"`{self.line(number)}` printed {printed[:40]!r}, which is neither {self.on!r} nor {self.off!r}"
-            raise SignalError(f"{problem}: `signal find` anew")
+            raise SignalError(f"{problem}: type `signal find` again")
         return printed == self.on
 
 
 def form_found(printed: Mapping[str, Sequence[str | None]]) -> InputForm | None:
-    """The first form whose answer followed the input: off, on, off again. printed: those answers by form, None where
-    the controller refused it."""
+    """The first form whose answers follow the input: off, on, off. printed: these three answers by form, None where the
+    controller refused the command."""
     for form, (off, on, again) in printed.items():
         if off and on and off == again and on != off:
             return InputForm(form, off, on)
@@ -55,15 +55,15 @@ def form_found(printed: Mapping[str, Sequence[str | None]]) -> InputForm | None:
 
 
 def load_form(folder: Path) -> InputForm | None:
-    """What was kept; None where nothing was found yet. Raises FileError."""
+    """Load the stored form; None where none was found yet. Raises FileError."""
     path = folder / FILE
     found = read_json(path, InputForm, "delete it, then `signal find`")
     if found is not None and (found.form not in FORMS or found.on == found.off):
-        raise FileError(f"{path}: not a form of words that reads an input: delete it, then `signal find`")
+        raise FileError(f"{path}: holds no valid form: delete it, then `signal find`")
     return found
 
 
 def keep_form(folder: Path, form: InputForm) -> None:
-    """Keep it. Raises FileError."""
-    with failing_as(FileError, f"{folder / FILE}: not kept"):
+    """Store the form. Raises FileError."""
+    with failing_as(FileError, f"{folder / FILE}: not stored"):
         write_atomically(folder / FILE, msgspec.json.encode(form))

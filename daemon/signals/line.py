@@ -1,7 +1,8 @@
-"""The line's signals while the daemon runs: inputs read between moves, outputs set where they differ, hand-shakes.
+"""Serve the line's signals: read inputs between moves, set outputs that differ, do the hand-shakes.
 
-One owner of what is known of them. Each reading and each setting is one turn of the arm's own line, so that none falls
-into a move. What cannot be read permits nothing: the error ends the job, and the arm is stopped as for any other.
+One object owns the known levels. Each reading and each setting takes one turn of the controller's line, so that none
+comes in the middle of a move. An input that cannot be read permits nothing: its error ends the job and stops the arm,
+as any other does.
 """
 
 import asyncio
@@ -16,9 +17,9 @@ from daemon.signals.settings import ON_STOP, VALVES, SignalSettings
 
 NO_PLC = PLCInputs()
 POLL_S = 0.2
-"""How often inputs are read that somebody waits for."""
+"""Interval between readings of an input that a job waits for."""
 FAILED_S = 2.0
-"""How long after a failure the outputs are tried again."""
+"""Time after a failure until the outputs are set again."""
 IN_WORDS = {
     "permit_pick": "the permit to pick",
     "permit_place": "the permit to place",
@@ -28,29 +29,29 @@ IN_WORDS = {
 
 
 class SignalIO(Protocol):
-    """The controller's digital inputs and outputs, each call one turn of its line."""
+    """The controller's digital inputs and outputs; each call takes one turn of its line."""
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         """Switch outputs: n on, -n off."""
 
     async def work_valves(self, numbers: Sequence[int]) -> None:
-        """The same of outputs that work the gripper: not while nothing may move."""
+        """Switch outputs that work the gripper; refused while nothing may move."""
 
     async def ask_input(self, text: str) -> str:
-        """What the controller prints to a line that reads an input."""
+        """The controller's answer to a command that reads an input."""
 
 
 @dataclass(frozen=True)
 class SignalLevel:
-    """Whether a signal is on, and since when that is known, on the daemon's clock."""
+    """Whether a signal is on, and when that was read or set, on the daemon's clock."""
 
     on: bool
     at_s: float
 
 
 class LineSignals:
-    """See the module. waits_for: what is awaited of the line, in words; done: a part was brought, and the line has not
-    taken note; form: how inputs are read, None where nobody found that yet."""
+    """See the module. waits_for: the signal that a job waits for, as text; done: a part was brought, and the line has
+    not acknowledged it; form: how inputs are read, None before `signal find`."""
 
     def __init__(
         self,
@@ -61,7 +62,7 @@ class LineSignals:
         record: Callable[..., None],
         plc: PLCInputs = NO_PLC,
     ) -> None:
-        """plc: gives its roles in place of inputs of the controller."""
+        """plc: provides its roles in place of inputs of the controller."""
         self.signals, self.form, self.plc = dict(signals), form, plc
         self.levels: dict[str, SignalLevel] = {}
         self.waits_for: str | None = None
@@ -70,37 +71,37 @@ class LineSignals:
         self._io, self._clock, self._record = io, clock, record
         self._by_role: dict[str, str] = {signal.role: name for name, signal in signals.items()}
         self._by_role |= {role: f"PLC's {role}" for role in plc.roles}
-        self._start_armed = self._reset_armed = False
-        """Whether it was seen off since the last one that counted: one that was on before is none."""
+        self._start_seen_off = self._reset_seen_off = False
+        """Whether the signal was seen off since it last counted: one that stays on does not count again."""
         self._start_at_done = False
-        self._blows = False
+        self._blowing = False
         self._stop_seen = 0
         self._line = asyncio.Lock()
 
     @property
-    def there(self) -> bool:
+    def has_line(self) -> bool:
         """Whether the cell has a line."""
         return bool(self.signals or self.plc.roles)
 
     @property
     def unreadable(self) -> str | None:
-        """Why no input can be read, where there is one; what to do."""
+        """Why inputs cannot be read, and what to do; None where they can."""
         inputs = self.names(inputs=True)
         if not inputs or self.form is not None:
             return None
-        return f"nobody has found yet how an input is read on this controller: `signal find {inputs[0]}` at a console"
+        return f"it is unknown how this controller reads an input: type `signal find {inputs[0]}` at a console"
 
     def names(self, inputs: bool) -> list[str]:
-        """Of the inputs, or of the outputs."""
+        """Names of the inputs, or of the outputs."""
         return [name for name, signal in self.signals.items() if signal.is_input is inputs]
 
     def has(self, role: str) -> bool:
-        """Whether there is a signal of that role."""
+        """Whether there is a signal with that role."""
         return role in self._by_role
 
     async def read(self, name: str) -> bool:
-        """Read an input now. Raises SignalError, and what the line raises. Of a PLC that is not heard it is off, and no
-        change that counts as the line's."""
+        """Read an input. Raises SignalError, and the errors of the controller's line. A PLC that is not connected
+        counts as off, which is no change of the signal."""
         if name not in self.signals:
             return self._read_plc(name)
         signal = self.signals[name]
@@ -108,25 +109,25 @@ class LineSignals:
             raise SignalError(f"{name}: {self.unreadable}")
         high = self.form.high(signal.number, await self._io.ask_input(self.form.line(signal.number)))
         on = high == (signal.level == "high")
-        self._take(name, signal.role, on)
+        self._update(name, signal.role, on)
         return on
 
     def _read_plc(self, name: str) -> bool:
         role = next(role for role in self.plc.roles if self._by_role[role] == name)
         on = self.plc.on(role)
         if on is not None:
-            self._take(name, role, on)
+            self._update(name, role, on)
         elif role == "cycle_start":
-            self._start_armed = False
+            self._start_seen_off = False
         elif role == "reset":
-            self._reset_armed = False
+            self._reset_seen_off = False
         return bool(on)
 
     def _readable(self, role: str) -> bool:
         return role in self._by_role and (self.form is not None or role in self.plc.roles)
 
     async def permit(self, role: str | None) -> bool:
-        """Wait for a permit, where the line has one. Gives whether it had to be waited for."""
+        """Wait for a permit, where the line gives one; returns whether it had to wait."""
         if role is None or role not in self._by_role:
             return False
         waited = False
@@ -138,18 +139,18 @@ class LineSignals:
             self.waits_for = None
         return waited
 
-    async def wanted(self, goes_on: Callable[[], bool]) -> bool:
-        """Wait until the line wants a part: it permits one to be picked, one lies ready, and it asks for one anew.
-        False where it does not go on."""
+    async def wanted(self, continues: Callable[[], bool]) -> bool:
+        """Wait until the line wants a part: it permits a pick, a part is ready, and its start signal has come again.
+        False where goes_on ends that."""
         roles = [role for role in ("permit_pick", "part_present", "cycle_start") if role in self._by_role]
         self.waits_to_begin = True
         try:
-            while goes_on():
+            while continues():
                 lacking = [role for role in roles if not await self.read(self._by_role[role])]
-                if "cycle_start" in roles and not self._start_armed:
+                if "cycle_start" in roles and not self._start_seen_off:
                     lacking = [*lacking, "cycle_start"]
                 if not lacking:
-                    self._start_armed = False
+                    self._start_seen_off = False
                     return True
                 self.waits_for = f"{IN_WORDS[lacking[0]]} ({self._by_role[lacking[0]]})"
                 await asyncio.sleep(POLL_S)
@@ -158,40 +159,42 @@ class LineSignals:
             self.waits_for, self.waits_to_begin = None, False
 
     async def part_held(self) -> bool | None:
-        """What the gripper's sensor says now; None: it has none. Raises SignalError, and what the line raises."""
+        """What the gripper's sensor reports; None without one. Raises SignalError, and the errors of the controller's
+        line."""
         name = self._by_role.get("part_held")
         return None if name is None else await self.read(name)
 
     @property
     def valves_at_outputs(self) -> bool:
-        """Whether outputs work the valves of a suction cup."""
+        """Whether outputs switch the valves of a suction cup."""
         return self.has("vacuum")
 
     async def work_cup(self, closed: bool, works_s: float) -> None:
-        """Switch the vacuum on and wait; or switch it off and the blow-off on, wait, and that off again. Where the wait
-        is cut off, `watch` switches the blow-off off; the vacuum stays as it was switched last. Raises what the line
-        raises; then nobody knows how they are."""
+        """Switch the vacuum on and wait; or switch it off, blow off for works_s. If the wait is cancelled, `watch`
+        switches the blow-off off and the vacuum stays. Raises the errors of the controller's line; the levels are then
+        unknown."""
         on_by_name = {self._by_role["vacuum"]: closed}
         if "blow_off" in self._by_role:
             on_by_name[self._by_role["blow_off"]] = not closed
         try:
             async with self._line:
-                self._blows = not closed
-                await self._switched(on_by_name, self._io.work_valves)
+                self._blowing = not closed
+                await self._set_levels(on_by_name, self._io.work_valves)
             await asyncio.sleep(works_s)
         finally:
-            self._blows = False
+            self._blowing = False
         if "blow_off" in self._by_role and not closed:
             await self.switch({self._by_role["blow_off"]: False})
 
     async def brought(self) -> None:
-        """A part was brought: part_done goes on until the line takes note, by a change of its cycle start."""
+        """A part was brought: part_done is on until the line acknowledges it by a change of its cycle start."""
         if self.has("part_done") or "cycle_start" in self.plc.roles:
             self._start_at_done = await self.read(self._by_role["cycle_start"])
             self.done = True
 
     async def watch(self, state: PackMLState, stop_seen: int = 0) -> bool:
-        """Read what a hand-shake waits for, set the outputs that differ. Gives whether the line asks for a reset.
+        """Read the inputs that a hand-shake waits for, and set the outputs that differ; returns whether the line asks
+        for a reset.
 
         stop_seen: of the permit; another one means that the controller may have been switched off, its outputs with it.
         """
@@ -206,28 +209,31 @@ class LineSignals:
             if aborted:
                 on = await self.read(self._by_role["reset"])
                 heard = "reset" not in self.plc.roles or self.plc.heard
-                reset, self._reset_armed = on and self._reset_armed, heard and not on
+                reset, self._reset_seen_off = on and self._reset_seen_off, heard and not on
             else:
-                self._reset_armed = False
+                self._reset_seen_off = False
         await self.set_outputs(state)
         return reset
 
     async def set_outputs(self, state: PackMLState) -> None:
-        """Set the outputs that differ from what they are to be. Raises what the line raises."""
+        """Set the outputs that differ from the state. Raises the errors of the controller's line."""
         async with self._line:
             followed = [n for n in self.names(inputs=False) if self.signals[n].role not in VALVES]
-            wanted = {name: self._wanted(name, state) for name in followed}
+            wanted = {name: self._level_for(name, state) for name in followed}
             if "blow_off" in self._by_role:
-                wanted[self._by_role["blow_off"]] = self._blows
+                wanted[self._by_role["blow_off"]] = self._blowing
             changed = {n: on for n, on in wanted.items() if n not in self.levels or self.levels[n].on is not on}
             if changed:
                 await self.switch(changed)
 
     async def switch(self, on_by_name: Mapping[str, bool]) -> None:
-        """Switch outputs. Raises what the line raises; then nobody knows how they are, and they are set again."""
-        await self._switched(on_by_name, self._io.set_outputs)
+        """Switch outputs. Raises the errors of the controller's line; the levels are then unknown, and set again
+        later."""
+        await self._set_levels(on_by_name, self._io.set_outputs)
 
-    async def _switched(self, on_by_name: Mapping[str, bool], send: Callable[[Sequence[int]], Awaitable[None]]) -> None:
+    async def _set_levels(
+        self, on_by_name: Mapping[str, bool], send: Callable[[Sequence[int]], Awaitable[None]]
+    ) -> None:
         for name in on_by_name:
             self.levels.pop(name, None)
         numbers = [
@@ -236,13 +242,13 @@ class LineSignals:
         ]
         await send(numbers)
         for name, on in on_by_name.items():
-            self._take(name, self.signals[name].role, on)
+            self._update(name, self.signals[name].role, on)
 
     def forget(self) -> None:
-        """Nobody knows any more how the signals are: outputs are set again."""
+        """Mark all levels as unknown: outputs are set again."""
         self.levels.clear()
 
-    def _wanted(self, name: str, state: PackMLState) -> bool:
+    def _level_for(self, name: str, state: PackMLState) -> bool:
         signal, aborted = self.signals[name], state is PackMLState.ABORTED
         if signal.role == "fault":
             return aborted
@@ -254,11 +260,11 @@ class LineSignals:
             return self.levels[name].on if name in self.levels else False
         return self.done if signal.role == "part_done" else state is PackMLState.EXECUTE
 
-    def _take(self, name: str, role: str, on: bool) -> None:
+    def _update(self, name: str, role: str, on: bool) -> None:
         before = self.levels.get(name)
         self.levels[name] = SignalLevel(on, self._clock())
         if role == "cycle_start":
-            self._start_armed |= not on
+            self._start_seen_off |= not on
             if self.done and on != self._start_at_done:
                 self.done = False
         if before is None or before.on is not on:
@@ -274,11 +280,11 @@ async def keep_watch(
     failures: tuple[type[Exception], ...],
     sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
 ) -> None:
-    """Follow the cell until cancelled. stop_seen: see watch; reset: called as the line asks to clear a fault; trouble:
-    called with the reason where the signals could not be served twice in a row (a stop cuts one command off), None
-    once they are; failures: of the line."""
+    """Serve the line until cancelled. stop_seen: see watch; reset: called when the line asks to clear a fault; trouble:
+    called with the reason after two failures in a row (a stop makes one command fail), with None when the line works
+    again; failures: errors of the controller's line."""
     failed = False
-    while line.there:
+    while line.has_line:
         try:
             if await line.watch(state(), stop_seen()):
                 reset()
@@ -294,7 +300,7 @@ async def keep_watch(
 
 
 class NoSignals:
-    """A cell without a line: nothing is read, nothing set."""
+    """A cell without a line: reads and sets nothing."""
 
     async def set_outputs(self, numbers: Sequence[int]) -> None:
         """Never called."""
@@ -308,5 +314,5 @@ class NoSignals:
 
 
 def no_line() -> LineSignals:
-    """The signals of a cell that has none."""
+    """The signals of a cell without a line."""
     return LineSignals({}, NoSignals(), None, lambda: 0.0, lambda *_, **__: None)

@@ -1,8 +1,8 @@
-"""Modbus TCP for a PLC, on a socket that systemd hands in: roles of the line as coils, the cell's state to read. Needs
+"""Modbus TCP server for a PLC, on a socket from systemd: signals of the line as coils, the cell's state to read. Needs
 the extra `modbus`.
 
-pymodbus decodes and encodes; the sockets are asyncio's. One client at a time: a second one is closed. What a client
-gives holds as long as it asks at least every silence_s, and no longer than its connection.
+pymodbus encodes and decodes; asyncio has the sockets. One client at a time: a second one is refused. A client's coils
+are valid while it sends a request at least every silence_s, and only during its connection.
 """
 
 import asyncio
@@ -18,9 +18,9 @@ from daemon.signals.settings import ModbusSettings
 from daemon.store.folders import how_to_add
 
 COILS = ("permit_pick", "permit_place", "cycle_start", "part_present", "reset")
-"""Coil 0, 1, ...: what the PLC may give; only the roles of modbus.roles are taken."""
+"""Coil 0, 1, ...: what a PLC may set; only those in modbus.roles are accepted."""
 DISCRETE_INPUTS = ("busy", "part_done", "fault", "enabled")
-"""Discrete input 0, 1, ...: what it reads."""
+"""Discrete input 0, 1, ...: what a PLC reads."""
 STATE_NUMBERS: Mapping[PackMLState, int] = {
     PackMLState.STOPPED: 2,
     PackMLState.IDLE: 4,
@@ -31,11 +31,11 @@ STATE_NUMBERS: Mapping[PackMLState, int] = {
 """Input register 0: PackML's StateCurrent (ISA-TR88.00.02)."""
 WORD = 1 << 16
 FIRST_FD = 3
-"""The first file descriptor that systemd hands in: sd_listen_fds(3)."""
+"""The first file descriptor from systemd: sd_listen_fds(3)."""
 NAME = "modbus"
 """FileDescriptorName of the socket unit."""
 LARGEST_BYTES = 260
-"""Of a Modbus TCP frame."""
+"""Length limit of a Modbus TCP frame."""
 READ_COILS, READ_DISCRETE_INPUTS, READ_INPUT_REGISTERS, WRITE_COIL, WRITE_COILS = 1, 2, 4, 5, 15
 TABLES = {READ_COILS: COILS, WRITE_COIL: COILS, WRITE_COILS: COILS, READ_DISCRETE_INPUTS: DISCRETE_INPUTS}
 
@@ -46,14 +46,14 @@ class ModbusError(FacetdError):
 
 @dataclass(frozen=True)
 class PLCReadings:
-    """What a PLC reads: by DISCRETE_INPUTS, and the input registers."""
+    """The values that a PLC reads: bits by DISCRETE_INPUTS, and the input registers."""
 
     bits: Mapping[str, bool]
     registers: Sequence[int]
 
 
 def readings(packml: PackMLState, done: bool, enabled: bool, clock_s: float, picked: int, failed: int) -> PLCReadings:
-    """done: part_done is on; the second register counts seconds, so that a PLC sees facetd live."""
+    """The values for a PLC. done: part_done is on; the second register counts seconds, which shows that facetd runs."""
     bits = {
         "busy": packml is PackMLState.EXECUTE,
         "part_done": done,
@@ -64,7 +64,7 @@ def readings(packml: PackMLState, done: bool, enabled: bool, clock_s: float, pic
 
 
 class PLCInputs:
-    """What the PLC gives. heard: whether one is connected and asks often enough."""
+    """The signals that the PLC sets. heard: whether it is connected and sends requests often enough."""
 
     def __init__(self, roles: Sequence[str] = ()) -> None:
         self.roles = tuple(roles)
@@ -72,24 +72,24 @@ class PLCInputs:
         self._on: set[str] = set()
 
     def on(self, role: str) -> bool | None:
-        """Whether it is on; None where no PLC is heard, and nobody knows."""
+        """Whether it is on; None, unknown, without a connected PLC."""
         return role in self._on if self.heard else None
 
     def give(self, role: str, on: bool) -> None:
         (self._on.add if on else self._on.discard)(role)
 
     def connected(self) -> None:
-        """A client is there: everything is off until it says otherwise."""
+        """A client connected: every signal is off until it sets it."""
         self.heard = True
 
     def lost(self) -> None:
-        """It is gone, and its permits with it."""
+        """The client disconnected or fell silent: every signal is unknown."""
         self.heard = False
         self._on.clear()
 
 
 def handed_in(name: str = NAME, environment: Mapping[str, str] = os.environ) -> socket.socket | None:
-    """The listening socket of that name that systemd handed in, closed to child processes; None: there is none."""
+    """The listening socket of that name from systemd, not inherited by child processes; None without one."""
     if environment.get("LISTEN_PID") != str(os.getpid()):
         return None
     names = environment.get("LISTEN_FDNAMES", "").split(":")
@@ -102,7 +102,7 @@ def handed_in(name: str = NAME, environment: Mapping[str, str] = os.environ) -> 
 
 
 class ModbusServer:
-    """Serves one PLC. reads: what it may read now."""
+    """Serves one PLC. reads: returns the present values."""
 
     def __init__(
         self, listener: socket.socket, settings: ModbusSettings, plc: PLCInputs, reads: Callable[[], PLCReadings]
@@ -117,7 +117,7 @@ class ModbusServer:
         self._listener.setblocking(False)
 
     async def serve(self) -> None:
-        """Until it is cancelled."""
+        """Serve until cancelled."""
         server = await asyncio.start_server(self._client, sock=self._listener)
         async with server:
             await server.serve_forever()
@@ -130,13 +130,14 @@ class ModbusServer:
         try:
             await self._converse(reader, writer)
         except (TimeoutError, OSError):
-            pass  # silent for too long, or gone: the PLC connects again
+            pass  # silent for too long, or disconnected: the PLC connects again
         finally:
             self._plc.lost()
             writer.close()
 
     async def _converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Answer requests until the client ends, or sends no whole one in time. Raises TimeoutError, OSError."""
+        """Answer requests until the client disconnects, or sends no complete one in time. Raises TimeoutError,
+        OSError."""
         framer, waiting = self._framer(), b""
         while True:
             async with asyncio.timeout(self._silence_s):
@@ -153,7 +154,7 @@ class ModbusServer:
                 await writer.drain()
 
     async def _answer(self, framer: Any, waiting: bytes) -> tuple[int, bytes | None]:
-        """How much of what waits was taken, and the answer to the first whole request in it."""
+        """The number of bytes consumed, and the answer to the first complete request, or None."""
         from pymodbus.constants import ExcCodes
         from pymodbus.exceptions import ModbusIOException
         from pymodbus.pdu import ExceptionResponse
@@ -173,10 +174,10 @@ class ModbusServer:
         response.transaction_id, response.dev_id = request.transaction_id, request.dev_id
         return used, framer.buildFrame(response)
 
-    # What pymodbus asks of a datastore.
+    # pymodbus's interface of a datastore
 
     async def async_getValues(self, _: int, function: int, address: int, count: int = 1) -> Any:  # noqa: N802
-        """Bits or registers from an address on, or the code that refuses them."""
+        """Bits or registers from an address, or the exception code."""
         from pymodbus.constants import ExcCodes
 
         reads = self._reads()
@@ -189,7 +190,7 @@ class ModbusServer:
         return list(values[address : address + count])
 
     async def async_setValues(self, _: int, __: int, address: int, values: Sequence[bool]) -> Any:  # noqa: N802
-        """Take coils, all or none of them."""
+        """Set coils, all or none."""
         from pymodbus.constants import ExcCodes
 
         names = COILS[address : address + len(values)]

@@ -1,27 +1,27 @@
-"""PackML's state of the cell (ISA-TR88.00.02): the five that a machine must have, from how things stand. Pure."""
+"""PackML's state of the cell (ISA-TR88.00.02), the five that a machine must have. Pure."""
 
 from collections.abc import Mapping
 from enum import StrEnum
 
 
 class PackMLState(StrEnum):
-    """Its names, as PackML has them."""
+    """PackML's names."""
 
     STOPPED = "Stopped"
     """The arm is not enabled."""
     IDLE = "Idle"
-    """Enabled; nothing is done, or an auto waits for the line."""
+    """Enabled; no job runs, or an auto waits for the line."""
     EXECUTE = "Execute"
-    """A job is under way that may move the arm."""
+    """A job runs that may move the arm."""
     COMPLETE = "Complete"
-    """A part was brought, and the line has not taken note yet."""
+    """A part was brought, and the line has not acknowledged it."""
     ABORTED = "Aborted"
     """A fault is active, or the arm is being stopped."""
 
 
 def packml_state(status: Mapping[str, object], at_work: bool, done: bool) -> PackMLState:
-    """status: of the supervisor; at_work: a job may move the arm, and does not wait for the line to begin; done:
-    `part_done` is on."""
+    """The cell's state. status: of the supervisor; at_work: a job may move the arm and does not wait for the line to
+    start; done: `part_done` is on."""
     if status["fault"] is not None or status["stopping"]:
         return PackMLState.ABORTED
     if not status["enabled"]:

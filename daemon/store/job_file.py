@@ -1,5 +1,7 @@
 """jobs/NAME.yaml beside facetd.yaml: which parts to pick, how many of each, in which order, and what to do when one is
-missing. People write these files; each is read when it is asked for.
+missing.
+
+People write these files; each is read when it is used.
 """
 
 from collections.abc import Collection
@@ -16,7 +18,7 @@ from daemon.store.yamlfile import Document, read
 
 FOLDER, SUFFIX = "jobs", ".yaml"
 MOST_STEPS = 12
-"""Steps of a job: the order that is left of it must fit into a slot of the recovery file, twice."""
+"""Most steps of a job: the rest of an order must fit twice into a slot of the recovery file."""
 MOST_TIMES = 10_000
 StepCount = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seconds = Annotated[float, Meta(ge=1, le=3600)]
@@ -59,7 +61,7 @@ class Job:
     document: Document
 
     def order(self, times: int = 1) -> PickOrder:
-        """What is to be picked when the job is done so many times."""
+        """The order for doing the job that many times."""
         file, steps = self.file, tuple(OrderStep(step.part, step.count, step.place) for step in self.file.steps)
         return PickOrder(
             count=times * sum(step.count for step in steps),
@@ -73,7 +75,7 @@ class Job:
         )
 
     def check(self, labels: Collection[str], places: CellPlaces) -> None:
-        """Raises ConfigError for a step whose part is not taught, or whose place is none of this part."""
+        """Check that each step's part is taught, and its place is one of that part. Raises ConfigError."""
         for number, step in enumerate(self.file.steps):
             of_part = dict.fromkeys(place.name.partition(".")[0] for place in places.of(step.part))
             if step.part not in labels:
@@ -96,7 +98,7 @@ def job_names(folder: Path) -> list[str]:
 
 
 def unreadable(folder: Path) -> list[str]:
-    """Why job files of a folder cannot be read, a line for each."""
+    """Why job files of a folder cannot be read, one line each."""
     problems = []
     try:
         for name in job_names(folder):

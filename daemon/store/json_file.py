@@ -1,4 +1,4 @@
-"""Small JSON files in the state folder, each one structure. They are written by files.py's write_atomically."""
+"""Read small JSON files in the state folder, each one structure. files.py's write_atomically writes them."""
 
 import os
 from pathlib import Path
@@ -13,8 +13,8 @@ LARGEST_BYTES = 4_000_000
 
 
 def read_json(path: Path, kind: type[T], mend: str) -> T | None:
-    """Read a file of facetd's own; None where there is none. mend: what to do about one that cannot be
-    read. Raises FileError."""
+    """Read a file that facetd wrote; None where it does not exist. mend: what to do about an unreadable one. Raises
+    FileError."""
     if not os.path.lexists(path):
         return None
     try:

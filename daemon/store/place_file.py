@@ -26,15 +26,15 @@ from daemon.store.outside import FileError
 from daemon.store.yamlfile import Document, Key, read
 
 FILE = "places.yaml"
-"""Its name in the state folder."""
+"""File name in the state folder."""
 NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
 BIN = "bin"
-"""What a job calls the place of parts that have none."""
+"""The name that a job uses for the bin."""
 MOST_PLACES = 1000
 RESIDUAL_MM = 2.0
-"""How far a pattern's fourth corner may be from where the other three have it."""
+"""How far a pattern's fourth corner may be from where the other three put it."""
 SQUARE_DEG = 5.0
-"""How far the two directions of a pattern may be from square to one another before they are taken for a mistake."""
+"""How far the two directions of a pattern may be from a right angle before that counts as a mistake."""
 
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Row4 = tuple[float, float, float, float]
@@ -47,8 +47,8 @@ Count = Annotated[int, Meta(ge=1, le=100)]
 
 @dataclass(frozen=True, kw_only=True)
 class SolidBox:
-    """A box of a fixture that arm and gripper keep away from. What is left between boxes is open: that is where a part
-    goes in."""
+    """A box of a fixture that arm and gripper keep away from. The space between boxes is open: that is where a part
+    enters."""
 
     low_mm: Point
     """Lowest corner, frame of the fixture, mm."""
@@ -58,7 +58,7 @@ class SolidBox:
 
 @dataclass(frozen=True, kw_only=True)
 class FixtureEntry:
-    """Something that holds parts: its upright frame, and its solid."""
+    """Something that holds parts: its frame, z up, and its boxes."""
 
     point_mm: Point = (0.0, 0.0, 0.0)
     """Origin of its frame, world frame, mm."""
@@ -75,7 +75,7 @@ class FixtureEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class Manner:
-    """What a place, and each place of a pattern, says of how a part comes to lie there."""
+    """How a part comes to lie at a place, or at each place of a pattern."""
 
     part: str
     """Label of the part."""
@@ -95,7 +95,7 @@ class Manner:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceEntry(Manner):
-    """One place: the pose of the part, or which side is down, where, and how it is turned."""
+    """One place: the pose of the part; or which side is down, where, and how it is turned."""
 
     pose: Matrix | None = None
     """fixture_from_part, or world_from_part where no fixture is given, rows of a 4x4, mm."""
@@ -109,8 +109,8 @@ class PlaceEntry(Manner):
 
 @dataclass(frozen=True, kw_only=True)
 class PatternEntry(Manner):
-    """A grid of places: three corners and the number of rows and columns. The fourth corner is a check. Each corner may
-    be the name of a place of this file, as `place teach` keeps it: the pattern takes that place over."""
+    """A grid of places: three corners and the number of rows and columns; a fourth corner is a check. Each corner may
+    be the name of a place in this file, as `place teach` stores it: the pattern then replaces that place."""
 
     first: Matrix | str
     """Pose of the part in the first place, as `pose` of a place; or the name of a place."""
@@ -124,7 +124,7 @@ class PatternEntry(Manner):
 
     @property
     def corners(self) -> dict[str, str]:
-        """The places that it takes for its corners, by key."""
+        """The places that it uses as corners, by key."""
         keys = ("first", "row_end_mm", "column_end_mm", "check_mm")
         return {key: value for key in keys if isinstance(value := getattr(self, key), str)}
 
@@ -155,8 +155,8 @@ class PlacesFile:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a part belongs, in the world. name: of a pattern's places `tray.1` and so on; manner: what the file says of
-    it; world_from_frame (4, 4) mm: of its fixture; on_top_of: the place in the layer below.
+    """Where a part belongs, in the world. name: those of a pattern are `tray.1` and so on; manner: its entry in the
+    file; world_from_frame (4, 4) mm: of its fixture; on_top_of: the place in the layer below.
 
     frame_from_part (4, 4) mm, or None where side_down, point_mm and heading_deg say it: that needs the part's shape
     (daemon/pick/place_goals.py).
@@ -186,8 +186,8 @@ class Fixture:
 
 @dataclass(frozen=True, eq=False)
 class CellPlaces:
-    """All of the file. places: in the order in which they are filled; residuals_mm: how far the fourth corner of a
-    pattern is from where the other three have it, by its name, where it has one."""
+    """The content of the file. places: in the order in which they are filled; residuals_mm: distance of each pattern's
+    fourth corner, where given, from where the other three put it."""
 
     file: PlacesFile = field(default_factory=lambda: PlacesFile(version=1))
     places: tuple[Place, ...] = ()
@@ -195,7 +195,7 @@ class CellPlaces:
     residuals_mm: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, label: str, name: str | None = None) -> tuple[Place, ...]:
-        """The places of a part; none: it goes to the bin. name: only the place or pattern of that name."""
+        """The places of a part, of one place or pattern if `name` is given; a part without one goes to the bin."""
         of_part = (place for place in self.places if place.part == label)
         return tuple(p for p in of_part if name is None or name in (p.name, pattern_of(p.name)))
 
@@ -204,12 +204,12 @@ class CellPlaces:
 
 
 def pattern_of(name: str) -> str:
-    """tray of tray.3; of a place that is of no pattern its name."""
+    """`tray` of `tray.3`; the name itself of a place outside of patterns."""
     return name.partition(".")[0]
 
 
 def load_places(path: Path) -> CellPlaces:
-    """Read and check the file; a missing one has no places. Raises ConfigError, FileError."""
+    """Read and check the file; a missing file has no places. Raises ConfigError, FileError."""
     if not os.path.lexists(path):
         return CellPlaces()
     document = read(path)
@@ -233,7 +233,7 @@ def load_places(path: Path) -> CellPlaces:
 
 
 def with_place(places: CellPlaces, name: str, entry: PlaceEntry) -> PlacesFile:
-    """The file with a place taught: a new one, or another pose of one that there is."""
+    """The file with a place added or replaced."""
     return replace(places.file, places={**places.file.places, name: entry})
 
 
@@ -248,18 +248,18 @@ def without_place(places: CellPlaces, name: str) -> PlacesFile:
 
 
 def write_places(path: Path, file: PlacesFile) -> None:
-    """Write the file anew; comments in it are lost. Raises FileError."""
+    """Write the file; comments in it are lost. Raises FileError."""
     with failing_as(FileError, f"{path}: not kept"):
         write_atomically(path, yaml.safe_dump(_plain(file), sort_keys=False).encode())
 
 
 def about_vertical(heading_deg: float) -> Array:
-    """(3, 3) a turn about the vertical."""
+    """(3, 3) rotation about the vertical."""
     return frames.rotation_from_vector(np.array([0.0, 0.0, np.radians(heading_deg)]))
 
 
 def _plain(value: Any) -> Any:
-    """What a structure of the file is in YAML, without the keys that have their default."""
+    """A structure of the file as YAML values, without keys that have their default."""
     if hasattr(value, "__dataclass_fields__"):
         default = {name: f.default for name, f in value.__dataclass_fields__.items()}
         values = {name: getattr(value, name) for name in default}
@@ -327,7 +327,7 @@ def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntr
         fourth = _corner(document, file, name, "check_mm", entry.check_mm)
         off = float(np.linalg.norm(first[:3, 3] + along_row + along_column - fourth))
         if off > RESIDUAL_MM:
-            problem = f"{off:.1f} mm from where the other three corners have it, {RESIDUAL_MM:g} is the most"
+            problem = f"{off:.1f} mm from where the other three corners put it, {RESIDUAL_MM:g} at most"
             raise document.error((*keys, "check_mm"), problem)
     places: list[Place] = []
     named: dict[tuple[int, int, int], str] = {}
@@ -343,7 +343,7 @@ def _pattern(document: Document, file: PlacesFile, name: str, entry: PatternEntr
 
 
 def _corner_pose(document: Document, file: PlacesFile, name: str, key: str, corner: Matrix | str) -> Array:
-    """(4, 4) mm: the pose of the part at a corner of a pattern, frame of the pattern."""
+    """(4, 4) mm: pose of the part at a corner of a pattern, in the pattern's frame."""
     keys: tuple[Key, ...] = ("patterns", name, key)
     if not isinstance(corner, str):
         return _rigid(document, keys, corner)
@@ -355,7 +355,7 @@ def _corner_pose(document: Document, file: PlacesFile, name: str, key: str, corn
 
 
 def _corner(document: Document, file: PlacesFile, name: str, key: str, corner: Point | str) -> Array:
-    """(3,) mm: where the origin of the part is at a corner of a pattern, frame of the pattern."""
+    """(3,) mm: origin of the part at a corner of a pattern, in the pattern's frame."""
     if isinstance(corner, str):
         pose: Array = _corner_pose(document, file, name, key, corner)
         return pose[:3, 3]
@@ -382,7 +382,7 @@ def _share(number: int, count: int) -> float:
 
 
 def _cells(entry: PatternEntry) -> Iterator[tuple[int, int, int]]:
-    """(layer, row, column) of each place in the pattern's order."""
+    """(layer, row, column) of each place, in the order of the pattern."""
     for layer in range(entry.layers):
         if entry.order == "columns":
             yield from ((layer, row, column) for column, row in product(range(entry.columns), range(entry.rows)))

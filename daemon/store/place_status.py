@@ -28,39 +28,39 @@ from daemon.store.json_file import read_json
 from daemon.store.outside import FileError
 
 FILE = "place-status.json"
-"""Its name in the state folder."""
+"""File name in the state folder."""
 MEND = "look at every place, delete the file, and set each with `place check` or `place clear`"
 MOST_LEFT = 1000
-"""So many spots at which something was left are kept, the latest."""
+"""Most spots with a left part that are stored; older ones are dropped."""
 AT_PLACE_MM = 40.0
-"""A part whose middle is seen this near to that of a place lies at it, and not beside it."""
+"""A part counts as at a place where their middles are no farther apart."""
 
 
 class PlaceStatus(StrEnum):
     """What is known of a place."""
 
     FREE = "free"
-    """Nothing was ever set down there, or a look showed nothing."""
+    """No part was ever set down there, or a look showed none."""
     CLAIMED = "claimed"
-    """A part is being brought there."""
+    """A part is on its way there."""
     SET = "set"
-    """The gripper opened there, or was about to; no look has shown yet how the part lies."""
+    """The gripper opened there, or was about to; no look has confirmed it yet."""
     RIGHT = "seen right"
     """A look showed the part there, within tolerance."""
     OFF = "off"
-    """A look showed the part there, outside of tolerance, or something else."""
+    """A look showed the part out of tolerance, or something else there."""
     MISSING = "missing"
     """A part was set down there, and the look after it did not show it."""
     EMPTIED = "emptied by hand"
     """An operator reported it (`place clear`)."""
     TO_LOOK_AT = "to be looked at"
-    """Nothing is known of where the place is now: it has moved, or something was left there. Never on the disk."""
+    """Unknown: the place has moved, or a part was left there. Never stored."""
 
 
 FILLABLE = frozenset({PlaceStatus.FREE, PlaceStatus.EMPTIED})
 """A part may be brought there."""
 UNSEEN = frozenset({PlaceStatus.CLAIMED, PlaceStatus.SET, PlaceStatus.TO_LOOK_AT})
-"""Looked at before anything is brought there."""
+"""To be looked at before a part is brought there."""
 LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.FREE: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
     PlaceStatus.EMPTIED: frozenset({PlaceStatus.CLAIMED, PlaceStatus.RIGHT, PlaceStatus.OFF}),
@@ -71,13 +71,14 @@ LEADS_TO: dict[PlaceStatus, frozenset[PlaceStatus]] = {
     PlaceStatus.MISSING: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
     PlaceStatus.TO_LOOK_AT: frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.FREE}),
 }
-"""Which status may follow which; an operator's word (EMPTIED), and the status that a place has already, always may."""
+"""Which status may follow which. EMPTIED, and the present status again, are always allowed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceSpot:
-    """Where the part of a place lies. part: its label; middle_mm: (3,) world mm, mean of its corners; turn: (3, 3)
-    world_from_part; reach_mm: of its farthest corner from its middle; tolerance_mm, tolerance_deg: the place's."""
+    """Where the part of a place lies. part: its label; middle_mm (3,): world mm, mean of its corners; turn (3, 3):
+    world_from_part; reach_mm: distance of its farthest corner from the middle; tolerance_mm, tolerance_deg: the
+    place's."""
 
     part: str
     middle_mm: Array
@@ -89,7 +90,7 @@ class PlaceSpot:
 
 @dataclass(frozen=True)
 class PlaceState:
-    """What is known of one place. off_mm, off_deg: how far from it the part was seen; why: in words; at: when, UTC."""
+    """What is known of one place. off_mm, off_deg: deviation of the part seen there; why: as text; at: time, UTC."""
 
     status: PlaceStatus = PlaceStatus.FREE
     off_mm: float | None = None
@@ -102,7 +103,7 @@ Point = tuple[float, float, float]
 
 
 class _Spot(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A spot on the disk; turn_deg: rotation vector."""
+    """A stored spot; turn_deg: rotation vector."""
 
     part: Annotated[str, Meta(max_length=200)]
     middle_mm: Point
@@ -111,8 +112,8 @@ class _Spot(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class _State(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, frozen=True):
-    """A status on the disk. number: counts the writings, so that the later of two is known; spot: where the place was
-    then, None where an earlier release wrote it."""
+    """A stored status. number: counts up with each write, so that the later of two is known; spot: where the place was
+    then, None from an earlier release."""
 
     status: PlaceStatus
     off_mm: Annotated[float, Meta(ge=0, le=1e6)] | None = None
@@ -124,7 +125,7 @@ class _State(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, fro
 
 
 class _StatusFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """left: what was at places that have moved or are gone, and may still lie there."""
+    """left: parts that may still lie where places were that have moved or were dropped."""
 
     v: int
     places: dict[str, _State]
@@ -132,7 +133,7 @@ class _StatusFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class PlaceStatuses:
-    """Those of one cell. One writer: the daemon."""
+    """The statuses of one cell. One writer: the daemon."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / FILE
@@ -142,11 +143,11 @@ class PlaceStatuses:
         """Of every name, by _kept and _spots; None until it is asked for."""
 
     def know(self, spots: Mapping[str, PlaceSpot]) -> None:
-        """Take where the places are now, by name. Of a place without a spot what is on the disk counts."""
+        """Set where the places are now, by name. A place without a spot keeps its stored status."""
         self._spots, self._states = spots, None
 
     def of(self, name: str) -> PlaceState:
-        """What is known of a place. Raises FileError."""
+        """The status of a place. Raises FileError."""
         if self._states is None:
             self._states = _known(self._file(), self._spots)
         return self._states.get(name, PlaceState())
@@ -160,9 +161,8 @@ class PlaceStatuses:
         why: str = "",
         spot: PlaceSpot | None = None,
     ) -> PlaceState:
-        """Write a status down, synced. spot: where the place is from now on, as it is being taught; any status may come
-        then. Raises FileError, and then the one before holds; ValueError where the status cannot follow the one
-        before."""
+        """Store a status, synced. spot: where the place is from now on, when it is taught; any status may follow then.
+        Raises FileError, with the old status still valid; ValueError where this status cannot follow the old one."""
         before, file = self.of(name).status, self._file()
         follows = spot is not None or status in (before, PlaceStatus.EMPTIED, *LEADS_TO[before])
         if status is PlaceStatus.TO_LOOK_AT or not follows:
@@ -179,7 +179,7 @@ class PlaceStatuses:
         return _told(state)
 
     def forget(self, names: set[str]) -> None:
-        """Drop the status of places that the file of places no longer has; what may lie there is kept as left. Raises
+        """Remove places that are no longer in the file of places; a part that may lie there is stored as left. Raises
         FileError."""
         file = self._file()
         gone = [state for name, state in file.places.items() if name in names]
@@ -205,7 +205,7 @@ class PlaceStatuses:
 
 
 def _known(file: _StatusFile, spots: Mapping[str, PlaceSpot]) -> dict[str, PlaceState]:
-    """What is known of every place that is on the disk or has a spot now."""
+    """The status of every place that is stored or has a spot."""
     moved = {name: _moved(state, spots[name]) for name, state in file.places.items() if name in spots}
     # What may lie where no place of today answers for it: of places that are gone, and of those that moved.
     left = [*file.left]
@@ -217,7 +217,7 @@ def _known(file: _StatusFile, spots: Mapping[str, PlaceSpot]) -> dict[str, Place
 
 
 def _known_at(state: _State | None, now: PlaceSpot | None, moved: str, left: Sequence[_State]) -> PlaceState:
-    """What is known of one place; left: what may lie anywhere."""
+    """The status of one place; left: parts that may lie anywhere."""
     if moved:
         return PlaceState(PlaceStatus.TO_LOOK_AT, why=moved, at="" if state is None else state.at)
     since = -1 if state is None else state.number
@@ -244,7 +244,7 @@ def _point(values: Array) -> Point:
 
 
 def _moved(state: _State, now: PlaceSpot) -> str:
-    """How a place lies otherwise than when its status was kept, in words; empty: as it did, within its tolerance."""
+    """How the place's pose differs from when its status was stored, as text; empty: within its tolerance."""
     before, was = state.spot, f"it was {state.status}"
     if before is None:
         return f"{was} under an earlier release, which did not keep where"
@@ -259,7 +259,7 @@ def _moved(state: _State, now: PlaceSpot) -> str:
 
 
 def _overlap(left: _State, now: PlaceSpot) -> bool:
-    """Whether what was left at a spot may reach to another."""
+    """Whether a part left at one spot may reach to another."""
     if left.spot is None:
         return False
     return _apart_mm(left.spot, now) < max(left.spot.reach_mm + now.reach_mm, AT_PLACE_MM) + _beside_mm(left)
@@ -271,7 +271,7 @@ def _answered(left: _State, now: PlaceSpot) -> bool:
 
 
 def _beside_mm(left: _State) -> float:
-    """How far from a spot what was left there may lie."""
+    """The largest distance from a spot at which a part left there may lie."""
     return AT_PLACE_MM if left.status is PlaceStatus.OFF else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Views and drawings -> models: taught, trained, judged for what was never seen, accepted or not.
+"""Make models from views and drawings: teach, train, judge what was never seen, accept or reject.
 
 Recognition is in daemon/vision/, the files of models in daemon/store/.
 """

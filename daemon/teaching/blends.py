@@ -1,6 +1,5 @@
-"""Fillets and chamfers too small for a camera to resolve -> the sharp edges they were made from, as of a part whose
-edges are worn: the flat faces beside them are carried on until they meet. Pure.
-"""
+"""Replace fillets and chamfers that no camera resolves by the sharp edges between the flat faces beside them, as of a
+part with worn edges. Pure."""
 
 from dataclasses import dataclass
 
@@ -12,21 +11,22 @@ from daemon.vision.facets import connected
 from daemon.vision.geometry import sides_of
 
 DEEP_MM = 0.6
-"""How far at most the middle of a blend lies from the nearest face it joins: a fillet of radius 2 mm, a chamfer of
-1.2 mm, whose edge draws back by as much as that of the worn parts that the pose is refined for (0.8 mm)."""
+"""Largest distance of the middle of a blend from the nearest face that it joins: a fillet of radius 2 mm, a chamfer of
+1.2 mm. Its edge then lies as far back as that of the worn parts for which the pose is refined (0.8 mm)."""
 BETWEEN_COS = 0.3
-"""A blend's normal is so near at least to that of a face it joins: the wall of a step or a bore is square to it."""
+"""Smallest cosine between the normals of a blend and a face that it joins: the wall of a step or a bore is square to
+it."""
 CROSSING_SIN = 0.1
 LEAST_DETERMINANT = 0.05
 FARTHEST_MM = 5.0
-"""How far at most a border is carried on."""
+"""How far a border may be extended."""
 SAME_MM = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Blends:
-    """cluster (R,): which blend each region is of, -1 if none; joins: the flat faces that each blend joins; flat (R,):
-    which regions are flat faces."""
+    """cluster (R,): the blend of each region, -1 if none; joins: the flat faces that each blend joins; flat (R,): which
+    regions are flat faces."""
 
     cluster: Index
     joins: tuple[tuple[int, ...], ...]
@@ -34,7 +34,7 @@ class Blends:
 
 
 def blends(regions: FlatRegions, owner: Index) -> Blends:
-    """The small strips between flat faces; owner (R,): the curved surface each region is of, or -1."""
+    """Find the narrow strips between flat faces. owner (R,): the curved surface of each region, or -1."""
     small = np.array([_narrow(regions, region, owner) for region in range(len(owner))], bool)
     beside = np.zeros((len(owner), len(owner)), bool)
     for one, other in regions.shared_mm:
@@ -53,13 +53,13 @@ def blends(regions: FlatRegions, owner: Index) -> Blends:
 
 
 def _narrow(regions: FlatRegions, region: int, owner: Index) -> bool:
-    """Whether a region is no wider than a blend may be: by its area and the longest border it shares."""
+    """Whether a region is narrow enough for a blend, by its area and its longest shared border."""
     longest = max((mm for (one, _), mm in regions.shared_mm.items() if one == region), default=0.0)
     return bool(regions.areas[region] < 4 * DEEP_MM * max(longest, DEEP_MM))
 
 
 def _joined(regions: FlatRegions, strip: int, face: int) -> bool:
-    """Whether a strip lies near a face, and leans towards it."""
+    """Whether a strip lies near a face and is inclined towards it."""
     middle = regions.corners[list(regions.loops[strip][0])].mean(axis=0)
     off_mm = (middle - regions.corners[regions.loops[face][0][0]]) @ regions.normals[face]
     return bool(regions.normals[face] @ regions.normals[strip] > BETWEEN_COS and abs(off_mm) < DEEP_MM)
@@ -67,15 +67,15 @@ def _joined(regions: FlatRegions, strip: int, face: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Outer borders of flat faces. points: corners, (3,) each, of the drawing and behind them new ones; rings: of each
-    face its corners, each with the region beyond the side that follows it."""
+    """Outer borders of flat faces. points: corners, (3,) each, of the drawing and then new ones; rings: for each face
+    its corners, each with the region beyond the side after it."""
 
     points: list[Array]
     rings: dict[int, list[tuple[int, int]]]
 
 
 def borders(regions: FlatRegions, faces: list[int], found: Blends) -> Borders:
-    """The outer border of each face, carried on across blends to the planes of the faces beyond them."""
+    """The outer border of each face, extended across blends to the planes of the faces beyond."""
     points = list(regions.corners)
     rings = {}
     for face in faces:
@@ -95,7 +95,7 @@ def borders(regions: FlatRegions, faces: list[int], found: Blends) -> Borders:
 
 
 def _across(regions: FlatRegions, face: int, side: tuple[int, int], found: Blends) -> int | None:
-    """The flat face beyond the blend on the other hand of a side: the one whose plane is nearest; None if no blend."""
+    """The flat face beyond the blend at a side: the one with the nearest plane; None if there is no blend."""
     cluster = int(found.cluster[regions.beyond[side]])
     if cluster < 0:
         return None
@@ -109,7 +109,8 @@ def _across(regions: FlatRegions, face: int, side: tuple[int, int], found: Blend
 
 
 def _met(points: list[Array], regions: FlatRegions, planes: list[int], corner: int) -> int:
-    """The number of the point nearest to a corner in which planes of faces meet; the corner's own where they do not."""
+    """The number of the point, nearest to a corner, where planes of faces meet; the corner's own number where they do
+    not."""
     normals = regions.normals[planes]
     levels = np.array([normals[k] @ regions.corners[regions.loops[p][0][0]] for k, p in enumerate(planes)])
     if len(planes) == 3 and abs(np.linalg.det(normals)) < LEAST_DETERMINANT:

@@ -1,6 +1,5 @@
-"""Polygons of a mesh -> triangles that close one body, all wound anticlockwise seen from outside; what is mended as
-slicers do it, each with a line that says so. Pure.
-"""
+"""Make one closed body of triangles from the polygons of a mesh, wound anticlockwise seen from outside. Repairs what
+slicers repair, and notes each repair in a line. Pure."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -16,15 +15,15 @@ from daemon.vision.geometry import area_vector
 Triangle = tuple[int, int, int]
 Edge = tuple[int, int]
 SAME_CORNER_MM = 0.01
-"""Corners nearer than half of this each way are one."""
+"""Corners nearer than half of this along each axis are one corner."""
 SPLITS = 8
-"""An edge is split again as long as corners lie in its pieces, at most so often."""
+"""How often an edge is split again while corners lie in its pieces."""
 LEAST_VOLUME_MM3 = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """corners (K, 3) mm and the triangles between them; notes: what was mended or left out, a line each."""
+    """corners (K, 3) mm and the triangles between them; notes: repairs and omissions, one line each."""
 
     corners: Array
     triangles: list[Triangle]
@@ -32,7 +31,8 @@ class Surface:
 
 
 def closed_surface(mesh: Mesh) -> Surface:
-    """The surface of the one body a mesh bounds. Raises MeshError where it bounds none or several, and says where."""
+    """The surface of the one body that a mesh bounds. Raises MeshError, with the place, where it bounds none or
+    several."""
     corners, triangles = _welded(mesh)
     triangles, doubled = _each_once(triangles)
     triangles, split = _split_at_corners(corners, triangles, max(SAME_CORNER_MM, mesh.step_mm))
@@ -47,7 +47,7 @@ def closed_surface(mesh: Mesh) -> Surface:
 
 
 def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
-    """Corners that are not one, and the triangles between them that have three."""
+    """Merge equal corners; keep the triangles that still have three."""
     first = _first_of_each(mesh.corners_mm)
     kept = np.unique(first)
     kept = kept[np.lexsort(np.round(mesh.corners_mm[kept] / SAME_CORNER_MM).T[::-1])]
@@ -64,8 +64,8 @@ def _welded(mesh: Mesh) -> tuple[Array, list[Triangle]]:
 
 
 def _first_of_each(corners: Array) -> Index:
-    """(K,) the first of those that each of corners (K, 3) is one with: what lies nearer together each way than half of
-    SAME_CORNER_MM has a cell of that size in common, in one of the grids that are shifted by half a cell or not."""
+    """(K,) the first of the corners (K, 3) that are one corner: two that are closer along each axis than half of
+    SAME_CORNER_MM share a cell of that size in one of the grids shifted by half a cell or not."""
     first = here = np.arange(len(corners))
     for shift in product((0.0, 0.5), repeat=3):
         cells = np.floor(corners / SAME_CORNER_MM + shift).astype(np.int64)
@@ -81,7 +81,7 @@ def _first_of_each(corners: Array) -> Index:
 
 
 def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:
-    """A polygon cut into triangles, ear by ear: one with a notch is no fan. Source: Meisters, 1975."""
+    """Cut a polygon into triangles by ear clipping, as a notched one is no fan. Source: Meisters, 1975."""
     normal = area_vector(corners[ring])
     rest, found = list(ring), []
     while len(rest) > 3:
@@ -93,7 +93,7 @@ def in_triangles(corners: Array, ring: list[int]) -> list[Triangle]:
 
 
 def _is_ear(corners: Array, ring: list[int], place: int, normal: Array) -> bool:
-    """Whether the corner at that place juts out, and no other corner lies in the triangle with its neighbours."""
+    """Whether the corner at that place is convex, and no other corner lies in the triangle with its neighbours."""
     a, b, c = (corners[ring[k % len(ring)]] for k in (place - 1, place, place + 1))
     if np.cross(b - a, c - b) @ normal <= 0:
         return False
@@ -103,13 +103,14 @@ def _is_ear(corners: Array, ring: list[int], place: int, normal: Array) -> bool:
 
 
 def _each_once(triangles: list[Triangle]) -> tuple[list[Triangle], int]:
-    """Triangles of the same three corners, whichever way they are wound, once; and how many there were more."""
+    """Remove repeated triangles, whatever their winding; returns the others and how many were removed."""
     once = {frozenset(triangle): triangle for triangle in reversed(triangles)}
     return list(reversed(once.values())), len(triangles) - len(once)
 
 
 def _split_at_corners(corners: Array, triangles: list[Triangle], near_mm: float) -> tuple[list[Triangle], int]:
-    """Edges with a triangle on one side only, split where a corner of another such edge lies in them; how many."""
+    """Split edges that have a triangle on one side only where a corner of another such edge lies on them; returns how
+    many."""
     split = 0
     for _ in range(SPLITS):
         alone = _open_edges(triangles)
@@ -131,7 +132,7 @@ def _open_edges(triangles: list[Triangle]) -> list[Edge]:
 
 
 def _corners_in(corners: Array, edge: Edge, loose: Index, near_mm: float) -> list[int]:
-    """Those of the loose corners that lie within an edge, in its order."""
+    """The loose corners that lie within an edge, in the edge's order."""
     start, way = corners[edge[0]], corners[edge[1]] - corners[edge[0]]
     along = (corners[loose] - start) @ way / max(float(way @ way), 1e-12)
     off = np.linalg.norm(corners[loose] - start - along[:, None] * way, axis=1)
@@ -141,7 +142,7 @@ def _corners_in(corners: Array, edge: Edge, loose: Index, near_mm: float) -> lis
 
 
 def _pieces(triangle: Triangle, cuts: dict[Edge, list[int]]) -> list[Triangle]:
-    """A triangle cut from the corner that faces its first edge with corners in it."""
+    """Cut a triangle from the corner opposite to its first edge with corners in it."""
     a, b, c = triangle
     for p, q, r in ((a, b, c), (b, c, a), (c, a, b)):
         if inner := cuts.get((p, q)):
@@ -151,8 +152,8 @@ def _pieces(triangle: Triangle, cuts: dict[Edge, list[int]]) -> list[Triangle]:
 
 
 def _oriented(corners: Array, triangles: list[Triangle]) -> list[list[Triangle]]:
-    """The pieces that hang together, each wound one way round. Raises MeshError where the surface has a gap, more than
-    two sides at an edge, or only one side."""
+    """The connected pieces, each wound consistently. Raises MeshError where the surface has a gap, more than two
+    triangles at an edge, or only one side."""
     beside: dict[frozenset[int], list[int]] = {}
     for t, triangle in enumerate(triangles):
         for edge in edges_of(triangle):
@@ -162,7 +163,7 @@ def _oriented(corners: Array, triangles: list[Triangle]) -> list[list[Triangle]]
     if gaps and not crowded:
         raise MeshError(
             f"not closed: {len(gaps)} edges have a triangle on one side only, one {_from_to(corners, gaps[0])}; "
-            "mend the mesh"
+            "repair the mesh"
         )
     if crowded:
         raise MeshError(
@@ -182,7 +183,7 @@ def _oriented(corners: Array, triangles: list[Triangle]) -> list[list[Triangle]]
                 if other in turned:
                     if (a, b) in edges_of(turned[other]):
                         raise MeshError(
-                            f"the surface has only one side, seen {_from_to(corners, (a, b))}; mend the mesh"
+                            f"the surface has only one side, seen {_from_to(corners, (a, b))}; repair the mesh"
                         )
                     continue
                 p, q, r = triangles[other]
@@ -194,15 +195,15 @@ def _oriented(corners: Array, triangles: list[Triangle]) -> list[list[Triangle]]
 
 
 def _outward(corners: Array, triangles: list[Triangle]) -> list[Triangle]:
-    """Wound so that the volume inside is positive. Raises MeshError where there is none."""
+    """Wind the triangles so that the volume is positive. Raises MeshError where there is none."""
     volume_mm3 = _volume(corners, triangles)
     if abs(volume_mm3) < LEAST_VOLUME_MM3:
-        raise MeshError(f"{_extent(corners, triangles)} has no inside; mend the mesh")
+        raise MeshError(f"{_extent(corners, triangles)} has no inside; repair the mesh")
     return triangles if volume_mm3 > 0 else [(p, r, q) for p, q, r in triangles]
 
 
 def _one_body(corners: Array, bodies: list[list[Triangle]]) -> tuple[list[Triangle], list[str]]:
-    """The largest body; hollows that it encloses are left out, as no camera sees them. Raises MeshError for others."""
+    """The largest body; hollows inside are left out, as no camera sees them. Raises MeshError for further bodies."""
     largest, *others = sorted(bodies, key=lambda body: -_volume(corners, body))
     notes = []
     for body in others:
@@ -210,16 +211,14 @@ def _one_body(corners: Array, bodies: list[list[Triangle]]) -> tuple[list[Triang
         if crossing(corners, largest, body):
             raise MeshError(f"{len(bodies)} bodies that overlap: {what} crosses the largest; join them into one")
         if not inside(corners[body[0][:1]], corners, largest)[0]:
-            raise MeshError(
-                f"{len(bodies)} bodies that do not touch, one {what}; a part is one: save the others elsewhere"
-            )
+            raise MeshError(f"{len(bodies)} bodies that do not touch, one {what}; a part is one body: save one a file")
         notes.append(f"a hollow that shows nowhere is left out: {what}")
     return largest, notes
 
 
 def inside(points: Array, corners: Array, triangles: list[Triangle]) -> Flags:
-    """(N,) whether points (N, 3) are in a closed surface: the solid angle it fills there. Source: Van Oosterom and
-    Strackee, 1983."""
+    """(N,) whether points (N, 3) are inside a closed surface, by the solid angle that it fills. Source: Van Oosterom
+    and Strackee, 1983."""
     total = np.zeros(len(points))
     for k, point in enumerate(points):
         rays = corners[np.array(triangles)] - point
@@ -230,7 +229,7 @@ def inside(points: Array, corners: Array, triangles: list[Triangle]) -> Flags:
 
 
 def crossing(corners: Array, one: list[Triangle], other: list[Triangle]) -> bool:
-    """Whether an edge of either of two surfaces goes through a triangle of the other."""
+    """Whether an edge of one surface passes through a triangle of the other."""
     return _pierced(corners, one, other) or _pierced(corners, other, one)
 
 
@@ -273,6 +272,6 @@ def _place(point: Array) -> str:
 
 
 def edges_of(triangle: Triangle) -> tuple[Edge, Edge, Edge]:
-    """Its sides, as it is wound."""
+    """The sides of a triangle, in its winding."""
     a, b, c = triangle
     return (a, b), (b, c), (c, a)

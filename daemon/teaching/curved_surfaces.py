@@ -1,6 +1,5 @@
-"""Flat regions of a drawing -> which of them are strips that a program cut a curved surface into, and what that is: a
-cylinder (a bore, a boss, a fillet), a cone, or another shape. Pure.
-"""
+"""Find the flat regions of a drawing that are strips of a curved surface: a cylinder (a bore, a boss, a fillet), a
+cone, or another shape. Pure."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -14,25 +13,26 @@ from daemon.vision.facets import connected
 from daemon.vision.geometry import axes_in, circle_along
 
 STRIP_RAD = np.radians(31.0)
-"""By so much at most a curved surface turns from strip to strip: twelve to a circle, and a little."""
+"""Largest turn from strip to strip: twelve strips to a circle, and a margin."""
 ALIKE_WIDTHS = 3.0
-"""Strips side by side are at most so much different in width; a flat face is wider than the strips of its fillet."""
+"""Largest ratio of widths of neighbouring strips; a flat face is wider than the strips of its fillet."""
 FEWEST_STRIPS, SURE_STRIPS, EVENLY = 3, 6, 1.5
-"""So few flat faces side by side are a curved surface; fewer than the second turn evenly, within the third."""
+"""From how many neighbouring flat faces they are a curved surface; fewer than the second must turn evenly, within the
+third."""
 ROUND_SHARE = 0.02
-"""How far, as a share of its radius, corners of a cylinder may lie off its circle."""
+"""How far corners of a cylinder may be off its circle, as a share of the radius."""
 ALONG_SIN = 0.02
-"""The most a cylinder's normals lean along its axis."""
+"""Largest inclination of a cylinder's normals along its axis."""
 COVER_RAD = np.radians(30.0)
-"""By so much at most a quadrilateral stands for a curved surface where that hides something."""
+"""Largest arc of a curved surface that one quadrilateral stands for in the test of what it hides."""
 WHOLE_RAD = np.radians(330.0)
 
 
 @dataclass(frozen=True, eq=False)
 class CurvedSurface:
-    """kind: cylinder, cone or free; regions: its strips; radius_mm of a cylinder, else 0; sweep_rad: how far round it
-    goes; hollow: whether what is outside of the part is at its centre; covers (N, 4, 3): quadrilaterals on it that hide
-    what lies behind it, run round as facets are."""
+    """kind: cylinder, cone or free; regions: its strips; radius_mm of a cylinder, else 0; sweep_rad: the arc that it
+    covers; hollow: whether its centre is outside the part; covers (N, 4, 3): quadrilaterals on it that hide what is
+    behind, wound like facets."""
 
     kind: str
     regions: tuple[int, ...]
@@ -43,7 +43,7 @@ class CurvedSurface:
 
     @property
     def whole(self) -> bool:
-        """Whether it goes all the way round."""
+        """Whether it is closed all round."""
         return bool(self.sweep_rad > WHOLE_RAD)
 
     def __str__(self) -> str:
@@ -55,7 +55,7 @@ class CurvedSurface:
 
 
 def curved_surfaces(regions: FlatRegions) -> tuple[CurvedSurface, ...]:
-    """Strips that lie side by side, each turned by little against the next and about as wide."""
+    """Find strips that are neighbours, turn little from one to the next, and are about equally wide."""
     count = len(regions.areas)
     linked = np.zeros((count, count), bool)
     turns: dict[tuple[int, int], float] = {}
@@ -91,7 +91,7 @@ def _surface(regions: FlatRegions, members: tuple[int, ...], turns: dict[tuple[i
 
 
 def _covers(regions: FlatRegions, members: tuple[int, ...], axis: Array, centre: Array, radius: float) -> Array:
-    """(N, 4, 3) chords of a cylinder, as long as all strips behind them are."""
+    """(N, 4, 3) chords of a cylinder, as long as all strips behind them."""
     across = axes_in(axis)
     across = across if np.linalg.det(np.vstack([across, axis])) > 0 else across[::-1]
     strips = [regions.corners[list(regions.loops[r][0])] for r in members]

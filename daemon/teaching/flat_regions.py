@@ -1,6 +1,5 @@
-"""Triangles of a closed surface -> its flat regions: which triangles lie in one plane, the border of each region, and
-what lies beyond every edge of it. Pure.
-"""
+"""Divide the triangles of a closed surface into flat regions: the triangles in one plane, their borders, and the region
+beyond each edge. Pure."""
 
 from __future__ import annotations
 
@@ -15,15 +14,15 @@ from daemon.vision.geometry import area_vector, border_loops, sides_of
 
 SAME_PLANE_DEG, SAME_PLANE_MM = 0.5, 0.05
 FIRST_GUESS = 3.0
-"""A plane through one triangle with rounded corners is so much worse than one through all of a facet."""
+"""How much worse a plane through one triangle with rounded corners is than one through all of a facet."""
 NO_AREA_MM2 = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class FlatRegions:
     """R regions. corners (K, 3) mm; loops: the borders of each, by corners, the outer one first, each anticlockwise
-    about what is inside it seen from outside; normals (R, 3) outward; areas (R,) mm2, without their holes;
-    members: the triangles of each."""
+    about its inside seen from outside the part; normals (R, 3) outward; areas (R,) mm2, without holes; members: the
+    triangles of each."""
 
     corners: Array
     loops: tuple[tuple[tuple[int, ...], ...], ...]
@@ -33,13 +32,13 @@ class FlatRegions:
 
     @cached_property
     def beyond(self) -> dict[Edge, int]:
-        """{(corner, next corner) of a border: the region on its other hand}."""
+        """{(corner, next corner) of a border: the region on its other side}."""
         owner = {side: r for r, loops in enumerate(self.loops) for loop in loops for side in sides_of(loop)}
         return {(a, b): owner[b, a] for a, b in owner if (b, a) in owner}
 
     @cached_property
     def shared_mm(self) -> dict[tuple[int, int], float]:
-        """{(region, other): the length of the border they share}."""
+        """{(region, other): length of their shared border}."""
         found: dict[tuple[int, int], float] = {}
         for (a, b), other in self.beyond.items():
             pair = self.beyond[b, a], other
@@ -47,13 +46,13 @@ class FlatRegions:
         return found
 
     def turn_rad(self, one: int, other: int) -> float:
-        """By how much the surface turns from a region to another."""
+        """Angle by which the surface turns from one region to another."""
         cosine = float(self.normals[one] @ self.normals[other])
         return float(np.arctan2(np.linalg.norm(np.cross(self.normals[one], self.normals[other])), cosine))
 
 
 def flat_regions(surface: Surface, step_mm: float) -> FlatRegions:
-    """Triangles that hang together in one plane, largest triangle first: small ones do not determine a plane well.
+    """Grow each region from its largest triangle: small ones do not determine a plane well.
 
     step_mm: what the coordinates are rounded to. The plane is then that of all the corners found at first, and a thin
     triangle may be turned by as much as rounding turns it.
@@ -81,8 +80,8 @@ def flat_regions(surface: Surface, step_mm: float) -> FlatRegions:
 
 @dataclass(frozen=True, eq=False)
 class _Triangles:
-    """corners (T, 3, 3), normals (T, 3), areas (T,) twice; turned_rad (T,): by as much may rounding turn each; beside
-    (T, 3): the triangle at each edge."""
+    """corners (T, 3, 3), normals (T, 3), areas (T,) doubled; turned_rad (T,): the turn of each that rounding explains;
+    beside (T, 3): the triangle at each edge."""
 
     corners: Array
     normals: Array
@@ -102,7 +101,7 @@ class _Triangles:
         return cls(corners, normals / np.maximum(areas, 1e-12)[:, None], areas, turned, beside)
 
     def grown(self, seed: int, plane: tuple[Array, Array], off_mm: float, free: Flags) -> list[int]:
-        """The free triangles that hang together with the seed in a plane (a point, a normal)."""
+        """The free triangles connected with the seed in a plane (a point, a normal)."""
         middle, normal = plane
         flat = np.cos(np.minimum(np.radians(SAME_PLANE_DEG) + self.turned_rad + self.turned_rad[seed], np.pi / 2))
         fits = free & (np.abs((self.corners - middle) @ normal).max(axis=1) < off_mm)
@@ -118,7 +117,7 @@ class _Triangles:
 
 
 def _plane_through(points: Array, towards: Array) -> tuple[Array, Array]:
-    """The plane nearest to points (N, 3), its normal on the side of another."""
+    """The best plane through points (N, 3), its normal on the side of `towards`."""
     middle = points.mean(axis=0)
     normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
     return middle, normal * (1.0 if normal @ towards > 0 else -1.0)

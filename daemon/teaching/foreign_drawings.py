@@ -1,4 +1,5 @@
-"""Drawings in formats that facetd does not read itself (PLY, 3MF, STEP) -> an OBJ file in mm, by the extra `drawings`.
+"""Convert drawings that facetd does not read itself (PLY, 3MF, STEP) into an OBJ file in mm, by the extra
+`drawings`.
 
 The OBJ is what is kept and learned from: a daemon without the extra trains on it as well. STEP's curved surfaces come
 out cut into strips, as they do from a program that writes STL.
@@ -13,19 +14,18 @@ import numpy as np
 from daemon.teaching.mesh import UNITS_MM, MeshError
 
 KINDS = {"ply": None, "3mf": "3mf", "step": "step", "stp": "step"}
-"""What a file's name ends in; and whether such a file says its own unit, and by whose rules."""
+"""File name endings; and the rules by which such a file gives its unit, None where it gives none."""
 EXTRA = "facetd[drawings]"
 LARGEST_UNPACKED = 64_000_000
-"""Bytes that a 3MF, which is a zip archive, may unfold to."""
+"""Size limit of an unpacked 3MF, which is a zip archive, in bytes."""
 STRIP_RAD = 0.25
-"""By how much a STEP's curved surfaces turn from strip to strip: half of what curved_surfaces.py needs to see
-strips."""
+"""Turn from strip to strip of a STEP's curved surfaces: half of what curved_surfaces.py needs."""
 MM_IN = {"millimeter": 1.0, "meter": 1000.0, "meters": 1000.0, "centimeter": 10.0, "micron": 0.001, "inch": 25.4,
          "foot": 304.8}  # fmt: skip
 
 
 def in_own_format(name: str, content: bytes, unit: str) -> tuple[str, bytes, str]:
-    """A drawing as facetd reads it: name, content and unit; STL and OBJ as they are. Raises MeshError."""
+    """A drawing in a format of facetd: name, content and unit; STL and OBJ unchanged. Raises MeshError."""
     kind = name.lower().rpartition(".")[2]
     if kind not in KINDS:
         return name, content, unit
@@ -40,7 +40,7 @@ def in_own_format(name: str, content: bytes, unit: str) -> tuple[str, bytes, str
 
 
 def _read(name: str, kind: str, content: bytes) -> tuple[Any, Any, str | None]:
-    """Corners (K, 3) in the file's unit, triangles (T, 3), and the unit's name as the file has it."""
+    """Corners (K, 3) in the file's unit, triangles (T, 3), and the name of the unit in the file."""
     try:
         import trimesh
     except ImportError:
@@ -57,7 +57,7 @@ def _read(name: str, kind: str, content: bytes) -> tuple[Any, Any, str | None]:
     except Exception as error:  # whatever a reader of somebody else's does with a file that is none of its kind
         raise MeshError(f"{name}: no {kind.upper()} that trimesh can read: {_one_line(error)}") from None
     if not len(triangles):
-        raise MeshError(f"{name}: holds no facet")
+        raise MeshError(f"{name}: contains no facet")
     return corners, triangles, scene.units
 
 

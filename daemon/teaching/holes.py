@@ -1,4 +1,5 @@
-"""Inner borders of a drawing's flat faces -> rims of holes, as a camera sees them: bores, slots, pockets. Pure.
+"""Find rims of holes (bores, slots, pockets) in the inner borders of a drawing's flat faces, as a camera sees them.
+Pure.
 
 A border at which the surface rises from the face is the foot of a boss and no hole; one at which it goes on smoothly
 does not show. A round rim is drawn anew on its circle, which the drawing has cut into chords.
@@ -15,14 +16,14 @@ from daemon.vision.geometry import Hole, axes_in, fit_circle, sides_of
 
 ON_CIRCLE_MM = 0.05
 FEWEST_ROUND = 7
-"""Corners of a rim on one circle; fewer may be a polygon's."""
+"""Corners of a rim on one circle; with fewer it may be a polygon."""
 ROUND_CORNERS = 48
-"""Of a round rim: chords of one of 30 mm lie .06 mm off it, an eighth of a px where a part is seen largest."""
+"""Corners of a round rim: of 30 mm its chords are 0.06 mm off it, an eighth of a px at the nearest look."""
 
 
 def holes_of(regions: FlatRegions, faces: Index, owner: Index, step_mm: float) -> tuple[Hole, ...]:
-    """The holes in flat faces (F,), which are the facets in this order; owner (R,): the curved surface that each region
-    is of, or -1; step_mm: what the coordinates are rounded to."""
+    """The holes in flat faces (F,), which are the facets in this order; owner (R,): the curved surface of each region,
+    or -1; step_mm: the rounding of the coordinates."""
     found = []
     for facet, face in enumerate(faces.tolist()):
         for loop in sunk_loops(regions, face):
@@ -41,13 +42,13 @@ def sunk_loops(regions: FlatRegions, face: int) -> Iterator[tuple[int, ...]]:
 
 
 def _goes_on(regions: FlatRegions, face: int, side: tuple[int, int], owner: Index) -> bool:
-    """Whether the surface goes on smoothly into a curved one beyond a side."""
+    """Whether the surface continues smoothly into a curved one beyond a side."""
     other = regions.beyond[side]
     return bool(owner[other] >= 0 and regions.turn_rad(face, other) < STRIP_RAD)
 
 
 def _rim(points: Array, normal: Array, step_mm: float) -> Array:
-    """A rim (N, 3) without the drawing's chords where it is a circle, without corners in straight sides elsewhere."""
+    """A rim (N, 3): on its circle where it is round, else without corners in straight sides."""
     across = axes_in(normal)
     flat = points @ across.T
     centre, radius, off = fit_circle(flat)

@@ -1,5 +1,5 @@
-"""A drawing's file -> corners and polygons in mm, by the format that its name says. Bytes in, arrays out, or one line
-that says why not.
+"""Read a drawing's file into corners and polygons in mm, by the format of its name; one line says why one cannot be
+read.
 
 First what every format shares, then OBJ and STL, as programs and people write them, and the text of either: encoding,
 lines, numbers. How a solid is made of the polygons is solid_from_mesh.py's. Colours, textures, normals and names in the
@@ -16,14 +16,14 @@ from daemon.arrays import Array
 from daemon.errors import FacetdError
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
-"""STL and OBJ do not say what their numbers are; millimetres unless the operator says otherwise."""
+"""Units that an operator may give: STL and OBJ do not have one, and count as millimetres otherwise."""
 LARGEST_BYTES = 4_000_000
 SMALLEST_MM, LARGEST_MM = 5.0, 1000.0
 STEPS = (0.1, 0.01, 0.001, 0.0001)
-"""Steps that programs round coordinates to. A file of whole numbers is taken as one of tenths: its author may have
-drawn on whole millimetres."""
+"""Steps to which programs round coordinates. A file of whole numbers counts as one of tenths: it may have been drawn on
+whole millimetres."""
 SINGLE = 3e-7
-"""Relative error of a number that a file of single precision holds."""
+"""Relative error of a number in a file of single precision."""
 
 
 class MeshError(FacetdError):
@@ -31,7 +31,8 @@ class MeshError(FacetdError):
 
 
 class UnitError(MeshError):
-    """A part too small or too large in the unit that was given. question: whether it is in that; others: what else."""
+    """A part that is too small or too large in the given unit. question: whether that is the unit; others: the other
+    units."""
 
     def __init__(self, question: str, others: str) -> None:
         super().__init__(f"{question} say {others} behind the file's name")
@@ -40,8 +41,8 @@ class UnitError(MeshError):
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """corners_mm (K, 3); polygons: corner indices of each, in the file's order; step_mm: what the file's coordinates
-    are rounded to, 0 where to nothing; notes: what was mended or left out, a line each."""
+    """corners_mm (K, 3); polygons: corner indices of each, in the file's order; step_mm: rounding of the file's
+    coordinates, 0 for none; notes: repairs and omissions, one line each."""
 
     corners_mm: Array
     polygons: tuple[tuple[int, ...], ...]
@@ -50,7 +51,7 @@ class Mesh:
 
 
 def read_mesh(name: str, content: bytes, unit: str = "mm") -> Mesh:
-    """The mesh in a file's content; its name tells the format. Raises MeshError, UnitError."""
+    """Read the mesh in a file's content, in the format of its name. Raises MeshError, UnitError."""
     if len(content) > LARGEST_BYTES:
         raise MeshError(f"{name}: {len(content) / 1e6:.1f} MB: too large for a part with flat facets")
     kind = name.lower().rpartition(".")[2]
@@ -62,7 +63,7 @@ def read_mesh(name: str, content: bytes, unit: str = "mm") -> Mesh:
     except MeshError as error:
         raise MeshError(f"{name}{error}") from None
     if not mesh.polygons:
-        raise MeshError(f"{name}: holds no facet")
+        raise MeshError(f"{name}: contains no facet")
     if not np.isfinite(mesh.corners_mm).all():
         raise MeshError(f"{name}: a coordinate is not a number")
     step = _step(mesh.corners_mm)
@@ -76,7 +77,7 @@ def read_mesh(name: str, content: bytes, unit: str = "mm") -> Mesh:
 
 
 def _step(corners: Array) -> float:
-    """The coarsest of STEPS that every coordinate (K, 3) is a multiple of; 0 where none is."""
+    """The coarsest of STEPS of which every coordinate (K, 3) is a multiple; 0 if there is none."""
     for step in STEPS:
         off = np.abs(corners - np.round(corners / step) * step)
         if (off <= SINGLE * np.abs(corners) + 1e-9).all():
@@ -88,14 +89,14 @@ def _step(corners: Array) -> float:
 
 NO_SHAPE = {*"ogslp", "vt", "vn", "vp", "mtllib", "usemtl", "maplib", "usemap", "mg", "bevel", "c_interp", "d_interp",
             "lod", "shadow_obj", "trace_obj", "call", "csh"}  # fmt: skip
-"""First words that say nothing of a solid's shape."""
+"""First words of lines without meaning for the solid's shape."""
 FREE_FORM = {"cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim", "hole", "scrv", "sp", "end",
              "con", "bzp", "bsp", "cdc", "cdp", "res", "ctech", "stech"}  # fmt: skip
 
 
 def read_obj(content: bytes) -> Mesh:
-    """`v X Y Z` and `f I[/T][/N] ...`, counted from 1, or backwards from the last with negative numbers; a face may
-    stand before its corners. Raises MeshError."""
+    """Read `v X Y Z` and `f I[/T][/N] ...`: indices count from 1, negative ones backwards; a face may come before its
+    corners. Raises MeshError."""
     rows: list[tuple[float, ...]] = []
     faces: list[tuple[int, list[str], int]] = []
     numbers, odd = Numbers(), Words("OBJ")
@@ -115,7 +116,7 @@ def read_obj(content: bytes) -> Mesh:
 
 
 def _polygon(words: list[str], before: int, corners: int, line: int) -> tuple[int, ...]:
-    """before: how many corners stood before this line; corners: how many the whole file has."""
+    """Corner indices of a face. before: number of corners before this line; corners: in the whole file."""
     try:
         numbers = [int(word.split("/")[0]) for word in words]
     except ValueError:
@@ -129,12 +130,12 @@ def _polygon(words: list[str], before: int, corners: int, line: int) -> tuple[in
 # STL
 
 STL_HEADER, STL_ROW = 84, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
-"""Bytes before the triangles of a binary STL, and what one of them is."""
+"""Bytes before the triangles of a binary STL, and the layout of a triangle."""
 
 
 def read_stl(content: bytes) -> Mesh:
-    """Many binary files begin with `solid` as well: the length that their count asks for, and then a
-    zero byte, distinguish them. Raises MeshError."""
+    """Read a binary or a text STL. Many binary files begin with `solid`, too: their length by the count, and a zero
+    byte behind it, distinguish them. Raises MeshError."""
     if len(content) >= STL_HEADER:
         count = int.from_bytes(content[80:84], "little")
         if len(content) == STL_HEADER + STL_ROW.itemsize * count:
@@ -148,7 +149,7 @@ def read_stl(content: bytes) -> Mesh:
 
 
 def _of_another_length(content: bytes, count: int) -> Mesh:
-    """A binary file with bytes behind its last triangle, or whose count was never filled in."""
+    """Read a binary file with bytes behind its last triangle, or with a count that was never set."""
     wanted = STL_HEADER + STL_ROW.itemsize * count
     there, rest = divmod(len(content) - STL_HEADER, STL_ROW.itemsize)
     if 0 < count <= there:
@@ -165,7 +166,7 @@ def _binary(content: bytes, count: int, *notes: str) -> Mesh:
 
 
 def _ascii(content: bytes) -> Mesh:
-    """`vertex X Y Z`, three to a facet; `endsolid` or `end solid` at the end. Several solids are read as one mesh."""
+    """Read `vertex X Y Z`, three to a facet, up to `endsolid` or `end solid`. Several solids become one mesh."""
     rows: list[tuple[float, ...]] = []
     numbers, odd, ended, began = Numbers(), Words("STL"), False, 0
     for line, text in lines(content):
@@ -200,8 +201,8 @@ WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
 def plain(content: bytes) -> bytes:
-    """A text's bytes without a byte order mark, one byte a letter where it was UTF-16. Bytes, as of the text a letter
-    such as Å would end a line."""
+    """The bytes of a text without a byte order mark, one byte a letter where it was UTF-16. Bytes, because in the text
+    a letter such as Å would end a line."""
     for mark, name in MARKS:
         if content.startswith(mark):
             content = content[len(mark) :]
@@ -216,13 +217,13 @@ def _narrow(content: bytes, name: str) -> bytes:
 
 
 def lines(content: bytes) -> list[Line]:
-    """Lines with something on them but a comment, which may stand behind it."""
+    """Lines that hold more than a comment, which may follow on the same line."""
     texts = enumerate((raw.decode("latin-1").partition("#")[0].strip() for raw in content.splitlines()), 1)
     return [(number, text) for number, text in texts if text]
 
 
 def joined(found: list[Line]) -> list[Line]:
-    """A line that ends in a backslash and the next one as one, under the number of the first."""
+    """Join each line that ends in a backslash with the next, under the number of the first."""
     whole: list[Line] = []
     going_on = False
     for number, text in found:
@@ -235,37 +236,37 @@ def joined(found: list[Line]) -> list[Line]:
 
 
 class Words:
-    """First words of lines that the format does not have. What could be a corner or a face gone wrong is an error."""
+    """First words of lines that the format does not have. A line that may be a broken corner or face is an error."""
 
     def __init__(self, kind: str) -> None:
         self.kind, self.odd = kind, dict[str, int]()
 
     def add(self, words: list[str], line: int) -> None:
-        """Keep one for the notes. Raises MeshError where three or more numbers follow it."""
+        """Note a word. Raises MeshError where three or more numbers follow it."""
         first = words[0][:20].encode("ascii", "backslashreplace").decode()
         if len(words) > 3 and all(NUMBERS.fullmatch(word) for word in words[1:]):
             raise MeshError(
-                f":{line}: `{first}` is no word of an {self.kind} file, and numbers follow it; mend the line"
+                f":{line}: `{first}` is no keyword of an {self.kind} file, and numbers follow it; correct the line"
             )
         self.odd.setdefault(first, line)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Each word once, with the line it was first met on."""
+        """Each word once, with its first line."""
         return tuple(
-            f"line {line}: `{word}` is no word of an {self.kind} file; left out" for word, line in self.odd.items()
+            f"line {line}: `{word}` is no keyword of an {self.kind} file; left out" for word, line in self.odd.items()
         )
 
 
 class Numbers:
-    """Reads three coordinates a line. Commas may stand for decimal points, if they do so in the whole file."""
+    """Reads three coordinates a line. Decimal commas are accepted where the whole file has them."""
 
     def __init__(self) -> None:
         self.commas = self.points = 0
         """The line on which a number first had one; 0: none did."""
 
     def three(self, words: list[str], line: int) -> tuple[float, ...]:
-        """The first three words as numbers. Raises MeshError, which names the line."""
+        """The first three words as numbers. Raises MeshError with the line."""
         words = [word.rstrip(",") for word in words[:3]]
         if any(WITH_COMMA.fullmatch(word) for word in words):
             self.commas = self.commas or line

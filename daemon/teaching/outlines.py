@@ -1,6 +1,5 @@
-"""Borders of a drawing's flat faces -> rings a camera could measure: straight sides without corners in them, arcs as
-few chords, and which sides do not show because the surface goes on smoothly there. Pure.
-"""
+"""Make rings that a camera can measure from the borders of a drawing's flat faces: straight sides without corners in
+them, arcs as few chords, and the sides that do not show because the surface continues smoothly. Pure."""
 
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
@@ -14,14 +13,15 @@ from daemon.teaching.flat_regions import FlatRegions
 from daemon.vision.geometry import fit_circle
 
 STRAIGHT_RAD = np.radians(0.4)
-"""A border turns by less where a corner is in the middle of a side; two facets are one that turn by a little more."""
+"""A border that turns by less has no corner there, but continues a side; two facets that turn by a little more are
+one."""
 CHORD_MM = 0.6
-"""How far the chords an arc is cut into lie off it, half of it in, half of it out: so that an arc of 10 mm and more has
-chords that a look has edges for (12 px). On 19 rendered looks at parts with rounded ends 12 were named right with this;
-with .3, 8 and 2 more beside their place."""
+"""How far the chords of an arc are off it, half inside and half outside, so that an arc of 10 mm and more has chords
+long enough for a look (12 px). On 19 rendered looks at parts with rounded ends 12 were named right with this value, 8
+with 0.3 and 2 with larger ones."""
 ON_CIRCLE_MM = 0.05
 ARC_POINTS, FEWEST_POINTS = 7.6, 9
-"""On an arc, for each radian, and at least: as on a round hole's rim."""
+"""Points on an arc: for each radian, and at least; as on a round hole's rim."""
 
 
 @dataclass(eq=False)
@@ -39,7 +39,7 @@ class Outlines:
 
 
 def outlines(regions: FlatRegions, owner: Index, found: Blends, step_mm: float) -> Outlines:
-    """The outer ring of each flat face; owner (R,): the curved surface each region is of, or -1."""
+    """The outer ring of each flat face; owner (R,): the curved surface of each region, or -1."""
     faces = np.flatnonzero(found.flat).tolist()
     drawn = borders(regions, faces, found)
     made = Outlines(drawn.points)
@@ -60,13 +60,13 @@ def outlines(regions: FlatRegions, owner: Index, found: Blends, step_mm: float) 
 
 
 def _kind(regions: FlatRegions, face: int, other: int, owner: Index) -> tuple[int, bool]:
-    """The curved surface that the region beyond a side is of, or -1; and whether the surface goes on smoothly there."""
+    """The curved surface of the region beyond a side, or -1; and whether the surface continues smoothly there."""
     surface = int(owner[other])
     return surface, surface >= 0 and regions.turn_rad(face, other) < STRIP_RAD
 
 
 def _pieces(made: Outlines, ring: list[int], kinds: list[tuple[int, bool]], step_mm: float) -> list[int]:
-    """The ring with the sides along each curved surface drawn anew."""
+    """The ring with the sides along each curved surface replaced by chords."""
     found: list[int] = []
     at = 0
     for (surface, smooth), run in groupby(kinds):
@@ -80,8 +80,8 @@ def _pieces(made: Outlines, ring: list[int], kinds: list[tuple[int, bool]], step
 
 
 def _chords(made: Outlines, stretch: list[int], step_mm: float, smooth: bool) -> tuple[int, ...]:
-    """A border along a curved surface without its last corner: an arc of a circle as few chords, anything else as it
-    is drawn. Sides that do not show are kept in mind."""
+    """A border along a curved surface, without its last corner: an arc of a circle as few chords, another curve
+    unchanged. Sides that do not show are noted."""
     points = np.array([made.points[k] for k in stretch])
     closed = stretch[0] == stretch[-1]
     arc = _arc(points, closed, ON_CIRCLE_MM + step_mm) if len(stretch) > 3 else None
@@ -126,7 +126,7 @@ def _arc(points: Array, closed: bool, near_mm: float) -> tuple[Array, Array] | N
 
 
 def _straightened(made: Outlines, ring: list[int], step_mm: float) -> tuple[int, ...]:
-    """Without corners at which the border goes straight on, as far as rounding to a step lets it, and shows or does not
+    """The ring without corners where the border continues straight, within rounding to a step, and shows or does not
     show on both sides."""
     kept = list(ring)
     at = 0

@@ -1,4 +1,4 @@
-"""Polygons of a mesh -> a solid with flat facets, as the recogniser knows parts. Pure.
+"""Make a solid with flat facets, as the recogniser knows parts, from the polygons of a mesh. Pure.
 
 Triangles of one plane are one facet; the rings run anticlockwise seen from outside. Strips of a curved surface are
 none: where the surface goes on smoothly into one, the facet has no edge to be seen there. What no camera could see
@@ -21,16 +21,16 @@ from daemon.vision.geometry import OutlineArc, Polyhedron
 from daemon.vision.model import FacetLibrary, type_facet
 
 MOST_PIECES = 6000
-"""Flat pieces of a surface that are looked through; a drawing with more is no machined part's."""
+"""Most flat pieces of a surface that are examined; a machined part's drawing has fewer."""
 MOST_FACETS = 200
 WORN = "small fillets and chamfers ({} in all, those that meet as one) are taken for edges that are worn"
 DRAWN_MM = 0.05
-"""How far corners on a drawing are off (one standard deviation); how far real parts are off is the model's business."""
+"""Error of corners in a drawing (one standard deviation); the model handles that of real parts."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShadedSurface:
-    """A drawing's surface as it looks, for pictures of a simulated cell; nothing is recognised by it.
+    """A drawing's surface for pictures of a simulated cell; the recogniser does not use it.
 
     corners_mm (K, 3) and triangles (T, 3), anticlockwise from outside; normals (T, 3, 3), unit, at their corners;
     part_of (T,): which flat face or curved surface each is of; flat (T,): which are of a flat face."""
@@ -44,10 +44,9 @@ class ShadedSurface:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A drawing as it was understood: the solid, about the middle of its corners; origin_mm (3,): that middle in the
-    drawing's frame, whose axes the solid has; size_mm (3,) along them; curved: surfaces that are no facets of it;
-    holes: how many its facets have; surface: as it looks, about the same origin; notes: what was mended or left out,
-    a line each."""
+    """A drawing as facetd understands it. solid: about the middle of its corners; origin_mm (3,): that middle in the
+    drawing's frame, whose axes the solid has; size_mm (3,) along them; curved: surfaces that are no facets; holes:
+    their number; surface: for pictures, about the same origin; notes: repairs and omissions, one line each."""
 
     solid: Polyhedron
     origin_mm: Array
@@ -59,7 +58,7 @@ class Drawing:
 
 
 def read_drawing(name: str, content: bytes, unit: str, library: FacetLibrary) -> Drawing:
-    """What a drawing's file shows. Raises MeshError, UnitError, which name the file."""
+    """Read a drawing's file. Raises MeshError, UnitError, which name the file."""
     mesh = read_mesh(name, content, unit)
     try:
         return drawing_of(mesh, library)
@@ -68,12 +67,12 @@ def read_drawing(name: str, content: bytes, unit: str, library: FacetLibrary) ->
 
 
 def solid_drawn(name: str, content: bytes, unit: str, library: FacetLibrary) -> Polyhedron:
-    """The solid in a drawing's file. Raises MeshError, which names the file."""
+    """Read the solid in a drawing's file. Raises MeshError, which names the file."""
     return read_drawing(name, content, unit, library).solid
 
 
 def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
-    """The solid a mesh bounds. Raises MeshError where it bounds none, or one without flat facets."""
+    """The solid that a mesh bounds. Raises MeshError where it bounds none, or one without flat facets."""
     surface = closed_surface(mesh)
     regions = flat_regions(surface, mesh.step_mm)
     if len(regions.areas) > MOST_PIECES:
@@ -83,9 +82,9 @@ def drawing_of(mesh: Mesh, library: FacetLibrary) -> Drawing:
     small = blends(regions, owner)
     faces = np.flatnonzero(small.flat).tolist()
     if len(faces) < 2:
-        raise MeshError(f"{len(faces)} flat facets: a curved surface; at least 2 flat ones tell a part")
+        raise MeshError(f"{len(faces)} flat facets: a curved surface; a part needs at least 2")
     if len(faces) > MOST_FACETS:
-        raise MeshError(f"{len(faces)} flat facets; at most {MOST_FACETS} tell a part")
+        raise MeshError(f"{len(faces)} flat facets; a part may have at most {MOST_FACETS}")
     solid, origin = _solid(regions, owner, small, mesh.step_mm, library)
     curved = tuple(one for one in curved if (small.cluster[list(one.regions)] < 0).any())
     solid = replace(solid, covers=np.concatenate([np.zeros((0, 4, 3)), *(one.covers - origin for one in curved)]))
@@ -102,7 +101,7 @@ def _solid(
     """The solid about the middle of its corners, and that middle."""
     made = outlines(regions, owner, small, step_mm)
     if any(len(ring) < 3 for ring in made.rings):
-        raise MeshError("a facet without an area; mend the mesh")
+        raise MeshError("a facet without an area; repair the mesh")
     used = sorted({k for ring in made.rings for k in ring})
     place = {k: n for n, k in enumerate(used)}
     points = np.array([made.points[k] for k in used])
@@ -121,7 +120,7 @@ def _solid(
 
 
 def shaded_surface(surface: Surface, regions: FlatRegions, owner: Index, origin_mm: Array) -> ShadedSurface:
-    """The surface about a point (3,) of the drawing; owner (R,): the curved surface each region is of, or -1."""
+    """The surface about a point (3,) of the drawing; owner (R,): the curved surface of each region, or -1."""
     triangles = np.array(surface.triangles, np.intp)
     region = np.zeros(len(triangles), np.intp)
     for number, members in enumerate(regions.members):

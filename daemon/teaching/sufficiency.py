@@ -1,7 +1,7 @@
-"""Is a part taught well enough? What of it was never seen, and from where it could be taken for something else. Pure.
+"""Judge whether a part is taught well enough: what was never seen, and from where it could be confused. Pure.
 
-A part is turned before imagined cameras and its known facets are given to the recogniser as they would be measured:
-what it then answers is what it would answer in the cell.
+The part is turned before imagined cameras. The recogniser gets its known facets as they would be measured, and so
+answers as it would in the cell.
 """
 
 from collections import Counter
@@ -23,8 +23,8 @@ HIDDEN_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """Viewpoints from which a part is not named: what it is taken for (several where it cannot be settled), which
-    facets are in view there, and from how many of the viewpoints."""
+    """Viewpoints from which a part is not named: what it is taken for (several where that is ambiguous), which facets
+    are in view, and the number of viewpoints."""
 
     taken_for: tuple[str, ...]
     facets: tuple[str, ...]
@@ -33,8 +33,9 @@ class Mistake:
 
 @dataclass(frozen=True, eq=False)
 class Sufficiency:
-    """One label: facets known by type, open edges (beyond them nothing was seen), share of viewpoints never seen, named
-    rightly, and not; the mistakes; the facet (index, type) that should point away from the cameras in the next view."""
+    """The judgement on one label: facets known, by type; open edges, beyond which nothing was seen; share of viewpoints
+    never seen, and named correctly; the mistakes; the facet (index, type) that should point away from the cameras in
+    the next view."""
 
     label: str
     facets: tuple[str, ...]
@@ -46,14 +47,14 @@ class Sufficiency:
 
     @property
     def complete(self) -> bool:
-        """Every side was seen."""
+        """Whether every side was seen."""
         return self.open_edges == 0
 
 
 @dataclass(frozen=True, eq=False)
 class Alike:
-    """Two parts that could be taken for each other: the view that shows the most facets of which that is so, these by
-    type, and from how many of the viewpoints of one of them."""
+    """Two parts that could be confused: the most facets in view for which that is so, by type, and from how many
+    viewpoints of one part."""
 
     labels: tuple[str, str]
     facets: tuple[str, ...]
@@ -61,7 +62,7 @@ class Alike:
 
 
 def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
-    """Try a taught part from all round. Raises KeyError for a label that was not taught."""
+    """Try to recognise a taught part from all round. Raises KeyError for a label that is not taught."""
     solid = model.metric[label].solid
     unseen, named, mistakes = 0, 0, Counter[tuple[tuple[str, ...], tuple[str, ...]]]()
     best: tuple[float, Array | None] = (0.0, None)
@@ -94,8 +95,8 @@ def judge(model: Model, label: str, rig: StereoRig) -> Sufficiency:
 
 
 def apart_from(shown: Group, others: Sequence[Group]) -> tuple[list[Facet], list[Facet]]:
-    """Facets in view that share no edge with those of the part: first those that may be its own sides, as they lie
-    nearer to these than these reach (nothing is learnt of them from such a view); then those of other things."""
+    """Facets in view that share no edge with those of the part: first those that may be its own, as they are nearer to
+    it than its size (such a view teaches nothing about them); then those of other objects."""
     corners = np.concatenate([facet.corners_mm for facet in shown.facets])
     reach_mm = _apart(corners, corners).max()
     beside = [(facet, _apart(facet.corners_mm, corners).min()) for other in others for facet in other.facets]
@@ -108,7 +109,7 @@ def _apart(these: Array, those: Array) -> Array:
 
 
 def alike(judged: Iterable[Sufficiency]) -> tuple[Alike, ...]:
-    """Every two parts that could be taken for each other, those first that share the most facets."""
+    """All pairs of parts that could be confused, those with the most shared facets first."""
     worst: dict[tuple[str, str], Alike] = {}
     for one in judged:
         for mistake in one.mistakes:
@@ -124,14 +125,15 @@ def _how_alike(two: Alike) -> tuple[int, int]:
 
 
 def imagined_view(solid: Polyhedron, towards: Array, rig: StereoRig) -> Group | None:
-    """The facets that would be measured with the cameras in direction `towards` (3,) of the part, at 400 mm; None when
-    no facet faces them. Corners carry the covariance that CORNER_PX of corner error gives at that distance."""
+    """The facets measured with the cameras in direction `towards` (3,) of the part, at 400 mm; None when none faces
+    them. Corners have the covariance of CORNER_PX of corner error at that distance."""
     shown = visible_facets(solid, towards)
     return imagined_group(solid, shown, towards, rig) if shown else None
 
 
 def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACING) -> tuple[int, ...]:
-    """The facets that face a camera in direction `towards` (3,), far away, and that no other facet covers in part.
+    """The facets that face a distant camera in direction `towards` (3,), without those that another facet partly
+    covers.
 
     least_facing: cosine below which a facet is too oblique to be seen.
     """
@@ -139,7 +141,7 @@ def visible_facets(solid: Polyhedron, towards: Array, least_facing: float = FACI
 
 
 def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig: StereoRig) -> Group:
-    """These facets as they would be measured from there, untyped by the measurement: they keep their own types."""
+    """These facets as measured from there, with their own types."""
     corners = (solid.corners_mm - solid.corners_mm.mean(axis=0)) @ _turned_to(towards).T + [0.0, 0.0, DISTANCE_MM]
     spread_mm2 = corner_covariance(rig, DISTANCE_MM)
     facets = tuple(_facet(corners[list(solid.facets[k])], solid.types[k], spread_mm2, rig) for k in shown)
@@ -147,7 +149,7 @@ def imagined_group(solid: Polyhedron, shown: Sequence[int], towards: Array, rig:
 
 
 def _turned_to(towards: Array) -> Array:
-    """(3, 3) cyclopean_from_part rotation of a part that turns its direction `towards` to the cameras (-z)."""
+    """(3, 3) cyclopean_from_part rotation that turns the part's direction `towards` to the cameras (-z)."""
     z = -towards
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
@@ -161,6 +163,6 @@ def _facet(corners_mm: Array, kind: str, covariance: Array, rig: StereoRig) -> F
 
 
 def _opposite(solid: Polyhedron, towards: Array) -> tuple[int, str]:
-    """The facet that points most away from a direction."""
+    """The facet that points farthest away from a direction."""
     k = int(np.argmin(solid.normals @ towards))
     return k, solid.types[k]

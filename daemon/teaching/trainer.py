@@ -1,6 +1,6 @@
-"""From taught views to a model in use: store a view, train a candidate beside the model in use, accept it, go back.
+"""From taught views to the model in use: store a view, train a candidate, accept it, go back.
 
-Learning itself is daemon/vision/model/model.py's, files are daemon/store/model_store.py's. No talk.
+daemon/vision/model/model.py learns, daemon/store/model_store.py has the files. Nothing here talks to people.
 """
 
 import contextlib
@@ -43,16 +43,16 @@ from daemon.vision.settings import MemorySettings, VisionSettings
 from daemon.vision.values import UNKNOWN, Facet, Group, Part
 
 ROUND = "around"
-"""What the note of a view is known by that was learnt by walking round, and where its solid is."""
+"""Key of a view's note, and of its solid, for a view learnt from all round (`teach --around`)."""
 SAME_SIZE_MM = 2.0
-"""How far apart the largest lengths of one part may come out, drawn and seen."""
+"""Largest difference between the lengths of one part in its drawing and as seen."""
 SAME_SIDE_MM = 5.0
-"""How far the middle of a side in view may lie from where the part found there has it."""
+"""Largest distance of a side in view from where the recognised part has it."""
 
 
 @dataclass(frozen=True)
 class ViewVerdict:
-    """How a trained model does on a view it was taught: what it takes it for, how sure, and why."""
+    """How a trained model recognises a view that it was taught: the name, the confidence, and the reason."""
 
     view: str
     label: str
@@ -69,7 +69,8 @@ class ViewVerdict:
 
 @dataclass(frozen=True)
 class Trained:
-    """A candidate: its version, how it does on every stored view, views that could not be learnt and why."""
+    """A trained candidate: its version, its verdict on every stored view, and the views that could not be learnt with
+    the reason."""
 
     version: int
     verdicts: tuple[ViewVerdict, ...]
@@ -78,14 +79,14 @@ class Trained:
 
 
 class DrawnPart(NamedTuple):
-    """A part that was drawn: its solid, and its surface as it looks, which what was walked round has none of."""
+    """A part with a drawing: its solid and its surface for pictures, None for a part learnt from all round."""
 
     solid: Polyhedron
     surface: ShadedSurface | None
 
 
 class Trainer:
-    """All that can be taught in one daemon: the model_store, the model in use, and the candidate that is not.
+    """Teaching in one daemon: the store, the model in use, and the candidate.
 
     Whatever reads views or trains takes long: it is called in a worker process (daemon/compute), on a copy of this.
     """
@@ -101,7 +102,7 @@ class Trainer:
         *,
         memory: MemorySettings | None = None,
     ) -> None:
-        """start: the model to use while none was accepted here; memory: how the next one learns. Raises ModelError,
+        """start: the model in use until one is accepted here; memory: how the next one learns. Raises ModelError,
         FileError."""
         self.model_store, self.rig, self.library, self.parts, self.settings = model_store, rig, library, parts, settings
         self.memory = memory or MemorySettings()
@@ -112,19 +113,19 @@ class Trainer:
         self._in_use: ModelRecogniser | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process needs to compute what can be computed here: all but the model in use."""
+        """What a worker process needs: all but the model in use."""
         return {key: value for key, value in vars(self).items() if key not in ("model", "_file", "_in_use")}
 
     @property
     def in_use(self) -> ModelRecogniser:
-        """The recogniser with the model in use: the same one as long as nothing of it has changed."""
+        """The recogniser with the model in use; the same object until that changes."""
         now = self._in_use
         if now is None or (now.model, now.rig, now.settings) != (self.model, self.rig, self.settings):
             now = self._in_use = ModelRecogniser(self.model, self.rig, self.settings, self._file)
         return now
 
     def version(self, version: int) -> ModelRecogniser:
-        """The recogniser with that version. Raises ModelError."""
+        """The recogniser with that version of the model. Raises ModelError."""
         file = self.model_store.load(version)
         return ModelRecogniser(file.model, self.rig, self.settings, file)
 
@@ -132,44 +133,44 @@ class Trainer:
         self.model, self._file = file.model, file
 
     def untaught(self) -> list[str]:
-        """Parts of parts.yaml that were never shown or drawn, and that the model in use does not know."""
+        """Parts of parts.yaml without a view or drawing that the model in use does not know either."""
         shown = {*self.model.labels, *self.model_store.labels()}
         return [label for label in self.parts if label not in shown]
 
     def waiting(self) -> list[StoredView]:
-        """Stored views that the model in use was not trained on: by their names, each of which is one view's for ever.
-        Time stamps prove nothing: somebody may have set the clock since."""
+        """Stored views that the model in use was not trained on, by their names, which are never reused. Time stamps
+        would not do: the clock may have been set."""
         known = {view.source for view in self.model.views}
         return [view for view in self.model_store.views() if view.name not in known]
 
     def check(
         self, label: str, left: Image, right: Image, table: TablePlane | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
-        """The facets of the one part in view, and of what else is. Raises TeachError or VisionError where a view cannot
-        be learnt from."""
+        """The facets of the one part in view, and of other objects. Raises TeachError or VisionError where a view
+        cannot be learnt."""
         group, others = self.only_part(left, right, table, moved)
         learn_view(empty_model(self.library), group, label)
         return group, others
 
     def store(self, label: str, left: Image, right: Image, note: dict[str, Any]) -> StoredView:
-        """Keep a view on disk. Raises FileError, and TeachError or VisionError as check does."""
+        """Store a view. Raises FileError, and TeachError or VisionError as check does."""
         self.check(label, left, right, table_of(note.get("table")), places_of(note.get("moved")))
         return self.model_store.add_view(label, left, right, note)
 
     def odd_drawing(self, label: str, name: str, content: bytes, unit: str) -> str | None:
-        """What a person should be asked about before a drawing is kept under a label: that it is there already, under
-        this label or another, or is another shape than the one known. Raises MeshError, FileError."""
+        """What to ask a person before a drawing is stored under a label: it exists already, under this label or
+        another, or differs from the known shape. Raises MeshError, FileError."""
         for view in self.model_store.views():
             with contextlib.suppress(FileError):  # one that cannot be read any more is not this one
                 if view.mesh is not None and view.note.get("unit", "mm") == unit and _drawing(view) == content:
-                    return f"this drawing is kept already, as {view.name}"
+                    return f"this drawing is stored already, as {view.name}"
         known = self.learnt()[0].metric.get(label)
         if known is None:
             return None
         return _another_shape(label, known.solid, solid_drawn(name, content, unit, self.library))
 
     def store_mesh(self, label: str, name: str, content: bytes, unit: str, note: dict[str, Any]) -> StoredView:
-        """Keep a drawing of a part on disk, which is STL or OBJ. Raises FileError, MeshError, TeachError."""
+        """Store a part's drawing, an STL or OBJ. Raises FileError, MeshError, TeachError."""
         solid = solid_drawn(name, content, unit, self.library)
         learn_solid(empty_model(self.library), solid, label)
         kind: Literal["stl", "obj"] = "stl" if name.lower().endswith(".stl") else "obj"
@@ -177,7 +178,7 @@ class Trainer:
         return self.model_store.add_mesh(label, kind, content, note)
 
     def store_round(self, label: str, learnt: Polyhedron, note: dict[str, Any]) -> StoredView:
-        """Keep what was learnt of a part by walking round it, with an STL of it. Raises FileError, TeachError."""
+        """Store a part learnt from all round, with an STL of it. Raises FileError, TeachError."""
         learn_solid(empty_model(self.library), learnt, label)
         note = {"mesh": "mesh.stl", "facets": [list(learnt.types)], ROUND: solid_json(learnt), **note}
         return self.model_store.add_mesh(label, "stl", stl_of(learnt), note)
@@ -185,8 +186,8 @@ class Trainer:
     def only_part(
         self, left: Image, right: Image, table: TablePlane | None, moved: Places | None = None
     ) -> tuple[Group, tuple[Group, ...]]:
-        """As check, whatever it is; sought with the full effort. moved: where one eye took both from. Raises TeachError
-        for none or several, VisionError."""
+        """The only part in view, whatever it is, found with full effort. moved: where one camera took both images.
+        Raises TeachError for none or several, VisionError."""
         rig = self.rig if moved is None else moved.rig(self.rig)
         scene = look(left, right, rig, None, self.settings, table=table)
         groups = (scene if moved is None else with_arm(scene, rig, moved.arm)).view.groups
@@ -197,15 +198,15 @@ class Trainer:
         if len(groups) > 1 and most == 1:
             raise TeachError(
                 f"{len(groups)} facets are seen, and none meets another: turn the part a little until the edge between "
-                "two of them shows, and take away what is not of it"
+                "two of them shows, and remove other objects"
             )
         if len(largest) > 1:
             raise TeachError(f"{len(groups)} parts are in view; show the one to be taught alone")
         return largest[0], tuple(g for g in groups if g is not largest[0])
 
     def with_view(self, label: str, group: Group) -> tuple[tuple[Facet, ...], list[int | None]]:
-        """The facets of a view, typed; and which side of the part each is once the view is kept, None where that is
-        ambiguous. Raises TeachError."""
+        """The facets of a view with their types, and the part's side that each will be, None where ambiguous. Raises
+        TeachError."""
         model = learn_view(self.learnt()[0], group, label)
         seen = recognise_group(group, model)
         if seen.recognition.label != label:  # as much like another part: how it lies is not known
@@ -240,7 +241,7 @@ class Trainer:
         return learn_solids(model, solids), left_out
 
     def drawings(self) -> dict[str, DrawnPart]:
-        """Each part that was drawn, by its newest drawing; what cannot be read any more is left out."""
+        """Each part with a drawing, by its newest one; unreadable ones are left out."""
         parts = {}
         for view in self.model_store.views():
             if _is_drawn(view):
@@ -249,7 +250,8 @@ class Trainer:
         return parts
 
     def _solid(self, view: StoredView) -> Polyhedron:
-        """The solid of a stored drawing, or of what was walked round. Raises FileError, MeshError, TeachError."""
+        """The solid of a stored drawing, or of a part learnt from all round. Raises FileError, MeshError,
+        TeachError."""
         return self._drawn(view).solid
 
     def _drawn(self, view: StoredView) -> DrawnPart:
@@ -261,7 +263,7 @@ class Trainer:
         return DrawnPart(drawing.solid, drawing.surface)
 
     def train(self) -> Trained:
-        """Make a candidate of every stored view and try it on each. The model in use is not touched.
+        """Train a candidate on every stored view and try it on each. The model in use stays unchanged.
 
         Raises TeachError where there is nothing to train on, FileError.
         """
@@ -278,42 +280,42 @@ class Trainer:
         return Trained(version, tuple(verdicts), tuple(left_out), perf_counter() - began)
 
     def accept(self, version: int | None) -> int:
-        """Take the candidate that is meant into use; returns its version. Raises FileError (nothing changes)."""
+        """Put this candidate into use; returns its version. Raises FileError (nothing changes)."""
         accepted, file = self.model_store.accept(version)
         self._take(file)
         return accepted
 
     def rollback(self) -> int:
-        """Back to the model used before; returns its version. Raises FileError (nothing changes)."""
+        """Return to the model used before; returns its version. Raises FileError (nothing changes)."""
         version, file = self.model_store.rollback()
         self._take(file)
         return version
 
     def take(self, version: int) -> None:
-        """Any version into use. Raises FileError (nothing changes)."""
+        """Put any version into use. Raises FileError (nothing changes)."""
         self._take(self.model_store.use(version))
 
     def _codes(self, model: Model) -> dict[str, str] | None:
-        """ART-b bits as parts.yaml has them; None where it does not name every part."""
+        """The ART-b bits of parts.yaml; None where it does not name every part."""
         known = {label: self.parts[label].code for label in model.labels if label in self.parts}
         return known if len(known) == len(model.labels) else None
 
     def judge(self, model: Model, label: str) -> Sufficiency:
-        """What is still missing of a part, and what it could be taken for."""
+        """Judge what is still missing of a part, and what it could be confused with."""
         return judge(model, label, self.rig)
 
     def judge_version(self, version: int) -> tuple[Sufficiency, ...]:
-        """Every part that a version knows. Raises ModelError."""
+        """Judge every part that a version knows. Raises ModelError."""
         model = self.model_store.load(version).model
         return tuple(self.judge(model, label) for label in model.labels)
 
     def sufficiency(self, label: str) -> Sufficiency | None:
-        """A part as the stored views show it; None where none of them could be learnt."""
+        """Judge a part by its stored views; None where none of them can be learnt."""
         model, _ = self.learnt()
         return self.judge(model, label) if label in model.metric else None
 
     def drawing(self, label: str) -> Polyhedron | None:
-        """The solid of a part that was drawn, by its newest drawing."""
+        """The solid of a part's newest drawing; None without one."""
         drawn = self.drawings().get(label)
         return None if drawn is None else drawn.solid
 
@@ -329,7 +331,7 @@ class Trainer:
         return ViewVerdict(view.name, view.label, best.label, best.confidence, best.runner_up, best.reason)
 
     def _drawing_verdict(self, tried: ModelRecogniser, view: StoredView) -> ViewVerdict:
-        """From the directions in which the drawing shows its characteristic views; the worst of them counts."""
+        """The worst verdict over the directions of the drawing's characteristic views."""
         solid = self._solid(view)
         learnt = {taught.sides for taught in tried.model.views if taught.source == view.name}
         every = aspects(solid)
@@ -345,8 +347,8 @@ class Trainer:
 def teaching_note(
     who: str, calibration: str, table: TablePlane | None, facets: Sequence[Facet], moved: Places | None = None
 ) -> dict[str, Any]:
-    """What is written beside a taught view: who showed it, the calibration's sha256, the table, the facets seen, and
-    where one eye was for each picture."""
+    """The note stored with a taught view: who showed it, the calibration's sha256, the table, the facets seen, and
+    where one camera took each image."""
     return ({} if moved is None else {"moved": moved.json()}) | {
         "who": who,
         "calibration": calibration,
@@ -356,15 +358,15 @@ def teaching_note(
 
 
 def _sides(seen: Part, taught: Polyhedron) -> list[int | None]:
-    """For each facet of a part the side of the taught one that lies there."""
+    """For each facet of a part the side of the taught one at that place."""
     centres = frames.apply(seen.cyclopean_from_part, taught.centres_mm)
     apart = [np.linalg.norm(centres - facet.corners_mm.mean(axis=0), axis=1) for facet in seen.facets]
     return [int(np.argmin(mm)) if mm.min() < SAME_SIDE_MM else None for mm in apart]
 
 
 def _another_shape(label: str, known: Polyhedron, drawn: Polyhedron) -> str | None:
-    """How a drawing differs from what is known of a part: more of its facets of one kind were seen than are drawn, or
-    corners were seen farther apart. None where it may be the same."""
+    """How a drawing differs from the known part: more facets of one kind were seen than are drawn, or corners were seen
+    farther apart. None where it may be the same."""
     lacking = Counter(known.types) - Counter(drawn.types)
     sizes = known.size_mm, drawn.size_mm
     sizes_text = (
@@ -382,6 +384,6 @@ def _is_drawn(view: StoredView) -> bool:
 
 
 def _drawing(view: StoredView) -> bytes:
-    """Raises FileError."""
+    """The drawing of a stored view. Raises FileError."""
     assert view.mesh is not None
     return read_below(view.folder, view.mesh.name, LARGEST_BYTES)

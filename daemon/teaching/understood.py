@@ -1,4 +1,4 @@
-"""What was understood of a drawing, in lines for a person who is to say whether that is the part. Pure."""
+"""Describe what facetd understood of a drawing, for a person who confirms that this is the part. Pure."""
 
 from itertools import combinations
 
@@ -15,7 +15,8 @@ OPPOSITE_COS = -np.cos(np.radians(3.0))
 
 
 def understood(drawing: Drawing, opening_mm: float | None) -> list[str]:
-    """Size, facets, holes, what is no facet, what was mended, the part's frame, and how a gripper could hold it."""
+    """Size, facets, holes, other surfaces, repairs, the part's frame, and how a gripper could hold it, as lines of
+    text."""
     size = " x ".join(f"{side:.4g}" for side in drawing.size_mm)
     solid = drawing.solid
     facets = f"{len(solid.facets)} facets ({facets_counted(solid.types)})"
@@ -40,7 +41,7 @@ def _axis(way: Array) -> str:
 
 
 def _held(solid: Polyhedron, opening_mm: float) -> str:
-    """Between which of its flat facets."""
+    """Between which flat facets a gripper can hold it."""
     widths = sorted({round(width, 1) for width in _widths(solid)})
     fitting = [f"{width:g}" for width in widths if width < opening_mm]
     if fitting:
@@ -51,7 +52,7 @@ def _held(solid: Polyhedron, opening_mm: float) -> str:
 
 
 def _widths(solid: Polyhedron) -> list[float]:
-    """mm between facets that look away from each other, one across from the middle of the other."""
+    """Distances, mm, between opposite facets that face apart."""
     found = []
     for one, other in combinations(range(len(solid.facets)), 2):
         normal = solid.normals[one]

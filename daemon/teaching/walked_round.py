@@ -1,5 +1,6 @@
-"""A part learnt by walking round it: from what all looks measured to its solid, what of it was never seen, how far
-it is from a drawing, and an STL of it. Pure; the tour is daemon/pick/around.py's.
+"""Make a part from looks all round it: its solid, what was never seen, its deviation from a drawing, and an STL. Pure.
+
+daemon/pick/around.py makes the tour.
 """
 
 from collections.abc import Mapping
@@ -18,11 +19,11 @@ from daemon.vision.geometry import Fits, Polyhedron, measure
 from daemon.vision.model import FacetLibrary, TeachError, correspondences, fit_shared, type_facet
 
 AT_TABLE_MM = 3.0
-"""An edge whose ends are this near to the table is where the part lies on it."""
+"""An edge with both ends this near to the table is where the part touches it."""
 LEAST_SEEN, LEAST_OPEN = 2, 4
-"""From how many places a side must be seen to be learnt, but for one that others close in: what shows once may be a
-shadow. The second where nothing is known beyond one of its edges above the table, and something of the part stands
-before it, whose shadow may end there: then all its corners must have been measured, too."""
+"""From how many places a side must be seen to be learnt, unless others close it in: one seen once may be a shadow. The
+second number applies where nothing is known beyond one of its edges above the table, and another side of the part is in
+front of it, whose shadow may end there; then all its corners must have been measured, too."""
 IN_PLANE_MM = 1.0
 DOUBTFUL_MM = 1.5  # a side with a corner no better known than this is not learnt
 FIT_MM = 0.5
@@ -30,10 +31,10 @@ FIT_MM = 0.5
 
 @dataclass(frozen=True, eq=False)
 class WalkedRound:
-    """A part as it was learnt. solid: in the base frame's axes, about its middle, typed; looks (F,): from how many
-    places each side was seen; lain: how many of its edges end at the table; open_edges: (facet, how many) others beyond
-    which nothing was seen; left_out: how many sides were seen too little; sigma_mm: of its corners, the median
-    over them against their common middle."""
+    """A part learnt from all round. solid: in the base frame's axes, about its middle, typed; looks (F,): from how many
+    places each side was seen; lain: number of its edges that end at the table; open_edges: (facet, count) of others
+    beyond which nothing was seen; left_out: number of sides seen too little; sigma_mm: of its corners, the median
+    against their common middle."""
 
     solid: Polyhedron
     looks: tuple[int, ...]
@@ -56,7 +57,7 @@ def learnt_round(fused: Fused | None, table_mm: float, library: FacetLibrary) ->
     part = only(part, [k for k in range(len(seen)) if k in closed or _ends(part, k, int(seen[k]))])
     whole = max(part.things(), key=len, default=[])
     if len(whole) < 2:
-        raise TeachError("hardly two sides of it were seen well enough; light it from above, from several sides")
+        raise TeachError("fewer than two sides of it were seen well enough; light it from above, from several sides")
     part = only(part, whole)
     solid = part.polyhedron
     alone = [edge for edge in solid.edges if edge[::-1] not in solid.edges]
@@ -83,7 +84,7 @@ def _at_table(solid: Polyhedron, edge: tuple[int, int], table_mm: float) -> bool
 
 
 def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
-    """The facets all of whose edges others share, or the table ends."""
+    """The facets whose every edge another one shares, or the table ends."""
     open_ones = {
         facet
         for edge, (facet, _) in solid.edges.items()
@@ -93,8 +94,8 @@ def _closed_in(solid: Polyhedron, table_mm: float) -> set[int]:
 
 
 def _ends(part: Fused, facet: int, seen: int) -> bool:
-    """Whether a facet that others do not close in ends where it was seen to: nothing stands before it, and no open edge
-    of another one lies in its plane; or it was measured often."""
+    """Whether a facet that others do not close in really ends where it was seen to: nothing is in front of it and no
+    open edge of another one lies in its plane; or it was measured often."""
     solid = part.polyhedron
     ring, normal = solid.rings[facet], solid.normals[facet]
     off = (solid.corners_mm - solid.centres_mm[facet]) @ normal
@@ -109,8 +110,9 @@ def _ends(part: Fused, facet: int, seen: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Deviation:
-    """One learnt side beside a drawing: which of the drawing's it is; off_mm: how far its corner that is farthest off
-    lies from the drawn one, the two solids laid onto each other; length_mm, angle_deg: of its sides and angles."""
+    """One learnt side compared with the drawing's. facet: the drawn side; off_mm: largest distance of its corners from
+    the drawn ones after both solids are aligned; length_mm, angle_deg: largest
+    differences of its side lengths and angles."""
 
     facet: int
     off_mm: float
@@ -119,8 +121,8 @@ class Deviation:
 
 
 def deviations(learnt: Polyhedron, drawn: Polyhedron) -> tuple[Deviation | None, ...]:
-    """Each learnt side beside the drawing's, None for one that the drawing does not have; all None where the two cannot
-    be laid onto each other."""
+    """Compare each learnt side with the drawing's, None for one that the drawing does not have; all None where the two
+    cannot be aligned."""
     ways = [way for way in correspondences(learnt, drawn, may_add=True) if (way.corners >= 0).sum() > 2]
     if not ways:
         return (None,) * len(learnt.facets)
@@ -141,7 +143,7 @@ def deviations(learnt: Polyhedron, drawn: Polyhedron) -> tuple[Deviation | None,
 
 
 def stl_of(solid: Polyhedron) -> bytes:
-    """A binary STL of the facets there are, mm; open where nothing was seen."""
+    """A binary STL of the known facets, mm; open where nothing was seen."""
     fans = [solid.corners_mm[list(one)] for ring in solid.facets for one in in_triangles(solid.corners_mm, list(ring))]
     rows = np.zeros(len(fans), STL_ROW)
     if fans:
@@ -162,7 +164,7 @@ def solid_json(solid: Polyhedron) -> dict[str, Any]:
 
 
 def solid_from(values: Mapping[str, Any]) -> Polyhedron:
-    """What solid_json gave. Raises TeachError where it is not that."""
+    """Read what solid_json wrote. Raises TeachError for anything else."""
     try:
         corners, covariance = np.array(values["corners_mm"], float), np.array(values["covariance_mm2"], float)
         rings = tuple(tuple(int(k) for k in ring) for ring in values["facets"])
@@ -173,12 +175,12 @@ def solid_from(values: Mapping[str, Any]) -> Polyhedron:
         if len(types) != len(rings) or min(map(len, rings)) < 3 or not np.isfinite(corners).all():
             raise ValueError
     except (KeyError, TypeError, ValueError):
-        raise TeachError("what was learnt by walking round cannot be read; forget it and walk again") from None
+        raise TeachError("the part learnt by `teach --around` cannot be read; `forget` it and teach it again") from None
     return Polyhedron(corners, rings, covariance, types)
 
 
 def _fit(learnt: Polyhedron, drawn: Polyhedron, corners: NDArray[np.intp]) -> Fits:
-    """learnt_from_drawn by the corners both have."""
+    """learnt_from_drawn by the corners that both have."""
     both = np.flatnonzero(corners >= 0)
     return fit_shared(learnt, both, drawn, corners[both], FIT_MM)
 

@@ -99,9 +99,7 @@ def test_layers_stand_on_one_another_and_skipped_places_stay_empty(tmp_path: Pat
 def test_the_fourth_corner_checks_the_other_three(tmp_path: Path) -> None:
     near = {**TRAY, "check_mm": [520.3, -20.4, -275]}
     assert load_places(written(tmp_path, patterns={"tray": near})).residuals_mm["tray"] == pytest.approx(0.5)
-    with pytest.raises(
-        ConfigError, match=r"check_mm: 5\.0 mm from where the other three corners have it, 2 is the most"
-    ):
+    with pytest.raises(ConfigError, match=r"check_mm: 5\.0 mm from where the other three corners put it, 2 at most"):
         load_places(written(tmp_path, patterns={"tray": {**TRAY, "check_mm": [523, -24, -275]}}))
 
 

@@ -86,7 +86,7 @@ MENDED: dict[str, tuple[str, bytes, str]] = {
     "bytes behind the last triangle": ("a.stl", STL + b"made by a program", "17 bytes behind the last triangle"),
     "doubled triangles": ("a.stl", drawn.binary_stl(L_BLOCK[0], L_BLOCK[1] * 2), "20 doubled triangles are left out"),
     "a corner in a neighbour's edge": ("a.obj", with_a_corner_in_an_edge(), "1 edges are split where"),
-    "a word of somebody's own": ("a.obj", b"material_id steel\n" + OBJ, "line 1: `material_id` is no word of an OBJ"),
+    "a word of somebody's own": ("a.obj", b"material_id steel\n" + OBJ, "line 1: `material_id` is no keyword"),
     "a hollow inside": ("a.obj", drawn.obj(np.vstack([L_BLOCK[0], CUBE[0] / 10 + 5]), [
         *L_BLOCK[1], *(tuple(k + 12 for k in ring[::-1]) for ring in CUBE[1])]), "a hollow that shows nowhere"),
 }  # fmt: skip
@@ -100,7 +100,7 @@ def two(shift: float, size: float = 1.0) -> bytes:
 
 REFUSED: dict[str, tuple[str, bytes, str]] = {
     "commas and points": ("a.obj", b"v 1,5 2.5 3\n", "a.obj:1: decimal commas and decimal points in one file"),
-    "a corner whose word is broken": ("a.obj", OBJ.replace(b"v 60", b"w 60", 1), "`w` is no word of an OBJ file"),
+    "a corner whose word is broken": ("a.obj", OBJ.replace(b"v 60", b"w 60", 1), "`w` is no keyword of an OBJ file"),
     "commas between numbers": ("a.obj", b"v 1,2,3\n", "a.obj:1: expected 3 numbers, found '1,2,3'"),
     "a facet of four corners": ("a.stl", ASCII.replace(b" endloop", b"  vertex 0 0 0\n endloop", 1), "of 4 corners"),
     "a free-form surface": ("a.obj", OBJ + b"\ncstype bezier\n", "`cstype`: a free-form surface"),

@@ -105,7 +105,7 @@ BALL = drawn.obj(*drawn.ball(30.0))
         ("part.stl", drawn.binary_stl(*CUBE)[:-7], "cut short or not STL: 677 bytes, 684 expected"),
         ("part.stl", drawn.ascii_stl(*CUBE)[:-40], "cut short: the last facet or `endsolid` is missing"),
         ("part.stl", b"solid x\nvertex 1 2\nendsolid", "part.stl:2: expected 3 numbers, found '1 2'"),
-        ("part.stl", b"solid x\nendsolid x", "part.stl: holds no facet"),
+        ("part.stl", b"solid x\nendsolid x", "part.stl: contains no facet"),
         ("part.obj", b"v 0 0 0\nf 1 2 3\n", "part.obj:2: a facet of 3 corners, numbered [1, 2, 3]; the file has 1"),
         ("part.obj", b"v 0 0 0\nf 1 one 3\n", "part.obj:2: expected numbers of corners"),
         ("part.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "part.obj: a coordinate is not a number"),

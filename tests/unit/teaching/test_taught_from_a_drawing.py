@@ -184,7 +184,7 @@ def test_a_drawing_that_is_odd_under_its_label_is_asked_about(trainer: Trainer) 
     assert trainer.odd_drawing("cube", "cube.stl", cube, "mm") is None
     trainer.store_mesh("cube", "cube.stl", cube, "mm", {})
     for label in ("cube", "block"):
-        assert trainer.odd_drawing(label, "again.stl", cube, "mm") == "this drawing is kept already, as cube/1"
+        assert trainer.odd_drawing(label, "again.stl", cube, "mm") == "this drawing is stored already, as cube/1"
     ring = [(20 * np.cos(a), 20 * np.sin(a)) for a in np.arange(24) * 2 * np.pi / 24]
     round_one = drawn.obj(*drawn.prism(ring, 40.0))
     told = trainer.odd_drawing("cube", "cylinder.obj", round_one, "mm")

@@ -107,5 +107,5 @@ def test_a_solid_is_kept_and_read_again() -> None:
 def test_a_damaged_note_is_told_and_not_learnt(harm: str) -> None:
     values = solid_json(replace(sure(L_PART), types=("polygon6",) * 8))
     for wrong in ([], None, [[99, 0, 1]], "x"):
-        with pytest.raises(TeachError, match="walk again"):
+        with pytest.raises(TeachError, match="teach it again"):
             solid_from({**values, harm: wrong})
