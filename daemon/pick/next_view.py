@@ -200,7 +200,7 @@ class _FacetsInSpace:
         placed = frames.apply(h.world_from_part, h.solid.corners_mm)
         motion = frames.point_motion(placed - h.world_from_part[:3, 3])
         spread = motion @ h.covariance @ np.swapaxes(motion, 1, 2) + noise_mm2 * np.eye(3)
-        explains = {facet: k for k, facet in enumerate(h.facets) if facet >= 0}
+        explains = {facet: k for k, facet in enumerate(h.facets)}
         found = []
         for f, ring in enumerate(h.solid.rings):
             number = explains.get(f, -1) if self.corners else -1

@@ -94,12 +94,11 @@ async def verify(
     target, seen = world.the_target(), await look(context, world, "verify")
 
     mount = mount_of(context.cell)
-    held, failed = await context.cell.compute(_judged, target, seen, world.found, context.settings, mount)
-    shown = ("shows in the gripper" if held else "is gone from where it lay") if failed is None else failed[0]
+    words, code = await context.cell.compute(_judged, target, seen, world.found, context.settings, mount)
     sensor = await sensed(context, "lifted")
-    ask_where_they_differ(context, contradiction(target.label, sensor, shown, failed is None))
-    if failed is None:
-        why = f"{target.label} {shown}"
+    ask_where_they_differ(context, contradiction(target.label, sensor, words, code is None))
+    if code is None:
+        why = f"{target.label} {words}"
         world.result = PickResult(Outcome.RELEASED, why, None)
         if target.way is not None:
             target.held = await measure(context, target, seen.taken)
@@ -118,7 +117,6 @@ async def verify(
         context.decide("bring it to the bin", why, DecisionCode.IN_GRIPPER, label=target.label)
         return PickEvent.GONE
     world.failures += 1
-    words, code = failed
     world.result = PickResult(Outcome.MISSED, f"{target.label} {words}", code)
     why = f"{world.result.why}; the hand opens over the bin, as this look may err"
     context.decide("missed", why, code, label=target.label)
@@ -130,21 +128,21 @@ async def verify(
 
 def _judged(
     target: Target, seen: Look, found: Sequence[ObservedPart], settings: Settings, mount: CameraMount
-) -> tuple[bool, tuple[str, DecisionCode] | None]:
-    """Whether a look shows the part in the hand, and what it says against that; None where it says nothing. found: what
-    lay there before."""
+) -> tuple[str, DecisionCode | None]:
+    """What a look says of the part, and, where that speaks against its being in the hand, the cause. found: what lay
+    there before."""
     if in_hand(target, seen.taken, mount, settings.doubt):
-        return True, None
+        return "shows in the gripper", None
     hand = seen.reading.world_from_tool[:3, 3]
     on_table = [p for p in seen_parts(seen) if not same_place(p.centre, hand, HAND_REACH_MM)]
     left = any(same_place(p.centre, target.centre, settings.gone_mm + SEEN_OFF_MM) for p in on_table)
     if left or still_there(target, seen):
-        return False, ("still lies there", DecisionCode.STILL_THERE)
+        return "still lies there", DecisionCode.STILL_THERE
     if _knocked_away(found, target, on_table):
-        return False, ("was knocked away", DecisionCode.KNOCKED_AWAY)
+        return "was knocked away", DecisionCode.KNOCKED_AWAY
     if came_back_empty(seen.taken, mount, settings.gripper):
-        return False, ("is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY)
-    return False, None
+        return "is gone, and the hand came back empty", DecisionCode.CAME_BACK_EMPTY
+    return "is gone from where it lay", None
 
 
 def _barred(goal: Goal, seen: Look) -> bool:

@@ -53,7 +53,7 @@ import yaml
 FORK = multiprocessing.get_context("fork")
 ROOT = Path(__file__).resolve().parents[3]
 SAFETY = ("arm", "val2", "pick", "calibration")
-"""Rooms whose every file is tried, and by the tests of the room alone."""
+"""Rooms whose every file is tried, and by the tests of the room alone (but for what the manual says of settings)."""
 FILES = (
     *(str(path.relative_to(ROOT)) for room in SAFETY for path in sorted(ROOT.glob(f"d*/{room}/*.py"))),
     *(f"daemon/store/{name}.py" for name in (
@@ -67,9 +67,11 @@ STORIES = "tests/unit/service/"
 ALL = frozenset({("", "")})
 """What a test runs that nobody looked at: whatever there is."""
 CODE = (f"{ROOT}/daemon/", f"{ROOT}/drivers/")
+SETTINGS = "tests/unit/test_manuals.py"
+"""Holds defaults and ranges of all rooms' settings against the manual."""
 WHOLE = {
-    **{room: (f"tests/unit/{room}",) for room in SAFETY},
-    "val2": ("tests/unit/val2", "tests/unit/cell"),  # how a controller is identified is told there
+    **{room: (f"tests/unit/{room}", SETTINGS) for room in SAFETY},
+    "val2": ("tests/unit/val2", SETTINGS, "tests/unit/cell"),  # how a controller is identified is told there
     "store": ("tests/unit/store", "tests/unit/test_config.py", "tests/unit/test_hostile.py"),
     "frontends": ("tests/unit/frontends", "tests/unit/console"),
     "events": ("tests/unit/events", "tests/unit/review", "tests/unit/store"),

@@ -85,6 +85,8 @@ def test_a_part_that_no_one_grasp_sets_down_is_laid_on_the_table_and_brought_the
     moves = [(r["purpose"], r["how"], r["speed_pct"]) for r in story.fake.said("move")]
     assert ("down to the table", "straight", 10.0) in moves
     assert ("back from the table", "straight", 10.0) in moves
+    ways = [purpose for purpose, *_ in moves]
+    assert ways[ways.index("back from the table") + 1] == "look at it on the table", "before it is grasped anew"
     chosen = [record for record in story.fake.said("decision") if record["code"] == "chosen"]
     assert chosen[0]["grasps"] == 2
     assert "then laid on the table and taken anew, 2 grasps in all" in chosen[0]["why"]
