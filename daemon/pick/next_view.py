@@ -160,7 +160,7 @@ def expected_entropy(chances: Array, shows: Array) -> float:
     tells = chances @ (shows - mean) ** 2
     columns = np.argsort(-tells)[: min(TELLING, int((tells > 1e-12).sum()))]
     ways = (np.arange(2 ** len(columns))[:, None] >> np.arange(len(columns))) & 1
-    each = np.where(ways[:, None, :] == 1, shows[None, :, columns], 1 - shows[None, :, columns])
+    each = np.where(ways[:, None, :], shows[None, :, columns], 1 - shows[None, :, columns])
     joint = each.prod(axis=2) * chances
     total = joint.sum(axis=1, keepdims=True)
     share = joint / np.maximum(total, 1e-300)
@@ -203,31 +203,29 @@ class _FacetsInSpace:
         explains = {facet: k for k, facet in enumerate(h.facets)}
         found = []
         for f, ring in enumerate(h.solid.rings):
-            number = explains.get(f, -1) if self.corners else -1
-            if number < 0:
-                number = self._same(placed[ring], spread[ring])
-            if number < 0:
-                number = len(self.corners)
+            number = explains[f] if self.corners and f in explains else self._same(placed[ring], spread[ring])
+            if number == len(self.corners):
                 self.corners.append(placed[ring])
                 self.covariances.append(spread[ring])
             found.append(number)
         return np.array(found, np.intp)
 
     def _same(self, corners: Array, covariance: Array) -> int:
-        """The first facet that is in this place, -1 where there is none."""
+        """The first facet that is in this place, the next number where there is none."""
         count = len(corners)
         most, middle = chi_square_limit(3 * count, UNLIKE), corners.mean(0)
         for number, (other, its) in enumerate(zip(self.corners, self.covariances, strict=True)):
-            off = middle - other.mean(0)
-            widest = float(np.trace(covariance + its, axis1=1, axis2=2).max()) if len(other) == count else 0.0
-            if len(other) != count or float(off @ off) > most * widest:
+            if len(other) != count:
+                continue
+            off, widest = middle - other.mean(0), float(np.trace(covariance + its, axis1=1, axis2=2).max())
+            if float(off @ off) > most * widest:
                 continue
             for turn in range(count):
                 apart = corners - np.roll(other, turn, axis=0)
                 both = covariance + np.roll(its, turn, axis=0)
                 if float(np.einsum("ni,ni->", apart, np.linalg.solve(both, apart[..., None])[..., 0])) < most:
                     return number
-        return -1
+        return len(self.corners)
 
 
 def shown(look: Outlook, centre: Array, eyes: Array, beside: Sequence[Array] = ()) -> Array:

@@ -22,6 +22,7 @@ from daemon.pick.next_view import (
     freshest,
     hypotheses_of,
     in_words,
+    missed,
     next_best,
     outlook,
     places_round,
@@ -110,6 +111,26 @@ def test_symmetric_poses_of_one_part_count_once_and_those_of_two_parts_do_not() 
     assert look.chances == pytest.approx([0.4, 0.6])
     other = hypothesis("another", block(), turned(0), 0.3)
     assert len(outlook([hypothesis("block", block(), turned(0), 0.3), other, TWINS[2]], rig()).hypotheses) == 3
+
+
+def test_facets_about_one_middle_are_one_only_where_their_corners_are() -> None:
+    """Tops: a square, as it lies; turned by a quarter, which changes nothing; by an eighth; and a triangle."""
+    square, triangle = [(-20.0, -20), (20, -20), (20, 20), (-20, 20)], [(0.0, 20), (-20.0, -10), (20, -10)]
+    towers = [exact(*drawn.prism(outline, 30)) for outline in (square, triangle)]
+    lies = [(towers[0], 0.0), (towers[0], np.pi / 2), (towers[0], np.pi / 4), (towers[1], 0.0)]
+    some = [hypothesis(str(k), tower, turned(angle), 0.2, seen=()) for k, (tower, angle) in enumerate(lies)]
+    look = outlook([*some, stranger(towers[0], turned(0), 0.2, seen=(0,))], rig())
+    by_label = {h.label: (h, own) for h, own in zip(look.hypotheses, look.numbers, strict=True)}
+    tops = [next(n for n, up in zip(own, h.solid.normals, strict=True) if up[2] > 0.9)
+            for h, own in (by_label[str(k)] for k in range(4))]  # fmt: skip
+    assert tops[0] == tops[1]
+    assert len(set(tops)) == 3
+
+
+def test_a_look_that_missed_what_all_would_surely_have_shown_speaks_against_none() -> None:
+    look = outlook(TWINS, rig())
+    count = 1 + max(int(own.max()) for own in look.numbers)
+    assert missed(look, np.ones((1, len(look.hypotheses), count))).chances == pytest.approx(look.chances)
 
 
 def test_twins_are_told_apart_from_the_side_on_which_they_differ() -> None:
@@ -218,6 +239,7 @@ def test_where_nothing_explains_all_facets_the_largest_that_is_explained_counts_
     seen = found[-1].solid
     largest = float(np.linalg.norm(area_vector(seen.corners_mm[list(seen.facets[0])])))
     assert largest == pytest.approx(max(areas))
+    assert len(seen.facets) == 1
     found = hypotheses_of(part, cast("Any", Standing(of_1=[("block", SUNK, 0.6)])), 0.0)
     assert [(h.label, h.probability) for h in found] == [(UNKNOWN, 1.0)]
     assert len(found[0].solid.facets) == len(part.facets)
