@@ -2,6 +2,8 @@
 
 import asyncio
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +19,10 @@ from daemon.pick.plan import NoPlan
 from daemon.pick.settings import Settings, SurveyView
 from daemon.pick.transitions import PickEvent, PickState
 from daemon.pick.world import BeforeDisagreement, SuspectError
-from tests.fakes.fake_cell import ON_HAND, one_part
+from daemon.store.place_file import BIN
+from tests.fakes.fake_cell import ON_HAND, one_part, shape_of
 from tests.fakes.pick_steps import begun, brought_to, step
+from tests.fakes.regrasps import goal_on
 
 
 def test_an_old_look_sends_back_to_the_survey_a_few_times_then_the_guard_has_its_say():
@@ -174,3 +178,58 @@ def test_all_is_looked_at_from_far_of_the_looks_before_where_the_arm_gets_there(
     middle = world.found[0].centre
     ways = [ON_HAND.world_from_cyclopean_at(pose)[:2, 3] - middle[:2] for pose in (before, fake.at)]
     assert bool(ways[0] @ ways[1] < 0.0) is reached, "from the other side"
+
+
+def lies_at(goal: Any, off_mm: float, off_deg: float) -> Any:
+    motion = np.array([off_mm, 0, 0, 0, 0, np.radians(off_deg)])
+    pose = frames.perturb(goal.poses[0], motion)
+    return SimpleNamespace(label="block", world_from_part=pose, centre=pose[:3, 3], named=True)
+
+
+@pytest.mark.parametrize(
+    ("part_off", "other_off", "told"),
+    [
+        ((200.0, 0.0), None, None),
+        ((4.0, 9.0), None, "it lies at place nest already: `place check nest`"),
+        ((6.0, 0.0), None, None),
+        ((0.0, 11.0), None, None),
+        ((200.0, 0.0), (0.0, 0.0), "none of its places is free"),
+        ((200.0, 0.0), (150.0, 0.0), None),
+    ],
+)
+def test_a_part_goes_to_a_place_where_nothing_shows_and_not_where_it_lies_already(part_off, other_off, told):
+    goal = goal_on("pyramid", shape_of("pyramid"), 0)
+    part = lies_at(goal, *part_off)
+    others = [] if other_off is None else [lies_at(goal, *other_off)]
+    table = SimpleNamespace(has=lambda _: True, free=lambda *_: [goal], taken=list, goals={"nest": goal}, unusable={},
+                            places=SimpleNamespace(of=lambda _: [goal.place]))  # fmt: skip
+    context = SimpleNamespace(placing=table, order=SimpleNamespace(place=lambda _: None))
+    world = SimpleNamespace(found=[part, *others])
+    found = find._destination(context, world, part)
+    assert found == told if told else list(found.goals) == [goal]
+    table.free = lambda *_: []
+    assert find._destination(context, world, part) == "none of its places is free"
+    table.unusable = {"nest": "no part is taught"}
+    assert find._destination(context, world, part) == "none of its places is free; no part is taught"
+    context.order.place = lambda _: BIN
+    assert find._destination(context, world, part) is None
+    context.order.place = lambda _: None
+    table.has = lambda _: False
+    assert find._destination(context, world, part) is None
+
+
+def test_what_is_found_is_told_by_name_in_order_and_what_has_none_last():
+    cube, pyramid, nameless = (SimpleNamespace(named=label != "", label=label) for label in ("cube", "pyramid", ""))
+    assert find.in_all([nameless, pyramid, cube, pyramid]) == "1 cube, 2 pyramid, 1 without a name"
+    assert find.in_all([cube]) == "1 cube"
+    assert find.in_all([]) == "nothing"
+
+
+def test_what_has_no_name_is_looked_at_again_as_often_as_is_set_and_the_least_known_first():
+    one, two = (SimpleNamespace(named=False, label="", centre=np.array([x, 0.0, -280.0])) for x in (400.0, 600.0))
+    named = SimpleNamespace(named=True, label="cube", centre=np.array([500.0, 100.0, -280.0]))
+    context = SimpleNamespace(settings=replace(Settings(), views_of_doubtful=2))
+    world = SimpleNamespace(left=lambda _: [named, one, two], looked_again=[])
+    for expected in (one, two, one, two, None):
+        assert find.least_known(context, world) is expected
+        world.looked_again += [] if expected is None else [expected.centre]
