@@ -243,16 +243,17 @@ class Config:
 
     @property
     def gripper(self) -> str | None:
-        """Name of the mounted gripper; None: nobody has said which of several it is, and the first is assumed."""
-        known, said = self.values.grippers, self.mounted
-        if len(known) <= 1:
-            return next(iter(known), kind_of(self.values.pick.gripper))
-        return said.name if said is not None and said.name in known else None
+        """Name of the mounted gripper; None: it is unknown which of several it is, and the first is assumed."""
+        names, mounted = self.values.grippers, self.mounted
+        if len(names) <= 1:
+            return next(iter(names), kind_of(self.values.pick.gripper))
+        return mounted.name if mounted is not None and mounted.name in names else None
 
     def each_gripper(self) -> dict[str, "Config"]:
-        """The same with each of the section `grippers` mounted, by name; itself without that section."""
-        known = self.values.grippers
-        return {name: with_mounted(self, MountedGripper(name, "", "")) for name in known} or {"": self}
+        """The configuration with each gripper of the section `grippers` mounted, by name; itself without that
+        section."""
+        names = self.values.grippers
+        return {name: with_mounted(self, MountedGripper(name, "", "")) for name in names} or {"": self}
 
     @property
     def calibrated_tool(self) -> Matrix4:
@@ -309,7 +310,7 @@ def load_config(path: Path, simulated: bool = False) -> Config:
     config = Config(values, document, "simulated" if simulated else values.cell)
     if values.grippers:
         config = with_mounted(config, load_mounted(config.state))
-        notes += [] if config.gripper else [unsaid(config)]
+        notes += [] if config.gripper else [gripper_unknown(config)]
     _check_valves(config)
     made, old = config.calibrations.in_use, config.calibrations.passed_over
     if old is not None:
@@ -320,8 +321,8 @@ def load_config(path: Path, simulated: bool = False) -> Config:
 
 
 def with_mounted(config: Config, mounted: MountedGripper | None) -> Config:
-    """The same with that gripper of the section `grippers`, which must be there; with the first one where nobody has
-    said it. Raises ConfigError."""
+    """The configuration with that gripper of the section `grippers`, which must exist; with the first one while it is
+    unknown. Raises ConfigError."""
     values, document = config.values, config.document
     for keys in (("pick", "gripper"), ("arm", "flange_from_tool")):
         if document.has(keys):
@@ -346,10 +347,11 @@ def _check_valves(config: Config) -> None:
         raise config.document.error(("signals", valves[0], "role"), problem)
 
 
-def unsaid(config: Config) -> str:
-    """That nobody has said which gripper is mounted, and what to do."""
-    gone = f"{config.mounted.name}, which was, is not in the section grippers; " if config.mounted is not None else ""
-    return f"which gripper is mounted? {gone}`gripper use NAME`: {', '.join(config.values.grippers)}"
+def gripper_unknown(config: Config) -> str:
+    """The message that it is unknown which gripper is mounted, and what to do."""
+    before = "" if config.mounted is None else f"{config.mounted.name} is no longer in the section grippers; "
+    names = ", ".join(config.values.grippers)
+    return f"the mounted gripper is unknown: {before}type `gripper use NAME` ({names})"
 
 
 def kind_of(gripper: TwoFingers | SuctionCup) -> str:

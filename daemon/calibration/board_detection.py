@@ -142,8 +142,8 @@ def _charuco_corners(image: Grey, board: Board) -> tuple[NDArray[np.int64], Arra
 
 
 def _beside(markers: NDArray[np.int64], middles: Array, board: Board) -> tuple[NDArray[np.int64], Array]:
-    """Numbers (N,) of the corners beside a marker, and where they are by the middles (M, 2) px of the markers around
-    them: whatever the size of the markers, which nobody names, and of one that is misread."""
+    """Numbers (N,) of the corners next to a marker, and their positions by the middles (M, 2) px of the markers around
+    them: independent of the markers' size, which is unknown, and of one misread marker."""
     squares_of = marker_squares(board.columns, board.rows, board.legacy)
     on_board = markers < len(squares_of)
     markers, px = markers[on_board], middles[on_board]

@@ -1,9 +1,9 @@
-"""An arm behind LinuxCNC: the daemon's Robot protocol on its remote shell. Matrices in, readings out.
+"""An arm behind LinuxCNC: the daemon's Robot protocol on LinuxCNC's remote shell. Matrices in, readings out.
 
-LinuxCNC moves joints (KINEMATICS = trivkins, joints 1 to 6 as X Y Z A B C in degrees); where they bring the tool
-facetd works out itself. A joint-interpolated move is one block; a straight one is many, each short enough that the tool
-stays on its line. Every block says units, coordinates, path control and its own time: whatever others set at
-LinuxCNC's screen before, it means the same. One block is on its way at a time: none is carried out behind a stop.
+LinuxCNC moves joints (KINEMATICS = trivkins, joints 1 to 6 as X Y Z A B C in degrees); facetd computes the tool's pose
+from them. A joint-interpolated move is one block; a straight one is many, each short enough that the tool stays on its
+line. Every block states units, coordinates, path control and its own time, so that it does not depend on modes set at
+LinuxCNC's screen. One block is sent at a time: none runs after a stop.
 """
 
 import asyncio
@@ -36,15 +36,15 @@ from drivers.ledger import Ledger
 from drivers.linuxcnc.shell import RemoteShell, ShellError
 
 REST_S, AGAIN_S = 5.0, 0.05
-"""How long a motion that facetd did not command is waited for; between two readings."""
+"""How long to wait for a motion that facetd did not command; interval between two readings."""
 ABORTS = 3
-"""How often the stop is told before a refusal is believed."""
+"""How often to send the stop before its refusal counts."""
 SAME_DEG = 1e-3
-"""By how much two readings of joints at rest may differ."""
+"""Largest difference between two readings of joints at rest."""
 STEP_MM, STEP_RAD = 15.0, 0.035
-"""Of a block of a straight move, at most: between its ends the tool is within 0.1 mm of its line."""
+"""Longest block of a straight move: between its ends the tool is within 0.1 mm of its line."""
 BLEND_DEG = 0.01
-"""How far from a corner between two blocks LinuxCNC may turn."""
+"""How far from the corner between two blocks LinuxCNC may begin to turn."""
 LETTERS = "XYZABC"
 SIX = Meta(min_length=6, max_length=6)
 Text = Annotated[str, Meta(min_length=1, max_length=200)]
@@ -74,7 +74,7 @@ class LinuxcncSettings:
 
 
 class LinuxcncArm:
-    """Robot (daemon/arm/robot.py) on one connection: LinuxCNC lets one at a time command it."""
+    """Robot (daemon/arm/robot.py) on one connection: LinuxCNC accepts commands from one at a time."""
 
     controller = None
     aside = False
@@ -113,11 +113,11 @@ class LinuxcncArm:
         return self._shell.connected
 
     async def open(self) -> None:
-        """Connect, and come to an arm at rest that LinuxCNC may move. Raises CellError."""
+        """Connect, and stop the arm if it moves. Raises CellError."""
         self.beliefs.void(VoidingEvent.RECONNECTED)
         self._unsee_the_stop()
         self.stopped_on_opening = False
-        with self._told():
+        with self._as_cell_errors():
             await self._shell.open("facetd", self._settings.password)
             if await self._still() is None:
                 self.stopped_on_opening = True
@@ -129,14 +129,14 @@ class LinuxcncArm:
         await self._shell.close()
 
     async def check(self) -> None:
-        """See that it answers. Raises CellError."""
+        """Check that LinuxCNC answers. Raises CellError."""
         await self.where()
 
     def _unsee_the_stop(self) -> None:
         self.permit.stop_seen, self.permit.stop_took_s = 0, 0.0
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _as_cell_errors(self) -> Iterator[None]:
         try:
             yield
         except ShellError as error:
@@ -144,12 +144,12 @@ class LinuxcncArm:
             raise CellError(str(error)) from error
 
     async def _take_over(self) -> None:
-        """Have LinuxCNC take blocks. Raises CellError, with what to do, where it would carry out none."""
+        """Switch LinuxCNC to MDI mode. Raises CellError, with what to do, where it would run no block."""
         await self._must_be_ready()
         await self._shell.tell("mode mdi")
 
     async def _must_be_ready(self) -> None:
-        """Raise CellError, with what to do, where LinuxCNC would carry out no block."""
+        """Raise CellError, with what to do, where LinuxCNC would run no block."""
         for name, wanted, remedy in (
             ("enable", ["ON"], "another connection took its remote shell over: end that one, or let it be"),
             ("estop", ["OFF"], "release the emergency stop at its screen"),
@@ -161,7 +161,7 @@ class LinuxcncArm:
                 raise CellError(f"{self._shell.where}: {remedy}, then `enable`")
 
     async def _must_be_ours(self) -> None:
-        """Raise CellError where somebody has LinuxCNC at its own screen; what it moves by is as facetd counts on it."""
+        """Raise CellError where a person uses LinuxCNC at its own screen; set the feed override to 100 %."""
         await self._must_be_ready()
         if (mode := await self._shell.ask("mode")) != ["MDI"]:
             self._unsee_the_stop()
@@ -176,19 +176,19 @@ class LinuxcncArm:
     # Where it is.
 
     async def where(self) -> Reading:
-        with self._told():
+        with self._as_cell_errors():
             return self._reading(await self._joints_deg())
 
     async def rest(self) -> Reading:
-        with self._told():
+        with self._as_cell_errors():
             return await self._at_rest_within(REST_S)
 
     async def at_rest(self) -> bool:
-        with self._told():
+        with self._as_cell_errors():
             return await self._still() is not None
 
     async def _still(self) -> Reading | None:
-        """Where the arm is at rest; None where it moves."""
+        """The reading of an arm at rest; None while it moves."""
         before = await self._joints_deg()
         await asyncio.sleep(AGAIN_S)
         idle = await self._shell.ask("program_status") == ["IDLE"]
@@ -226,7 +226,7 @@ class LinuxcncArm:
         then: MoveCommand | None = None,
     ) -> Reading:
         stops = self._stops
-        with self._told():
+        with self._as_cell_errors():
             await self._must_be_ours()
             here = await self._at_rest_within(0.0)
             starts(here)
@@ -242,7 +242,7 @@ class LinuxcncArm:
         return there
 
     def _on_the_way(self, here: Reading, world_from_tool: Array, straight: bool) -> Array:
-        """(N, 6) rad, from here. Raises CellError where the arm does not get there."""
+        """(N, 6) rad, from here to the target. Raises CellError where the arm cannot reach it."""
         if not straight:
             end = self.kinematics.reachable(world_from_tool, here.joints_rad)
             joints = np.full((2, 6), np.nan) if end is None else np.stack([here.joints_rad, end])
@@ -264,19 +264,19 @@ class LinuxcncArm:
         await self._shell.tell(f"mdi {modes} G1 {words} F{60.0 / time_s:.5f}", may)
 
     def _may_go_on(self, stops: int, begun: bool) -> None:
-        """Asked before a block leaves. Raises HeldBackError before the first, CellError before the next of a move that
-        was stopped."""
+        """Called before a block is sent. Raises HeldBackError before the first, CellError before a later one of a move
+        that was stopped."""
         if self._stops != stops or self.permit.hindrance is not None:
             raise CellError("the move was stopped")
         if not begun and self.permit.withheld:
             raise HeldBackError("held back before it was sent")
 
     async def _errors(self) -> str:
-        """What LinuxCNC has to say of what went wrong since it was asked; empty where nothing did."""
-        said: list[str] = []
+        """LinuxCNC's error messages since the last call; empty without any."""
+        messages: list[str] = []
         while (words := await self._shell.ask("error")) != ["OK"]:
-            said.append(" ".join(words))
-        return "; ".join(said)
+            messages.append(" ".join(words))
+        return "; ".join(messages)
 
     async def hand(self, closed: bool) -> None:
         await self.work_valves(self._settings.close_outputs if closed else self._settings.open_outputs)
@@ -289,7 +289,7 @@ class LinuxcncArm:
         await self._switch(numbers, lambda: None)
 
     async def _switch(self, numbers: Sequence[int], may: Callable[[], None]) -> None:
-        with self._told():
+        with self._as_cell_errors():
             await self._must_be_ours()
             for number in numbers:
                 await self._shell.tell(f"mdi M{64 if number > 0 else 65} P{abs(number) - 1}", may)
@@ -303,21 +303,21 @@ class LinuxcncArm:
 
     async def abort(self) -> None:
         self.beliefs.void(VoidingEvent.STOPPED)
-        with self._told():
+        with self._as_cell_errors():
             await self._halt()
 
     async def prove_stop(self) -> None:
         began_s = self._clock()
         await self.abort()
         self.permit.stop_took_s = self._clock() - began_s
-        with self._told():
+        with self._as_cell_errors():
             await self._take_over()
         self._times_seen += 1
         self.permit.stop_seen = self._times_seen
 
     async def _halt(self) -> None:
-        """Tell it to stop, right behind the line that is on its way, a tenth of a second at most; then see it at rest.
-        Raises StopRefusedError, ShellError, CellError."""
+        """Send the stop right after the line that is being sent, within a tenth of a second, then wait for rest. Raises
+        StopRefusedError, ShellError, CellError."""
         self._stops += 1
         for tries in range(ABORTS):
             try:

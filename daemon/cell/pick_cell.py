@@ -58,9 +58,8 @@ def pick_cell(
 
 
 def looking_once(settings: Settings, calibration: Calibration) -> Settings:
-    """The settings of a pick with fixed cameras: they see a part from one place and no nearer, so that one look before
-    the grasp says what all would. The cameras are kept out of, and are no part of the hand; the arm's accuracy counts
-    at the grasp."""
+    """The settings of a pick with fixed cameras: all looks at a part come from one place, so that one before the grasp
+    is enough. The cameras are a keep-out box, and no part of the gripper; the arm's accuracy counts at the grasp."""
     assert calibration.world_from_cyclopean is not None
     limits, quality = settings.limits, calibration.quality
     stops = replace(settings.stops, stand_offs_mm=settings.stops.stand_offs_mm[-1:], least_looks=1, most_looks=1)

@@ -77,7 +77,7 @@ def check_tool(config: Config) -> None:
 
 
 def _keys_of_gripper(config: Config, keys: tuple[Key, ...]) -> tuple[Key, ...]:
-    """Where a value of the mounted gripper stands in the file: in the section `grippers`, where there is one."""
+    """The keys of a value of the mounted gripper in the file: in the section `grippers`, where there is one."""
     name = config.gripper or next(iter(config.values.grippers), None)
     if not config.values.grippers or keys[:2] not in (("pick", "gripper"), ("arm", "flange_from_tool")):
         return keys

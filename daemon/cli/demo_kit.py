@@ -1,5 +1,7 @@
-"""The kit at the end of the demo: a plate with four nests and walls between them, and how each part is to lie in its
-own. Values only; demo.py has the daemon do it."""
+"""The kit at the end of the demo: a plate with four nests and walls between them, and how each part lies in its nest.
+
+Values only; demo.py gives the commands.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,8 +21,8 @@ WALLS = (((-100.0, -3.0, 0.0), (100.0, 3.0, 12.0)), ((-3.0, -100.0, 0.0), (3.0, 
 
 @dataclass(frozen=True)
 class Nest:
-    """Where one part belongs. point_mm, heading_deg: of its side that is down, on the plate; the longest edge of that
-    side goes along the heading."""
+    """Where one part belongs. point_mm, heading_deg: of its lower side, on the plate; the longest edge of that side
+    lies along the heading."""
 
     part: str
     point_mm: tuple[float, float]
@@ -28,12 +30,12 @@ class Nest:
 
     @property
     def name(self) -> str:
-        """Of the place."""
+        """Name of its place."""
         return f"nest_{self.part}"
 
     @property
     def drawing(self) -> str:
-        """Of the part, in etc/."""
+        """The part's drawing in etc/."""
         return f"{self.part}.obj"
 
 
@@ -48,7 +50,7 @@ CORNERS_DOWN = 4
 
 
 def fixture_boxes() -> list[dict[str, list[float]]]:
-    """The plate's walls as boxes of the world, for the simulated cell's truth."""
+    """The plate's walls as boxes in the world, for the simulated cell's truth."""
     return [
         {
             "low_mm": [at + each for at, each in zip(PLATE_MM, low, strict=True)],
@@ -59,14 +61,14 @@ def fixture_boxes() -> list[dict[str, list[float]]]:
 
 
 def write_truth(cell: Path, out: Path) -> None:
-    """The truth of a simulated cell, with the plate on its table. Raises OSError."""
+    """Write the truth of a simulated cell with the plate on its table. Raises OSError."""
     truth = yaml.safe_load(cell.read_text(encoding="utf-8"))
     out.write_text(yaml.safe_dump({**truth, "fixture": fixture_boxes()}), encoding="utf-8")
 
 
 def places_yaml(edges_mm: Mapping[str, Sequence[Sequence[float]]]) -> str:
-    """places.yaml of the kit: the plate's walls, and a nest for each part that is known. edges_mm: of each of these, by
-    its label, the lengths of the edges of each side in order."""
+    """places.yaml of the kit: the plate's walls, and a nest for each taught part. edges_mm: for each label, the lengths
+    of the edges of each side in order."""
     solid = [{"low_mm": list(low), "high_mm": list(high)} for low, high in WALLS]
     places = {nest.name: _entry(nest, edges_mm[nest.part]) for nest in NESTS if nest.part in edges_mm}
     plate = {"point_mm": list(PLATE_MM), "solid": solid}
@@ -74,7 +76,7 @@ def places_yaml(edges_mm: Mapping[str, Sequence[Sequence[float]]]) -> str:
 
 
 def _entry(nest: Nest, sides: Sequence[Sequence[float]]) -> dict[str, object]:
-    """A place; its heading is that of the first edge of the side."""
+    """A place; its heading is that of the side's first edge."""
     number = next(k for k, edges in enumerate(sides, start=1) if len(edges) == CORNERS_DOWN)
     first, second = sides[number - 1][:2]
     heading_deg = nest.heading_deg + (90.0 if second > first + 1.0 else 0.0)
@@ -89,8 +91,8 @@ def _entry(nest: Nest, sides: Sequence[Sequence[float]]) -> dict[str, object]:
 
 @dataclass(frozen=True)
 class KitResult:
-    """What became of the nests. seen: the last record of each place, by its name; true_mm, true_deg: how far its part
-    truly lies from there, by the name of the place."""
+    """The result. seen: the last record of each place, by name; true_mm, true_deg: the true error of the part there, by
+    name of the place."""
 
     seen: Mapping[str, Record]
     true_off: Mapping[str, tuple[float, float]]
@@ -115,7 +117,7 @@ class KitResult:
 
 
 def kit_result(records: Sequence[Record]) -> KitResult:
-    """What a run's records say of the nests, the last word on each."""
+    """The nests as a run's records leave them."""
     nests = {nest.name for nest in NESTS}
     seen: dict[str, Record] = {}
     cycles: dict[Any, str] = {}

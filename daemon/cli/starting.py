@@ -28,8 +28,8 @@ class StartError(FacetdError):
 
 @contextlib.contextmanager
 def listener(folder: Path) -> Iterator[socket.socket]:
-    """A socket in a folder for NOTIFY_SOCKET, where the daemon reports its start as it does to systemd. It is gone
-    afterwards: a daemon may be started in that folder again."""
+    """A socket in a folder for NOTIFY_SOCKET, where the daemon reports its start as it does to systemd. It is removed
+    afterwards, so that another daemon can start there."""
     path = folder / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as made:
         made.bind(str(path))
@@ -65,7 +65,7 @@ def wait_until_ready(
     """Return when the process has reported READY=1. Raises StartError once it has ended, or has not got on for
     stalled_s."""
     began_s = moved_s = time.monotonic()
-    stage, told, used_s = "loading the program", "", 0.0
+    stage, reported_stage, used_s = "loading the program", "", 0.0
     while process.poll() is None:
         report = _report(reports)
         if "READY" in report:
@@ -73,9 +73,9 @@ def wait_until_ready(
         now_s, reached = time.monotonic(), report.get("STATUS", stage).removeprefix("starting: ")
         if (working_s := _processor_s(process.pid)) > used_s + WORKED_S or reached != stage:
             stage, used_s, moved_s = reached, working_s, now_s
-        if now_s - began_s > patience_s and told != stage:
+        if now_s - began_s > patience_s and reported_stage != stage:
             say(f"the daemon starts: {stage}, after {now_s - began_s:.0f} s")
-            told = stage
+            reported_stage = stage
         if now_s - moved_s > stalled_s:
             took = f"{now_s - began_s:.0f} s, the last {stalled_s:g} s without getting on"
             raise StartError(f"time-out: the daemon was not ready after {took}; it was at: {stage}")

@@ -119,10 +119,10 @@ async def offer_one_camera(context: CommandContext, fault: str, frontend: Fronte
         shocked = "knocked" in fault and context.hardware.cameras.alone is None and not context.calibration.fixed
         return "If one camera was knocked, use the other: `cameras left` or `cameras right`." if shocked else None
     alone, why = left
-    told = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."
+    problem = f"The {OTHER[alone]} camera does not work: {why}. The {alone} camera works; {COST}."
     if not frontend.asks:
-        return f"{told} `cameras {alone}` uses it."
-    if not await yes_or_no(frontend, f"{told} Use the {alone} camera alone? [y/n]"):
+        return f"{problem} `cameras {alone}` uses it."
+    if not await yes_or_no(frontend, f"{problem} Use the {alone} camera alone? [y/n]"):
         raise CommandError(
             f"The fault is not cleared: {fault}. Repair the {OTHER[alone]} camera, then `resume`.", NOT_DONE
         )

@@ -75,15 +75,15 @@ async def robot(context: CommandContext, words: list[str], frontend: Frontend) -
                 context.cycle.beliefs.void(VoidingEvent.GRIPPER_TYPED)
                 return await arm.power_up(replies)
 
-            said = await with_questions(context, by_hand("power-up", answered), frontend)
+            output = await with_questions(context, by_hand("power-up", answered), frontend)
         else:
-            said = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
-        return _replies([question, *said])
+            output = await supervisor.converse("power-up", lambda: arm.power_up(replies), moves=False)
+        return _replies([question, *output])
     if what == "cal":
         no_more(words, 1, "robot cal")
         reply = context.config.values.arm.calibrate_answer
-        said = await with_questions(context, by_hand(CAL, lambda: arm.calibrate(reply)), frontend)
-        return _replies([*said, f"(answered {reply}) The arm is calibrated and at rest."])
+        output = await with_questions(context, by_hand(CAL, lambda: arm.calibrate(reply)), frontend)
+        return _replies([*output, f"(answered {reply}) The arm is calibrated and at rest."])
     if not text:
         return await monitor(context, frontend)
     arm.check_typable(text)

@@ -23,10 +23,10 @@ from daemon.pick.outcome import CycleEnd
 
 
 class CycleObserver:
-    """See the module. beside: starts a named coroutine in the background."""
+    """See the module. start: starts a named coroutine in the background."""
 
-    def __init__(self, context: CommandContext, beside: Callable[[Coroutine[Any, Any, None], str], None]) -> None:
-        self._context, self._beside = context, beside
+    def __init__(self, context: CommandContext, start: Callable[[Coroutine[Any, Any, None], str], None]) -> None:
+        self._context, self._start = context, start
         self._drift, self._calibration = DriftWatch(), context.calibration
 
     def looked(self, look: Look) -> None:
@@ -39,7 +39,7 @@ class CycleObserver:
         context.troubles.report("calibration", None if drift is None else drift.text)
         if drift is not None and drift.stops and context.cycle.status()["auto"]:
             failing = context.cycle.supervisor.fail("calibration", drift.text, FaultCause(CauseCode.CAMERA_KNOCKED))
-            self._beside(failing, "calibration drift")
+            self._start(failing, "calibration drift")
 
     def ended(self, end: CycleEnd) -> None:
         """Do what is due between two picks."""
@@ -51,7 +51,7 @@ class CycleObserver:
         allowed = context.one_camera_allowed and context.config.values.pick.auto_degrade
         stopped = context.cycle.supervisor.stopping  # a person's stop: the one for the fault is done by now
         if end.ended_by is Interruption.ERROR and allowed and not stopped and context.cycle.pick_order is not None:
-            self._beside(self.continue_with_one_camera(), "one eye")
+            self._start(self.continue_with_one_camera(), "one eye")
 
     def continue_with_one_camera(self) -> Coroutine[Any, Any, None]:
         """Continue with one camera after a camera fault in an auto, if an operator allowed it beforehand: what `resume`

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from daemon.commands.positions import kept
-from daemon.config import Config, kind_of, unsaid
+from daemon.config import Config, gripper_unknown, kind_of
 from daemon.console.context import Change, CommandContext
 from daemon.console.interpreter import CommandError, CommandResult, Frontend, command, no_more, one_of, yes_or_no
 from daemon.console.phrases import at_mm, plural
@@ -60,7 +60,7 @@ def _show(context: CommandContext, frontend: Frontend) -> CommandResult:
         data[name or kind] = {"kind": kind, "tool_mm": tool_mm.tolist(), "mounted": mounted}
     reported = config.mounted
     lines = [table(rows, frontend.columns)]
-    lines += [unsaid(config)] if config.gripper is None else []
+    lines += [gripper_unknown(config)] if config.gripper is None else []
     if reported is not None and config.gripper:
         lines.append(f"{reported.name} was mounted by {reported.who}, {reported.at}")
     return CommandResult("\n".join(lines), {"grippers": data, "gripper": config.gripper})

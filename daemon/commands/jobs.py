@@ -66,7 +66,7 @@ def _list(context: CommandContext) -> CommandResult:
             data[name] = str(error)
     if not data:
         return CommandResult(f"There is no job. Put a job file into {context.config.jobs}.", {"jobs": {}})
-    return CommandResult("\n".join(f"{name}: {said}" for name, said in data.items()), {"jobs": data})
+    return CommandResult("\n".join(f"{name}: {text}" for name, text in data.items()), {"jobs": data})
 
 
 def _show(context: CommandContext, made: Job, columns: int) -> CommandResult:

@@ -6,7 +6,7 @@ from typing import Any
 from daemon.arm import Grant, Interruption, RefusedError, StopRefusedError
 from daemon.commands import camera_selection
 from daemon.commands.step_mode import POLL_S, decide, refuse_hasty_confirm, refuse_hasty_resume, with_questions
-from daemon.config import unsaid
+from daemon.config import gripper_unknown
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import (
     CommandError,
@@ -42,7 +42,7 @@ async def enable(context: CommandContext, words: list[str], frontend: Frontend) 
     if context.hardware.kind == "recorded":
         raise CommandError("this cell is a recording: it has no arm to move")
     if context.config.gripper is None:
-        raise CommandError(f"not enabled: {unsaid(context.config)}")
+        raise CommandError(f"not enabled: {gripper_unknown(context.config)}")
     supervisor = context.cycle.supervisor
     asked = supervisor.stops
     grant = Grant.ALL if _has_hand_eye(context) else await _ask_robot_only(context, frontend)
@@ -224,9 +224,9 @@ async def auto(context: CommandContext, words: list[str], frontend: Frontend) ->
     ends = await with_questions(context, _follow_auto(context, frontend), frontend)
     picked = sum(end.outcome == "picked" for end in ends)
     done = bool(ends) and ends[-1].outcome in ("picked", "empty", "dry") and ends[-1].ended_by is None
-    said = describe_end(ends[-1]) + "\n" if ends and not done else ""
+    prefix = describe_end(ends[-1]) + "\n" if ends and not done else ""
     data = {"picked": picked, "ends": [end_json(e) for e in ends]}
-    return CommandResult(f"{said}{context.auto_end(ends)}", data, DONE if done else NOT_DONE)
+    return CommandResult(f"{prefix}{context.auto_end(ends)}", data, DONE if done else NOT_DONE)
 
 
 async def begin(context: CommandContext, pick_order: PickOrder) -> CommandResult:

@@ -12,7 +12,7 @@ from daemon.commands.ascii_sketch import COLUMNS, sketch
 from daemon.commands.placing import counted, destinations, each_place
 from daemon.commands.signals import signal_levels
 from daemon.commands.step_mode import with_questions
-from daemon.config import unsaid
+from daemon.config import gripper_unknown
 from daemon.console.context import CommandContext
 from daemon.console.interpreter import RIGHTS, CommandError, CommandResult, Frontend, command, number, one_of, version
 from daemon.console.phrases import cut_off, duration, millimetres, plural
@@ -65,7 +65,7 @@ async def status(context: CommandContext, words: list[str], frontend: Frontend) 
         waits = "" if state["waits_for"] is None else f"; waits for {state['waits_for']}"
         lines.insert(-1, f"line      PackML state {state['packml']}{waits}")
     if context.config.values.grippers:
-        lines.insert(-1, f"gripper   {context.config.gripper or unsaid(context.config)}")
+        lines.insert(-1, f"gripper   {context.config.gripper or gripper_unknown(context.config)}")
     places = counted(context)
     if places:
         places_text = ", ".join(f"{count} {status}" for status, count in sorted(places.items()))
@@ -276,8 +276,8 @@ def describe_part(part: Part) -> str:
     """One part as text: name, confidence, position, facets."""
     found = part.recognition
     x, y, z = part.cyclopean_from_part[:3, 3]
-    beside, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
-    at = f"{z:.0f} mm from the camera, {abs(x):.0f} mm {beside}, {abs(y):.0f} mm {above}"
+    side, above = "right" if x > 0 else "left", "below" if y > 0 else "above"
+    at = f"{z:.0f} mm from the camera, {abs(x):.0f} mm {side}, {abs(y):.0f} mm {above}"
     name = f"{found.label} ({100 * found.confidence:.1f} %)"
     if found.label == "unknown":
         name = "unknown" + (f", perhaps {' or '.join(found.candidates)}" if found.candidates else "")

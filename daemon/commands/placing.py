@@ -311,9 +311,9 @@ async def _drop(context: CommandContext, words: list[str], frontend: Frontend) -
     placing = context.cycle.placing
     known = [*placing.places.file.places, *placing.places.file.patterns]
     name = one_of(words, 0, known, "place or pattern", USAGE)
-    gone = {one for one in _names(context) if name in (one, pattern_of(one))}
+    dropped = {one for one in _names(context) if name in (one, pattern_of(one))}
     await _write(context, frontend, without_place(placing.places, name))
-    context.cycle.placing.statuses.forget(gone)
+    context.cycle.placing.statuses.forget(dropped)
     return CommandResult(f"{name} is deleted.", {"dropped": name})
 
 

@@ -101,11 +101,11 @@ async def _find(context: CommandContext, words: list[str], frontend: Frontend) -
             printed[form].append(await context.cycle.supervisor.run("find how inputs are read", asked, moves=False))
     found = form_found(printed)
     if found is None:
-        told = "; ".join(
+        answers = "; ".join(
             f"`{text.format(number=number)}`: {' / '.join(answer or 'refused' for answer in each)}"
             for text, each in printed.items()
         )
-        raise CommandError(f"no answer followed input {number} (off / on / off): {told}. Check number and wiring")
+        raise CommandError(f"no answer followed input {number} (off / on / off): {answers}. Check number and wiring")
     keep_form(context.config.state, found)
     context.cycle.line.form = found
     text = f"`{found.line(number)}` prints {found.off} while {name} is off and {found.on} while it is on: stored."

@@ -67,13 +67,13 @@ def deviations_from_drawing(
     """The deviation of each side from the drawing, as text and as JSON values; empty without a drawing."""
     if drawn is None:
         return [], []
-    beside = deviations(part.solid, drawn)
-    known = [one for one in beside if one is not None]
-    if not known:
-        return ["It does not fit its drawing. Check that it is this part."], [None] * len(beside)
-    worst = max(one.off_mm for one in known)
-    lines = [f"Compared with its drawing: {plural(len(known), 'side')} matched, corners at most {worst:.2f} mm off."]
-    for k, one in enumerate(beside):
+    compared = deviations(part.solid, drawn)
+    matched = [one for one in compared if one is not None]
+    if not matched:
+        return ["It does not fit its drawing. Check that it is this part."], [None] * len(compared)
+    worst = max(one.off_mm for one in matched)
+    lines = [f"Compared with its drawing: {plural(len(matched), 'side')} matched, corners at most {worst:.2f} mm off."]
+    for k, one in enumerate(compared):
         if one is None:
             lines.append(f"  side {k + 1}: not in the drawing")
             continue
@@ -81,7 +81,7 @@ def deviations_from_drawing(
             f"  side {k + 1}: {one.off_mm:.2f} mm; lengths within {one.length_mm:.2f} mm, "
             f"angles within {one.angle_deg:.2f} degrees"
         )
-    return lines, [None if one is None else _json(one) for one in beside]
+    return lines, [None if one is None else _json(one) for one in compared]
 
 
 def _json(one: Deviation) -> dict[str, Any]:

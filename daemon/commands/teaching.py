@@ -327,8 +327,8 @@ def _facets_shown(
     without_number: tuple[Sequence[Facet], Sequence[Facet]],
     columns: int,
 ) -> str:
-    """A sketch of the facets in view, numbered as the part's sides, with the lengths of their edges. beside: facets
-    without a number: those that may be the part's but do not meet it, and those of other objects."""
+    """A sketch of the facets in view, numbered as the part's sides, with the lengths of their edges. without_number:
+    facets that may be the part's but do not meet it, and those of other objects."""
     apart, foreign = without_number
     marks = ["?" if side is None else str(side + 1) for side in sides]
     outlines = [(f.left_px, "") for f in (*apart, *foreign)]

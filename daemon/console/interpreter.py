@@ -254,8 +254,8 @@ class Interpreter:
         return len(words) > 1 and words[1] in command.at_once
 
     def keeps_question(self, text: str) -> bool:
-        """Whether a line is no answer to an open question, but runs beside it: it shows the state, holds motion,
-        ends the questions of step mode, or decides on the move that waits. The question stays."""
+        """Whether a line is a command that runs while a question stays open: it shows the state, pauses motion, ends
+        step mode, or decides on the waiting move."""
         words = text.split()
         command = self._meant(words)
         return command is not None and command.name in KEEPS_QUESTION and not (is_yes(text) or is_no(text))

@@ -30,8 +30,8 @@ def _line_means_stop(text: str) -> bool:
 
 
 def ends_as_a_stop(text: str) -> bool:
-    """Whether the last word of a line ends in `stop`: typed in haste behind half of another line, perhaps. Only who
-    knows every name can tell it from the name of a doorstop."""
+    """Whether the last word of a line ends in `stop`, perhaps typed in haste behind half of another line. The caller
+    must know all names, such as `doorstop`."""
     words = text.split("#")[0].split()
     return bool(words) and words[-1].rstrip(STOP_MARKS).lower().endswith(STOP_WORDS[0])
 

@@ -181,7 +181,7 @@ class NoteTaken(EventRecord, kw_only=True):
 
 
 class OperatorNamed(EventRecord, kw_only=True):
-    """Somebody said who works at a terminal from now on."""
+    """Who works at a terminal from now on."""
 
     who: Annotated[Text, meaning("the person, and the account or terminal")] = None
     before: Annotated[Text, meaning("who it was before")] = None
@@ -328,7 +328,7 @@ class GripperSet(CycleRecord, kw_only=True):
 
 
 class SensorRead(CycleRecord, kw_only=True):
-    """What the gripper's own sensor said."""
+    """The reading of the gripper's own sensor."""
 
     when: Annotated[Text, meaning("at which step of the pick")] = None
     held: Annotated[Flag, meaning("a part is in the gripper")] = None
@@ -446,7 +446,7 @@ class PlaceChanged(CycleRecord, kw_only=True):
 
 
 class PartLaidDown(CycleRecord, kw_only=True):
-    """The part is laid on the table between two grasps: the gripper opens, and then what the look showed."""
+    """A part on the table between two grasps: the gripper opens there; then what the look showed."""
 
     label: Annotated[Text, meaning("the part")] = None
     status: Annotated[Text, meaning("set: the gripper opens; seen right, off or missing: as at a place")] = None

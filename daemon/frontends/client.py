@@ -109,8 +109,8 @@ class DaemonLink:
             with DaemonLink(self._path) as another:
                 return another.do(text, frontend, say)
         except DaemonUnreachableError as error:
-            told = str(stop_unanswered(error))
-            return {"text": told, "data": {"error": told}, "status": STOP_UNANSWERED}
+            answer = str(stop_unanswered(error))
+            return {"text": answer, "data": {"error": answer}, "status": STOP_UNANSWERED}
 
     def reconnect(self) -> None:
         """Connect to the daemon that runs now, after the previous one ended. Raises DaemonUnreachableError."""
@@ -127,12 +127,11 @@ class DaemonLink:
         self, text: str, frontend: str, say: Callable[[str], None], ask: Callable[[str], str] | None = None
     ) -> dict[str, Any]:
         """Send one command, show what the daemon sends until the answer, and return {text, data, status}. Control-C
-        stops the arm; then the result also has {interrupted: True}, and the caller sends no further command by
-        itself.
+        stops the arm; then the result also has {interrupted: True}, and the caller sends no further command by itself.
 
-        A stop that is not answered in STOP_ANSWER_S is told, and the status says so whatever comes later. ask: puts a
-        question to somebody; without it questions are taken as answered by yes. Raises DaemonUnreachableError when the
-        daemon goes away; StopUnansweredError where it was to stop.
+        A stop without an answer within STOP_ANSWER_S is reported, and the status says so whatever follows. ask: asks a
+        person; without it each question counts as answered by yes. Raises DaemonUnreachableError when the daemon
+        disconnects; StopUnansweredError where that was a stop.
         """
         columns = shutil.get_terminal_size().columns
         self._sent_to_emergency_stop = self._alive = False
@@ -183,19 +182,19 @@ class DaemonLink:
         """Stop the arm, as control-C does; returns the daemon's answer. Raises StopUnansweredError."""
         try:
             self._stop()
-            told = None
+            answer = None
             for message in self._messages(say):
                 if "say" in message:
                     say(message["say"])
                 if "stopped" in message:
-                    told = str(message["stopped"])
+                    answer = str(message["stopped"])
                     break
         except DaemonUnreachableError as error:
             raise stop_unanswered(error) from None
-        if told is None:
+        if answer is None:
             raise stop_unanswered(DaemonUnreachableError("the daemon ended before it answered"))
         self._stops, self._unanswered_s = 0, None
-        return told
+        return answer
 
     def _stop(self) -> None:
         self._stops += 1

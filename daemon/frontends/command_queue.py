@@ -75,7 +75,7 @@ class CommandQueue:
         """Run a command: a stop, or one that may run at any time, at once; others after those before them. block: lines
         that were pasted together run one after the other, up to the first that fails."""
         if self._interpreter.means_stop(text):
-            self.start_now(lambda: self._do(self._stop_said(text), answered))
+            self.start_now(lambda: self._do(self._stop_by_command(text), answered))
         elif block is not None and block == self._failed_block:
             self._start(_report_dropped([(text, answered)], NOT_IN_BLOCK))
         elif not self.busy:
@@ -89,7 +89,7 @@ class CommandQueue:
         else:
             self._waiting.append((text, answered, self._interpreter.stops, block))
 
-    async def _stop_said(self, text: str) -> CommandResult:
+    async def _stop_by_command(self, text: str) -> CommandResult:
         return await self._stopping(self._interpreter.interpret(text, self._frontend), self._frontend.who)
 
     async def stop(self, who: str) -> str:
@@ -156,7 +156,7 @@ class CommandQueue:
         self._withdraw_question()
 
     def start_now(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Start a task at once, whatever else runs. Beyond MOST_BESIDE it is one stop more of a flood, and left out."""
+        """Start a task at once. Beyond MOST_TASKS it is one stop more of a flood, and left out."""
         if len(self._tasks) < MOST_TASKS:
             self._start(work())
 

@@ -170,7 +170,7 @@ def _read_lines(handle: int) -> bytes | None:
 
 
 def _read_from(handle: int) -> bytes:
-    """Read what has come; empty at the end, and where the terminal is gone."""
+    """Read what has come; empty at the end, and where the terminal is closed."""
     try:
         return os.read(handle, 4096)
     except OSError:

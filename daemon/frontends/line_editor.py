@@ -149,8 +149,8 @@ class LineEditor:
         if not (0x40 <= byte <= 0x7E) and len(body) < 8:
             return b""
         self._escape = b""
-        if said := SIZE.fullmatch(body):
-            self._sized(int(said[1]), int(said[2]))
+        if size := SIZE.fullmatch(body):
+            self._sized(int(size[1]), int(size[2]))
             return b""
         return self._escapes[body]() if body in self._escapes else BELL
 

@@ -198,7 +198,8 @@ def _holders(path: str) -> list[str]:
 
 
 def _daemon_may_write(folder: Path) -> bool:
-    """Whether whoever asks may write there, or the service's user has it: an operator who asks may only read."""
+    """Whether the present user may write there, or the folder belongs to the service's user: an operator may only read
+    it."""
     if os.access(folder, os.W_OK):
         return True
     try:

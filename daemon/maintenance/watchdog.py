@@ -99,14 +99,14 @@ class Watchdog:
 
     @property
     def _heard_unasked(self) -> bool:
-        """Whether something is to be read on the controller's line at rest: it is told now, and not at the next check.
-        A line with a trouble is opened anew in its time."""
+        """Whether unread data is on the controller's line at rest: it is reported now, not at the next check. A line
+        with a trouble is reopened in its turn."""
         controller = self._context.hardware.robot.controller
         return controller is not None and controller.heard_unasked and "controller" not in self._context.troubles.active
 
     @property
     def _line_lost_in_a_stop(self) -> bool:
-        """Whether nothing can stop the arm, that is to be stopped, until its line is open again."""
+        """Whether a stop is under way whose line is lost: nothing can stop the arm until the line is open again."""
         return self._context.cycle.supervisor.stopping and not self._context.hardware.robot.connected
 
     def _start(self, name: str, check: object, now: float, every_s: float) -> None:

@@ -29,7 +29,7 @@ LEAST_PICKS = 5
 
 
 class Doing(Enum):
-    """What the cell does for whoever wanted parts."""
+    """What the cell does while a person wants parts."""
 
     NOTHING = auto()
     PICKING = auto()

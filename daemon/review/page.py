@@ -143,9 +143,11 @@ def _pack_details(data: dict[str, Any]) -> list[int]:
     return [int(number) for number in packed]
 
 
-def _pictures(folder: Path, looks: Iterable[dict[str, Any]], room: int, beside: bool) -> tuple[dict[str, str], int]:
-    """The images of looks, `<seq>-<camera>` -> data URI while there is room (bytes), and how many are left out. beside:
-    the page lies in the run's folder, and shows the others from their files."""
+def _pictures(
+    folder: Path, looks: Iterable[dict[str, Any]], room: int, in_run_folder: bool
+) -> tuple[dict[str, str], int]:
+    """The images of looks, `<seq>-<camera>` -> data URI while there is room (bytes), and how many are left out.
+    in_run_folder: the page lies in the run's folder, and shows the others from their files."""
     chosen: dict[str, str] = {}
     files = [(look["seq"], look.get("images") or {}) for look in looks]
     images = [(f"{seq}-{camera}", name) for seq, of in files for camera, name in of.items()]
@@ -156,7 +158,7 @@ def _pictures(folder: Path, looks: Iterable[dict[str, Any]], room: int, beside: 
             room -= len(picture)
             if room > 0:
                 chosen[key] = picture
-            elif beside:
+            elif in_run_folder:
                 with open_below(folder, name):
                     chosen[key] = quote(name)
         except FileError:

@@ -98,7 +98,7 @@ LAID: dict[str, str] = {PlaceStatus.SET: "let go", PlaceStatus.OFF: "seen off", 
 
 
 def _decided(record: Record) -> Json:
-    """A decision, or the part laid on the table between two grasps, and why or what was seen of it."""
+    """A decision, or a part put on the table between two grasps, with the reason or what was seen of it."""
     if record["kind"] == "decision":
         return {"text": record.get("text"), "why": record.get("why")}
     off_mm, off_deg = record.get("off_mm"), record.get("off_deg")
@@ -216,7 +216,7 @@ def timeline(digest: Digest) -> list[Json]:
 
 
 def events(digest: Digest) -> list[Json]:
-    """What people want to know of beside the picks, each once: kind, in words, the record before it, and who cleared a
+    """Events besides the picks that people want to know, each once: kind, text, the record before it, and who cleared a
     fault after how long."""
     found: list[Json] = []
     before, cycle, last = None, None, None

@@ -1,6 +1,5 @@
-"""Parts that were set down at their places: each with the looks before and after it and how far off it was seen; the
-last status of every place; figures by place over one run or many. Pure.
-"""
+"""Parts set down at their places: looks before and after, deviation seen; the last status of every place; figures by
+place over one run or many. Pure."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -16,13 +15,13 @@ from daemon.store.place_status import PlaceStatus
 Json = dict[str, Any]
 
 LOOKED_AT = frozenset({PlaceStatus.RIGHT, PlaceStatus.OFF, PlaceStatus.MISSING})
-"""What a look after a set-down finds."""
+"""The results of a look after a set-down."""
 
 
 @dataclass(frozen=True)
 class PartSetDown:
-    """One part set down at one place. status: what the look found, `set` where a pick was cut off before it; before,
-    after: records of the last look with the part in the gripper and of the last one at the place, by their number."""
+    """One part set down at one place. status: the result of the look there, `set` where a pick ended before it; before,
+    after: numbers of the look records with the part in the gripper and at the place."""
 
     cycle: int
     t: str | None
@@ -39,12 +38,12 @@ class PartSetDown:
 
 
 def set_downs(run: Digest) -> list[PartSetDown]:
-    """All of a run, in order."""
+    """All set-downs of a run, in order."""
     return [made for cycle in run.cycles for made in set_downs_of(cycle)]
 
 
 def set_downs_of(cycle: Cycle) -> Iterator[PartSetDown]:
-    """Those of one pick, in order."""
+    """The set-downs of one pick, in order."""
     last = before = set_at = None
     for record in cycle.records:
         if record["kind"] == "look":
@@ -71,7 +70,7 @@ def _made(cycle: Cycle, record: Record, before: int | None, after: int | None) -
 
 
 def last_of_each(run: Digest) -> list[Json]:
-    """Every place that the run has a status of: name, part, status, how far off, and its outline from above (mm)."""
+    """Every place with a status in the run: name, part, status, deviation, outline from above (mm)."""
     last = {str(record.get("place")): record for record in run.of("place")}
     return [
         {
@@ -87,8 +86,8 @@ def last_of_each(run: Digest) -> list[Json]:
 
 
 def placing_figures(made: Iterable[PartSetDown]) -> list[Json]:
-    """By part and place, a pattern before its places: how many were looked at, how many of them seen right, median and
-    95th percentile of how far off they were seen, mm and degrees (None: none was seen)."""
+    """For each part and place, a pattern before its places: number of set-downs looked at, number seen right, median
+    and 95th percentile of the deviation, mm and degrees (None without any)."""
     by_place: dict[tuple[str, str], list[PartSetDown]] = {}
     for each in made:
         if each.status in LOOKED_AT:
@@ -112,7 +111,7 @@ def _figures(label: str, name: str, some: Sequence[PartSetDown]) -> Json:
 
 
 def places_json(run: Digest, shown: Digest) -> Json:
-    """What the page of a run shows of places: figures of all of it, each set-down of what is shown."""
+    """Places on the page of a run: figures over all of it, each set-down of the part shown."""
     return {
         "last": last_of_each(shown),
         "made": [asdict(each) for each in set_downs(shown)],

@@ -1,7 +1,8 @@
-"""What records of a run show in space: where the arm was, its way, the parts as measured. Millimetres in the world.
+"""The cell in space, from a run's records: where the arm was, its path, the parts as measured. Millimetres in the
+world.
 
-For the page of a cycle, and for the live one. The arm is drawn as the capsules that the sweep checks, from the joints
-that the controller reported.
+For the page of a cycle and the dashboard. The arm is drawn as the capsules that the sweep checks, from the joints that
+the controller reported.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,7 +29,7 @@ WAY_SAMPLES = 12
 
 
 def arm_of(folder: Path, start: Record) -> tuple[RecordedArm | None, str | None]:
-    """The arm as it was configured when the run in folder began with that record, or why it cannot be drawn."""
+    """The arm as configured when the run in `folder` began with this record, or why it cannot be drawn."""
     if not start.get("config"):
         return None, "The run kept no configuration: the arm is not drawn."
     try:
@@ -39,8 +40,8 @@ def arm_of(folder: Path, start: Record) -> tuple[RecordedArm | None, str | None]
 
 
 def moments_of(records: Iterable[Record], zero: float) -> list[Json]:
-    """Arrivals, looks, the gripper, refusals, each with the parts to draw: those of the last look, from the grasp on
-    the held one with the tool. zero: mono_s from which seconds count."""
+    """Arrivals, looks, gripper commands, refusals, each with the parts to draw: those of the last look, after the grasp
+    the held one with the tool. zero: mono_s at second 0."""
     found: list[Json] = []
     purpose, parts, held = None, list[Json](), None
     world_from_tool = np.eye(4)
@@ -95,20 +96,20 @@ def _seen(look: Record) -> list[Json]:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """The parts of the last look as the gripper closed, the held one first."""
+    """The parts of the last look when the gripper closed, the held one first."""
 
     parts: list[Json]
     world_from_tool: Array
 
     def at(self, world_from_tool: Array) -> list[Json]:
-        """The parts when the tool is at a pose (4, 4): the held one has gone with it."""
+        """The parts with the tool at a pose (4, 4): the held one moves with it."""
         moved = world_from_tool @ frames.inverse(self.world_from_tool)
         first, *rest = self.parts
         return [first | {"facets": [frames.apply(moved, facet) for facet in first["facets"]]}, *rest]
 
 
 def _grasped(parts: list[Json], world_from_tool: Array) -> _Held | None:
-    """The part nearest to the tool centre point is held; None where no part was seen."""
+    """The held part: the one nearest to the tool centre point; None where no part was seen."""
     by_distance = sorted(
         (part for part in parts if part["facets"]),
         key=lambda part: np.linalg.norm(np.vstack(part["facets"]).mean(axis=0) - world_from_tool[:3, 3]),
@@ -117,12 +118,12 @@ def _grasped(parts: list[Json], world_from_tool: Array) -> _Held | None:
 
 
 def is_arrival(record: Record) -> bool:
-    """Whether a move ended here, and it is known where the arm was then."""
+    """Whether a move ended here with a known pose."""
     return bool(record["kind"] == "moved" and record.get("joints") and record.get("where"))
 
 
 def joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:
-    """(N, 6) rad: the joints at each of the moments; (0, 6) where the run recorded none."""
+    """(N, 6) rad: the joints at each moment; (0, 6) where the run has none."""
     if not arrivals:
         return np.empty((0, 6))
     at = np.searchsorted([r["seq"] for r in arrivals], [m["seq"] for m in moments], side="right") - 1
@@ -130,7 +131,7 @@ def joints_over(arrivals: Sequence[Record], moments: list[Json]) -> Array:
 
 
 def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedArm | None) -> list[list[float]]:
-    """The way of the tool centre point, mm in the world: straight moves by their ends, joint moves sampled."""
+    """The path of the tool centre point, mm in the world: straight moves by their ends, joint moves sampled."""
     how = {
         after["seq"]: move.get("how") for move, after in pairwise(r for r in records if r["kind"] in ("move", "moved"))
     }
@@ -145,8 +146,8 @@ def way_of(arrivals: Sequence[Record], records: Iterable[Record], arm: RecordedA
 
 
 def space_of(arm: RecordedArm | None, joints: Array, way: list[list[float]]) -> Json:
-    """What stays as it is from moment to moment, and the arm's capsules at joints (N, 6) rad: radius_mm (C,), ends
-    (N, C, 2, 3)."""
+    """What is the same at every moment, and the arm's capsules at joints (N, 6) rad: radius_mm (C,), ends (N, C, 2,
+    3)."""
     return {
         "way": way,
         "arm": _bodies(arm, joints),

@@ -176,14 +176,14 @@ class PlaceStatuses:
         number = 1 + max((each.number for each in (*file.places.values(), *file.left)), default=0)
         state = _State(status, off_mm, off_deg, why[:500], at, number, None if now is None else _kept(now))
         self._write({**file.places, name: state}, left)
-        return _told(state)
+        return _state_of(state)
 
     def forget(self, names: set[str]) -> None:
         """Remove places that are no longer in the file of places; a part that may lie there is stored as left. Raises
         FileError."""
         file = self._file()
-        gone = [state for name, state in file.places.items() if name in names]
-        self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *gone])
+        dropped = [state for name, state in file.places.items() if name in names]
+        self._write({k: state for k, state in file.places.items() if k not in names}, [*file.left, *dropped])
 
     def _file(self) -> _StatusFile:
         if self._kept is None:
@@ -226,10 +226,10 @@ def _known_at(state: _State | None, now: PlaceSpot | None, moved: str, left: Seq
             part = "something" if each.spot is None else each.spot.part
             why = f"a place that is no longer there was {each.status} here: {part} may lie here"
             return PlaceState(PlaceStatus.TO_LOOK_AT, why=why, at=each.at)
-    return PlaceState() if state is None else _told(state)
+    return PlaceState() if state is None else _state_of(state)
 
 
-def _told(state: _State) -> PlaceState:
+def _state_of(state: _State) -> PlaceState:
     return PlaceState(state.status, state.off_mm, state.off_deg, state.why, state.at)
 
 

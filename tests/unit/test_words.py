@@ -20,6 +20,29 @@ OLD_NAMES = {"hall", "doors", "upkeep", "live", "worlds", "turns", "sentry", "ju
 """Names of packages and modules that were, and are none any more."""
 GONE_FROM_MESSAGES = {"upkeep", r"borne(?: out)?", "twins?|rivals?", "sentry", "night of misses", "the judge"}
 """Of the words that lead astray, those that no message has."""
+GONE_FROM_NAMES = {
+    "told",
+    "said",
+    "gone",
+    "amid",
+    "borne",
+    "twin",
+    "twins",
+    "rivals",
+    "hall",
+    "doors",
+    "stranger",
+    "story",
+}
+"""Words that say nothing of what a name means: what was told, to whom, and where it is gone."""
+GONE_FROM_FIRST_LINES = r"told|tells|amid|aslant|wherein|thereby|borne|twins?|gone|standing|mended|laid down"
+RENAMED = [
+    *(f"daemon/{package}" for package in (
+        "calibration", "cli", "commands", "compute", "console", "dashboard", "events", "fleet", "frontends",
+        "maintenance", "review", "signals", "store", "teaching")),
+    "drivers/camera", "daemon/config.py", "daemon/ctl.py", "daemon/main.py", "daemon/service.py",
+]  # fmt: skip
+"""Packages and modules whose names and first lines are in the field's words."""
 OPERATORS = [*sorted((HOUSE / "docs" / "operate").glob("*.md")), HOUSE / "README.md", HOUSE / "deploy" / "README.md"]
 
 
@@ -70,6 +93,45 @@ def test_no_message_says_a_word_of_before() -> None:
     assert set(WORDS) >= GONE_FROM_MESSAGES
     said = re.compile(rf"\b(?:{'|'.join(GONE_FROM_MESSAGES)})\b", re.IGNORECASE)
     assert [text for file in CODE for text in messages(file) if said.search(text)] == []
+
+
+def renamed() -> list[Path]:
+    found = [file for file in CODE if file.relative_to(HOUSE).as_posix().startswith(tuple(RENAMED))]
+    assert len(found) > 150
+    return found
+
+
+def names(file: Path) -> Iterator[str]:
+    """Every name that a file gives to something."""
+    for node in ast.walk(tree(file)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def test_no_name_has_a_word_of_before() -> None:
+    assert [
+        f"{file.relative_to(HOUSE)}: {name}"
+        for file in renamed()
+        for name in names(file)
+        if GONE_FROM_NAMES & {part.lower() for part in re.split(r"_|(?<=[a-z])(?=[A-Z])", name)}
+    ] == []
+
+
+def test_no_first_line_of_a_docstring_has_a_word_of_before() -> None:
+    documented = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Module)
+    astray = re.compile(rf"\b(?:{GONE_FROM_FIRST_LINES})\b", re.IGNORECASE)
+    assert [
+        f"{file.relative_to(HOUSE)}: {doc.splitlines()[0]}"
+        for file in renamed()
+        for node in ast.walk(tree(file))
+        if isinstance(node, documented) and (doc := ast.get_docstring(node)) and astray.search(doc.partition("\n\n")[0])
+    ] == []
 
 
 @pytest.mark.parametrize("page", OPERATORS, ids=lambda page: page.name)

@@ -13,7 +13,7 @@ from daemon.arm import CAMERAS
 from daemon.calibration.file import load_calibration, save_calibration
 from daemon.cell import sections
 from daemon.cell.puma_arm import PumaArm
-from daemon.config import Config, load_config, unsaid
+from daemon.config import Config, gripper_unknown, load_config
 from daemon.events.outcomes import Outcome
 from daemon.pick.outcome import CycleEnd
 from daemon.pick.suction import SuctionCup
@@ -41,7 +41,7 @@ def test_the_mounted_one_is_what_was_said_last_and_nobody_s_word_is_none(path: P
     config = load_config(path)
     assert config.gripper is None
     assert config.values.arm.flange_from_tool[2][3] == 130.0, "until then the first is assumed"
-    assert unsaid(config) in config.notes
+    assert gripper_unknown(config) in config.notes
     sections.check(config)
     config = with_the_cup(path)
     sections.check(config)

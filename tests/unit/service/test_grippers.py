@@ -72,7 +72,7 @@ def tool_on_line(daemon: Daemon) -> str:
 
 
 def test_the_gripper_that_is_said_to_be_mounted_counts_at_once_and_after_a_restart(daemon: Daemon) -> None:
-    assert "which gripper is mounted?" in refused(daemon, "enable")
+    assert "the mounted gripper is unknown" in refused(daemon, "enable")
     told = done(daemon, "gripper use fingers")
     assert "130.0 mm from the wrist centre" in told
     assert "What it holds is unknown" in told
