@@ -33,7 +33,7 @@ class Waiting:
         """The move in words, with the time that is left for a yes."""
         if self.until_s == inf:
             return self.what
-        return f"{self.what}; its look is valid for {max(self.until_s - asyncio.get_running_loop().time(), 0.0):.0f} s"
+        return f"{self.what}; its look is valid for {max(self.until_s - self.answer.get_loop().time(), 0.0):.0f} s"
 
     @property
     def expired(self) -> bool:

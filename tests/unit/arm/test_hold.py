@@ -124,12 +124,16 @@ def test_a_yes_counts_while_the_look_is_valid_and_nobodys_silence_is_none() -> N
         await asyncio.sleep(8.0)
         waiting = hold.waiting
         assert waiting is not None
+        asked_outside.append(lambda: waiting.text)
         text = waiting.text
         answer()
         await move
         return text, waiting.expired
 
+    asked_outside = list[Callable[[], str]]()
+
     assert lived(story(hold.confirm)) == ("stand-off; its look is valid for 12 s", False)
+    assert asked_outside[0]() == "stand-off; its look is valid for 12 s", "asked for by what runs no event loop"
     with pytest.raises(UnansweredError):
         lived(story(lambda: None))
     assert hold.waiting is None
