@@ -131,13 +131,14 @@ def named_by_edges(
     search = Search(eyes, model, unnamed, named, maps, SupportPlane.of(seen_table(eyes, told), told))
     fewest = FEWEST_TESTS * len(model.labels)
     by_facets = hypotheses_from_facets(search, spent)
-    laid = _by_odds(registered_near(search, by_facets.likely))
-    _, found, _ = _proven(search, laid, max(by_facets.tests, fewest), spent)
+    chances = max(by_facets.tests, fewest)
+    laid = _with_rivals(search, _by_odds(registered_near(search, by_facets.likely)), by_facets.rivals, chances)
+    _, found, _ = _proven(search, laid, chances, spent)
     if found and enough(found):
         return NamedByEdges(found, (), (), complete=True)
     tests, left_out = 0, tuple[str, ...]()
     for guessed in (hypotheses_from_junctions, hypotheses_on_support):
-        likely, of, unasked = guessed(search, spent)
+        likely, of, unasked, rivals = guessed(search, spent)
         tests += of
         chances = max(tests, fewest)
         fresh = _by_odds(registered_near(search, likely))
@@ -145,7 +146,7 @@ def named_by_edges(
             fresh += registered_near(search, _undecided(fresh, chances, eyes))
         laid = _by_odds([*laid, *fresh])
         if spent() < SEARCHED:
-            laid = _by_odds(_without_hidden(laid, chances, eyes))
+            laid = _with_rivals(search, _by_odds(_without_hidden(laid, chances, eyes)), rivals, chances)
         taken, found, untried = _proven(search, laid, chances, spent)
         left_out += unasked + untried
         if named or found or search.ground is None or spent() > SEARCHED:
@@ -159,6 +160,15 @@ def named_by_edges(
         apart_px = print_apart_px(nearest[0].solid, nearest[0].pose, eyes)
     guesses = tuple(_guess(one, apart_px if one is nearest[0] else 0.0) for one in nearest)
     return NamedByEdges(found, guesses, left_out)
+
+
+def _with_rivals(
+    search: Search, laid: list[RegisteredPart], rivals: Sequence[EdgeHypothesis], tests: int
+) -> list[RegisteredPart]:
+    """Laid parts, the likeliest first, and with them, where one may have a name, those that could be there as well."""
+    if not any(_may_be_named(one, tests) for one in laid):
+        return laid
+    return _by_odds([*laid, *registered_near(search, rivals)])
 
 
 def _proven(
@@ -294,12 +304,10 @@ def _without_hidden(laid: Sequence[RegisteredPart], tests: int, eyes: StereoImag
 def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
     """Log odds of a laid part's being there, of so many guesses of which each could have come so far by chance; minus
     infinity where they are not enough for a name."""
-    odds = one.odds - float(np.log(tests))
-    further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
-    if _probability(odds + MOST_EXPLAINED + further) < LEAST_CONFIDENCE:
+    if not _may_be_named(one, tests):
         return -np.inf
-    beside = 0.0
-    if further:
+    odds, beside = one.odds - float(np.log(tests)), 0.0
+    if len(one.solid.holes) > 1:
         nats = hole_nats(one.solid, one.pose, search.eyes, search.model.parameters.tolerance_mm)
         beside = max(nats - MOST_NATS, 0.0)
     if facets_shown(one.solid, search.eyes, one.pose, one.seen) + (beside > SURE_NATS) < FEWEST_IN_VIEW:
@@ -310,6 +318,12 @@ def _log_odds(one: RegisteredPart, search: Search, tests: int) -> float:
         if _probability(odds + yet) < LEAST_CONFIDENCE:
             return -np.inf
     return odds
+
+
+def _may_be_named(one: RegisteredPart, tests: int) -> bool:
+    """Whether the best that could speak for a laid part besides its edges would make it sure enough for a name."""
+    further = MOST_NATS * max(len(one.solid.holes) - 1, 0)
+    return _probability(one.odds - float(np.log(tests)) + MOST_EXPLAINED + further) >= LEAST_CONFIDENCE
 
 
 def _for_and_against(one: RegisteredPart, search: Search) -> Iterator[tuple[float, float]]:

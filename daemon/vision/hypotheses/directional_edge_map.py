@@ -40,7 +40,7 @@ PLACES, SPACING_PX = 10, 5.0
 _ALONG = np.asarray((np.arange(PLACES) + 0.5) / PLACES, np.float32)
 SHOWS, LEAST_CHANCE, MOST_CHANCE = 0.75, 0.02, 0.7
 """How much of an edge that is there shows as segments; limits of what a picture's own chance is taken for."""
-GLANCED, GLANCE_NATS = (0.2, 0.5, 0.8), 25.0
+GLANCED, GLANCE_NATS = np.array((0.2, 0.5, 0.8), np.float32), 25.0
 """Shares of an edge at which many poses are looked at first, in one eye, and what must speak for one of them to be
 looked at in earnest: half of what chosen ones ever had."""
 FARTHEST = 0.75, 1.25
@@ -186,7 +186,7 @@ def promising(
     nats (Q,)."""
     left = ideal(posed.corners_mm(geometry), geometry)[0]
     edges = posed.edges(geometry.eyes_mm[0])
-    nats, _ = _of_one_eye(len(posed.part), *edges, left, maps[0], np.array(GLANCED, np.float32))
+    nats, _ = _of_one_eye(len(posed.part), *edges, left, maps[0], GLANCED)
     nats = nats + further
     good = np.flatnonzero(nats > GLANCE_NATS)
     return good, nats[good]

@@ -85,11 +85,13 @@ class EdgeHypothesis(NamedTuple):
 
 
 class RankedHypotheses(NamedTuple):
-    """The likeliest parts and places, of how many, and what there was no time to ask."""
+    """The likeliest parts and places, of how many; what there was no time to ask; and rivals: other parts that could be
+    at those places, which matter only where one of the likeliest may be named."""
 
     likely: Sequence[EdgeHypothesis]
     tests: int
     left_out: tuple[str, ...] = ()
+    rivals: Sequence[EdgeHypothesis] = ()
 
 
 @lru_cache(maxsize=4)
@@ -184,11 +186,11 @@ def _likeliest(
         middle_px = pixels(posed.middles_mm(), geometry)[0]
         good &= np.all([shape.depth(middle_px) <= 0 for shape in search.named], axis=0)
     guesses = ScoredPoses(posed.chosen(good), -nats[good])
-    kept = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
+    kept, rivals = _worth(*best_turned(guesses, hinges[good], geometry, maps), search)
     if spent() > SEARCHED and len(kept) > FEWEST_LAID:
         told = f"{len(kept) - FEWEST_LAID} of {len(kept)} guesses were not compared with the pictures"
         return RankedHypotheses(kept[:FEWEST_LAID], tests, (told,))
-    return RankedHypotheses(kept, tests)
+    return RankedHypotheses(kept, tests, rivals=rivals)
 
 
 def _varied(guesses: ScoredPoses) -> Index:
@@ -199,20 +201,22 @@ def _varied(guesses: ScoredPoses) -> Index:
     return few[np.argsort(guesses.against[few], kind="stable")[:MOST_PROMISING]]
 
 
-def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> list[EdgeHypothesis]:
-    """The best guesses: a few at each place, for which nearly as much speaks as for the best there."""
-    kept, shapes = list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
+def _worth(guesses: ScoredPoses, tries: Array, search: Search) -> tuple[list[EdgeHypothesis], list[EdgeHypothesis]]:
+    """The best guesses, a few at each place, for which nearly as much speaks as for the best there; and beyond these
+    the best of each other part."""
+    kept, rivals, shapes = list[EdgeHypothesis](), list[EdgeHypothesis](), list[tuple[PlanarShape, float, str]]()
     posed, labels = guesses.posed, list(search.model.metric)
     for k, corners_px in islice(distinct(guesses, search.eyes), LOOKED_AT):
         shape, against, label = PlanarShape.hull(corners_px), float(guesses.against[k]), labels[posed.part[k]]
         there = [(worst, own) for other, worst, own in shapes if other.covers(shape) > COVERED]
         own = [one for _, one in there].count(label)
         if not there or ((len(there) < PER_PLACE or own < PER_LABEL) and against < WORTH * there[0][0]):
-            kept.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
+            among = kept if len(there) < PER_PLACE else rivals
+            among.append(EdgeHypothesis(label, posed.poses[k], float(tries[k])))
             shapes.append((shape, against, label))
-        if len(kept) == MOST:
+        if len(shapes) == MOST:
             break
-    return kept
+    return kept, rivals
 
 
 ROOM_PX = 12

@@ -38,6 +38,8 @@ CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the wei
 SURE = 3.0  # how many predicted errors a distance may be off
 SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
+MOST_NEAR = 400
+"""Places of a lone facet that are fitted, those at which its corners' distances differ least."""
 MOST_RECALLED = 96
 """Nodes under a numbering that are followed, of each question."""
 
@@ -197,12 +199,14 @@ def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
 
 
 def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: float) -> tuple[Index, Array]:
-    """Every taught facet in every turn whose corners come so near to those of a lone seen one, the nearest first: the
-    numbers (N,) of the parts, and their poses (N, 4, 4)."""
+    """Taught facets in turns whose corners come so near to those of a lone seen one, MOST_NEAR at most, the nearest
+    first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
     places, off, _ = _places(seen, 0, metric)
     near = np.flatnonzero(off < SPREAD * rms_mm)
     if not len(near):
         return np.zeros(0, np.intp), np.zeros((0, 4, 4))
+    if len(near) > MOST_NEAR:
+        near = near[np.argpartition(off[near], MOST_NEAR)[:MOST_NEAR]]
     taught, ring = places.corners_mm[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)

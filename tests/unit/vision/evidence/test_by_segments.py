@@ -226,6 +226,23 @@ def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.Monkey
     assert confidence(weak) < LEAST_CONFIDENCE
 
 
+@pytest.mark.parametrize("promising", [True, False])
+def test_other_parts_are_laid_at_a_place_only_where_something_there_may_have_a_name(
+    promising: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = max(all_laid("cube"), key=lambda one: one.borne.nats)
+    one = good if promising else replace(good, borne=EdgeEvidence(10.0, 0.3))
+    rival = search.EdgeHypothesis("pyramid", good.pose)
+    laid = by_edges._with_rivals(scene("cube"), [one], [rival], 1000)
+    assert [other.label for other in laid] == ([one.label, "pyramid"] if promising else [one.label])
+
+
+def test_beyond_a_few_at_one_place_others_are_but_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "PER_PLACE", 1)
+    few = hypotheses_from_junctions(scene("cube"), lambda: 0.0)
+    assert [one.label for one in few.likely] == [one.label for one in few.rivals] == ["cube"]
+
+
 def test_what_came_nearest_is_told_with_the_edges_that_show_and_those_that_do_not() -> None:
     found = named_by_edges(eyes_on("steeper pyramid"), model(), [])
     assert not found.named

@@ -16,7 +16,7 @@ from daemon.vision.hypotheses.junctions import junction_kinds, meet, poses_from_
 from daemon.vision.hypotheses.pose_batch import PoseBatch
 from daemon.vision.image import StereoImages, joined, open_stereo, segment_corners
 from tests.fakes.printed import print_pair, straight_rig
-from tests.fakes.solids import KNOWN, pose
+from tests.fakes.solids import CUBE, KNOWN, pose
 
 WHERE = pose(np.array([0.75, 0.35, 0.6]), 0.3, 330.0)
 NAMES = tuple(sorted(KNOWN))
@@ -76,8 +76,24 @@ def test_guesses_are_few_at_each_corner_and_in_all(monkeypatch: pytest.MonkeyPat
     assert 0 < len(few.part) < len(several.part)
     monkeypatch.setattr(junctions, "_most", lambda taught, corners: (50, 1))
     fewest, still = guessed("cube", solids(1.0, 0.7, 1.3))
-    assert np.array_equal(fewest.poses, few.poses[:50])
+    assert len(fewest.poses) == 50
+    assert {one.tobytes() for one in fewest.poses} < {one.tobytes() for one in few.poses}
     assert still == could
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_right_guess_is_among_the_first_five_by_how_the_outline_goes_on(name: str) -> None:
+    found, _ = guessed(name, solids(1.0, *np.linspace(0.5, 1.6, 16)))
+    assert np.flatnonzero(off_mm(name, found) < 6.0)[0] < 5
+    assert len(found.part) == junctions.MOST_BY_OUTLINE
+
+
+def test_the_outline_goes_on_along_the_facet_between_two_edges_or_seen_from_behind_along_those_beside_it() -> None:
+    taught = junctions.taught_junctions((exact(CUBE.corners_mm, CUBE.facets),))
+    side_mm = taught.lengths_mm[0, 0]
+    (face, behind) = taught.outline_mm[0] / side_mm
+    assert face == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 1, 0], [1, 1, 0]]), abs=1e-5)
+    assert np.abs(behind) == pytest.approx(np.array([[1, 0, 0], [0, 1, 0], [1, 0, 1], [0, 1, 1]]), abs=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_of_many_parts_only_those_are_laid_whose_lengths_could_be_the_seen_ones(
     assert len(laid) < 20 * 24 / 10
 
 
-def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first() -> None:
+def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first(monkeypatch: pytest.MonkeyPatch) -> None:
     # No two bricks share a facet: it would be either's, and rounding would say whose.
     sizes = [(30 + 3 * k, 40 + 2 * k, 91 - 2 * k) for k in range(20)]
     many = {f"brick {k}": MetricModel(block(*size), (0,)) for k, size in enumerate(sizes)}
@@ -95,6 +95,8 @@ def test_a_lone_facet_could_be_any_that_comes_near_the_nearest_first() -> None:
     assert 1.0 < max(off) < 16.0
     assert len(set(labels)) > 3
     assert len(facet_poses(exact(2 * seen.corners_mm, seen.facets), many, 8.0)[0]) == 0
+    monkeypatch.setattr(sys.modules[facet_poses.__module__], "MOST_NEAR", 3)
+    assert facet_poses(seen, many, 8.0)[0].tolist() == parts[:3].tolist()
 
 
 @given(st.sampled_from(["pyramid", "triangular_prism", "pentagonal_prism"]), seeds)
