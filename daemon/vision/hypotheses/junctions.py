@@ -258,7 +258,7 @@ MOST_GUESSES, MOST_OF_ONE = (4000, 200), (16, 1)
 part where that is more; at a corner its share of all, where corners are few. In 57 rendered looks with four parts
 taught the first good guess was among the first 500 of some 10,000 in nineteen of twenty. With 64 taught, 4,000 and 16
 named 37 of 57 parts on hard tables, these 46; twice as many at a corner named no more."""
-MOST_BY_OUTLINE = 2000
+MOST_BY_OUTLINE = 1000
 """Of those, for whose two edges, and the two sides with which the outline between them goes on, most speaks. Of 40
 rendered parts of a thousand taught the first good guess was among the first 1,000 for 37 so, for 22 by two edges."""
 MOST_TAUGHT = 100

@@ -38,10 +38,10 @@ CLOSE_MM, ROUGH_MM = 1.0, 4.0  # an unweighted fit may be this bad where the wei
 SURE = 3.0  # how many predicted errors a distance may be off
 SPREAD = 2.5  # by how many times as much two corners of such a fit may be farther apart than taught
 EQUAL_CHI2 = 9.0  # poses of one label this close in chi-square are equally good
-MOST_NEAR = 400
-"""Places of a lone facet that are fitted, those at which its corners' distances differ least."""
+MOST_NEAR = 150
+"""Places of a facet that may have been measured badly."""
 MOST_RECALLED = 96
-"""Nodes under a numbering that are followed, of each question."""
+"""Nodes under a numbering that are followed, of each question; and places of a lone facet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +188,10 @@ def with_evidence(
 
 
 def lone_ways(seen: Polyhedron, metric: Mapping[str, MetricModel]) -> list[Way]:
-    """Every taught facet, in every turn, that a lone seen one may be by the distances between its corners: those near,
-    or where there is none those that are not far."""
+    """Taught facets, in turns, that a lone seen one may be by the distances between its corners: those near, or where
+    there is none those that are not far, the nearest MOST_RECALLED."""
     places, off, labels = _places(seen, 0, metric)
-    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := np.flatnonzero(off < SPREAD * reach))), ())
+    near = next((n for reach in (CLOSE_MM, ROUGH_MM) if len(n := _nearest(off, SPREAD * reach, MOST_RECALLED))), ())
     found = []
     for part, facet, turn in places.which[near].tolist():
         found.append((labels[part], _alone(seen, metric[labels[part]].solid, facet, turn)))
@@ -202,17 +202,21 @@ def facet_poses(seen: Polyhedron, metric: Mapping[str, MetricModel], rms_mm: flo
     """Taught facets in turns whose corners come so near to those of a lone seen one, MOST_NEAR at most, the nearest
     first: the numbers (N,) of the parts, and their poses (N, 4, 4)."""
     places, off, _ = _places(seen, 0, metric)
-    near = np.flatnonzero(off < SPREAD * rms_mm)
+    near = _nearest(off, SPREAD * rms_mm, MOST_NEAR)
     if not len(near):
         return np.zeros(0, np.intp), np.zeros((0, 4, 4))
-    if len(near) > MOST_NEAR:
-        near = near[np.argpartition(off[near], MOST_NEAR)[:MOST_NEAR]]
     taught, ring = places.corners_mm[near], seen.rings[0]
     used = np.ones(taught.shape[:2], bool)
     rotation, shift, rms = rough_fit(seen.corners_mm[ring], seen.covariance_mm2[ring], taught, used)
     best = np.argsort(rms, kind="stable")
     best = best[rms[best] < rms_mm]
     return places.which[near[best], 0], frames.rigid(rotation[best], shift[best])
+
+
+def _nearest(off: Array, limit: float, most: int) -> Index:
+    """Which of (N,) are below a limit, the lowest ones, at most so many."""
+    near = np.flatnonzero(off < limit)
+    return near if len(near) <= most else near[np.argpartition(off[near], most)[:most]]
 
 
 def _alone(seen: Polyhedron, taught: Polyhedron, facet: int, turn: int) -> Correspondence:
