@@ -156,7 +156,7 @@ async def look_at_place(context: PickContext, world: WorldModel) -> Literal[Pick
     assert target.way is not None
     goal = target.way.goal
     await travel(context, world, target.way.look, f"look at place {goal.place.name}")
-    seen = (await _judge(context, world, goal, PlaceStatus.MISSING)).status
+    seen = (await _judge(context, world, goal, PlaceStatus.MISSING))[0].status
     outcome, code = BY_LOOK.get(seen, (Outcome.RELEASED, CauseCode.NOT_AT_PLACE))
     why = f"{target.label} at place {goal.place.name}: {context.placing.statuses.of(goal.place.name).why}"
     world.let_go, world.result = False, PickResult(outcome, why, code)
@@ -171,9 +171,9 @@ async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickE
     assert target.way is not None
     goal, settings, mounting = target.way.goal, context.settings, context.cell.mounting
     await travel(context, world, target.way.look, f"look at it on {goal.told}")
-    found = await _judge(context, world, goal, PlaceStatus.MISSING)
+    found, seen = await _judge(context, world, goal, PlaceStatus.MISSING)
     target.seen_at, target.world_from_part = goal.centre, target.way.pose
-    if found.pose is None or found.look is None:
+    if found.pose is None:
         why = f"not seen where it was laid down on {goal.told}: {found.why}"
         skip(context, world, Outcome.LOST, target, why, CauseCode.NOT_WHERE_LAID)
         return PickEvent.LOST
@@ -189,7 +189,7 @@ async def look_at_laid(context: PickContext, world: WorldModel) -> Literal[PickE
         target.shape,
         found.pose,
         plan,
-        found.look,
+        seen,
         side_view=side_view,
         confidence=target.confidence,
         seen_at=frames.apply(found.pose, target.shape.corners_mm).mean(axis=0),
@@ -217,7 +217,7 @@ async def look_at(context: PickContext, world: WorldModel, goal: Goal) -> PlaceS
     if context.mover.dry:
         return context.placing.status(goal.place.name)
     await _go_round(context, world, goal.centre, f"place {goal.place.name}", [])
-    return (await _judge(context, world, goal, PlaceStatus.FREE)).status
+    return (await _judge(context, world, goal, PlaceStatus.FREE))[0].status
 
 
 async def locate(context: PickContext, world: WorldModel, label: str) -> Array:
@@ -308,10 +308,12 @@ async def _go_round(
     raise refused
 
 
-async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus) -> "PlaceFinding":
+async def _judge(
+    context: PickContext, world: WorldModel, goal: Goal, empty: PlaceStatus
+) -> tuple["PlaceFinding", Look]:
     """Look at a place from where the arm is at rest, and again from another side as long as what the looks say together
-    is nearer to the tolerance than it may err, or a look does not show the part. empty: what a place is that shows
-    nothing."""
+    is nearer to the tolerance than it may err, or a look does not show the part: what they say, and the last of them.
+    empty: what a place is that shows nothing."""
     sightings: list[Sighting] = []
     eyes: list[Array] = []
     doubt, rig = context.settings.doubt, context.cell.rig
@@ -322,7 +324,6 @@ async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: Pla
         if fit is not None:
             sightings.append(sighted(seen, fit, rig, doubt))
         found = _lies(goal, fuse(sightings, doubt)) if sightings else judged(goal, seen, empty)
-        found = replace(found, look=seen)
         if found.sure or len(eyes) == MOST_LOOKS:
             break
         try:
@@ -331,7 +332,7 @@ async def _judge(context: PickContext, world: WorldModel, goal: Goal, empty: Pla
             raise_if_closed(error)
             break
     _note(context, world, goal, found.status, found.off, found.why, found.pose)
-    return found
+    return found, seen
 
 
 def _expecting(goal: Goal) -> Expected:
@@ -341,14 +342,13 @@ def _expecting(goal: Goal) -> Expected:
 @dataclass(frozen=True)
 class PlaceFinding:
     """What looks say of a place. sure: whether one more would not change it; pose: world_from_part (4, 4) mm of the
-    part that belongs there, None: it was not seen; look: the last one."""
+    part that belongs there, None: it was not seen."""
 
     status: PlaceStatus
     off: PlaceDeviation | None
     why: str
     sure: bool = False
     pose: Array | None = None
-    look: Look | None = None
 
 
 def named_at(goal: Goal, seen: Look) -> Fit | None:

@@ -180,6 +180,26 @@ def test_all_is_looked_at_from_far_of_the_looks_before_where_the_arm_gets_there(
     assert bool(ways[0] @ ways[1] < 0.0) is reached, "from the other side"
 
 
+@pytest.mark.parametrize(
+    ("candidates", "outcome", "fits"),
+    [((), Outcome.UNKNOWN, "nothing that was taught"), (("cube", "block"), Outcome.AMBIGUOUS, "cube or block")],
+)
+def test_a_part_that_is_taught_no_more_is_not_picked_and_told_with_all_that_it_fits(
+    monkeypatch, candidates, outcome, fits
+):
+    fake = one_part()
+    context, world = begun(fake, replace(Settings(), views_of_doubtful=0))
+    brought_to(PickState.CHOOSE, context, world)
+    part = world.found[0]
+    world.found = [replace(part, part=replace(part.part, recognition=replace(part.taken_for, candidates=candidates)))]
+    monkeypatch.setattr(type(context.recogniser), "shape", lambda *_: None)
+    assert step(context, world, PickState.CHOOSE) is PickEvent.NONE_LEFT
+    assert world.target is None
+    (skipped,) = world.skipped
+    assert skipped.outcome is outcome
+    assert skipped.why.startswith(f"fits {fits}: ")
+
+
 def lies_at(goal: Any, off_mm: float, off_deg: float) -> Any:
     motion = np.array([off_mm, 0, 0, 0, 0, np.radians(off_deg)])
     pose = frames.perturb(goal.poses[0], motion)
