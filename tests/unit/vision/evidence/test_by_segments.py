@@ -219,6 +219,22 @@ def test_print_that_does_not_lie_on_its_faces_refuses_a_name(monkeypatch: pytest
     assert confidence(weak) < LEAST_CONFIDENCE - 0.2
 
 
+def test_a_turned_pose_widens_the_doubt_of_a_place_no_more_than_the_edges_that_it_has_only_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    best = max((one for one in all_laid("pyramid") if one.label == "pyramid"), key=lambda one: one.borne.nats)
+
+    def doubt(turned_deg: float) -> float:
+        pose = best.pose @ frames.rigid(frames.rotation_from_vector(np.radians([turned_deg, 0.0, 0.0])), np.zeros(3))
+        return float(np.trace(by_edges._spread(best, [best, replace(best, pose=pose)], best.pose[None])))
+
+    little, turned = doubt(10.0), doubt(60.0)
+    assert turned > 30 * little > 0, "as likely there"
+    monkeypatch.setattr(by_edges, "by_own_edges", lambda one, other: -60.0)
+    assert doubt(10.0) == pytest.approx(little)
+    assert doubt(60.0) < 1e-3 * turned
+
+
 def test_a_picture_that_repeats_itself_refuses_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
     weak = replace(max(all_laid("cube"), key=lambda one: one.borne.nats), borne=EdgeEvidence(35.0, 0.9))
     assert confidence(weak) > LEAST_CONFIDENCE
