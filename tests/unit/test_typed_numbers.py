@@ -28,8 +28,8 @@ NOT_TYPED = {
     "int(number(words[0], 'PLACES', LEAST_PLACES, MOST_PLACES))",
     "int(seconds)",
     "int((seconds - whole) * 1000000.0)",
-    "int(said[1])",  # a terminal's own report, of four ASCII digits
-    "int(said[2])",
+    "int(size[1])",  # a terminal's own report, of four ASCII digits
+    "int(size[2])",
     "int(message['id'])",  # of the daemon
     "int(message['done']['status'])",
     "int(done['status'])",
