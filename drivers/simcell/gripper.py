@@ -9,15 +9,21 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.arrays import Array
 from drivers.simcell.parts import ConvexSolid, PartShape, box, hull
 from drivers.simcell.rigid import apply, rigid, turn
+from drivers.simcell.surface import DrawnSurface
 from drivers.simcell.truth import GripperTruth, Rod
 
 TOUCH_MM = 0.3
 """Softness of the pads: points this near to the outermost one touch the pad, too."""
 PALM_MM = 60.0
+FACES = 0.5
+"""Cosine by which a side faces a jaw at the least to be met by it."""
+BEND_RAD = 1e-3
+"""Normals of one triangle that differ by more are of a round surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +47,20 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Bite:
-    """The volume of a shape between the fingers: corners (N, 3), and the part's outward normals at each."""
+    """The volume of a shape between the fingers: corners (N, 3), the part's outward normals at each; and for each the
+    normals (N, 3, 3) at the ends of the triangle of a surface that it is of: they differ where that is round."""
 
     corners: Array
     normals: tuple[Array, ...]
+    bends: Array | None = None
+
+    def turns(self, up: Array) -> NDArray[np.bool_]:
+        """(N,) which are of something round as seen along up (3,)."""
+        if self.bends is None:
+            return np.zeros(len(self.corners), bool)
+        level = self.bends - (self.bends @ up)[..., None] * up
+        level /= np.maximum(np.linalg.norm(level, axis=2, keepdims=True), 1e-9)
+        return np.asarray(np.einsum("nij,nj->ni", level, level[:, 0]).min(axis=1) < np.cos(BEND_RAD))
 
 
 def finger_rods(gripper: GripperTruth) -> list[Rod]:
@@ -120,8 +136,11 @@ def strikes(shape: PartShape, tool_from_part: Array, gripper: GripperTruth) -> b
 
 def within(shape: PartShape, tool_from_part: Array, region: ConvexSolid) -> Bite:
     """What of the shape is in a convex region, in tool coordinates."""
+    if shape.surface is not None:
+        return _clip_surface(shape.surface, tool_from_part, region)
     bites = [_clip(piece, tool_from_part, region) for piece in shape.pieces]
-    return Bite(np.vstack([b.corners for b in bites]), tuple(n for b in bites for n in b.normals))
+    corners = np.vstack([b.corners for b in bites])
+    return Bite(corners, tuple(n for b in bites for n in b.normals))
 
 
 def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> Bite:
@@ -138,10 +157,48 @@ def _clip(solid: ConvexSolid, tool_from_part: Array, region: ConvexSolid) -> Bit
     return Bite(points.reshape(-1, 3), tuple(part_normals[row] for row in on))
 
 
+def _clip_surface(surface: DrawnSurface, tool_from_part: Array, region: ConvexSolid) -> Bite:
+    """The corners of what of a surface is in a convex region, with the normals that it truly has there."""
+    points = apply(tool_from_part, surface.corners_mm)[surface.triangles]
+    beyond: Array = points @ region.normals.T - region.offsets
+    outside: NDArray[np.bool_] = beyond > 0.0
+    near = np.flatnonzero(~np.any(np.all(outside, axis=1), axis=1))
+    every = surface.normals @ tool_from_part[:3, :3].T
+    rings, bends = [np.zeros((0, 6))], [np.zeros((0, 3, 3))]
+    for k in near:
+        ring = np.column_stack([points[k], every[k]])
+        for plane in np.flatnonzero(np.any(outside[k], axis=0)):
+            ring = _below(ring, ring[:, :3] @ region.normals[plane] - region.offsets[plane])
+        rings.append(ring)
+        bends.append(np.broadcast_to(every[k], (len(ring), 3, 3)))
+    found = np.vstack(rings)
+    normals = found[:, 3:] / np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
+    return Bite(found[:, :3], tuple(normals[:, None]), np.concatenate(bends))
+
+
+def _below(ring: Array, heights: Array) -> Array:
+    """What of a convex ring (N, D) is not above a plane, over which its corners are so high (N,).
+
+    Source: Sutherland and Hodgman, Reentrant polygon clipping, 1974.
+    """
+    kept = list[Array]()
+    for k in range(len(ring)):
+        before, here = heights[k - 1], heights[k]
+        if (before > 0.0) != (here > 0.0):
+            kept.append(ring[k - 1] + (ring[k] - ring[k - 1]) * before / (before - here))
+        if here <= 0.0:
+            kept.append(ring[k])
+    return np.reshape(kept, (-1, ring.shape[1]))
+
+
 def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: Bite, up: Array) -> float | None:
-    """The smallest rotation about up, rad, that aligns a side of the part with the jaws; None where there is no
-    side."""
-    touched = np.vstack([np.zeros((0, 3)), *bite.normals])
+    """The smallest rotation about up, rad, that aligns a side of the part with the jaws; none where both jaws meet what
+    is round as seen along up, opposite each other: it is as wide however it is turned. None where there is no side."""
+    turns = bite.turns(up)
+    if _meet_round(bite, turns):
+        return 0.0
+    straight = [normals for normals, round_ in zip(bite.normals, turns, strict=True) if not round_]
+    touched = np.vstack([np.zeros((0, 3)), *straight])
     level = touched - np.outer(touched @ up, up)
     level = level[np.linalg.norm(level, axis=1) > 0.5]
     if not len(level):
@@ -151,6 +208,18 @@ def _turn_to_jaws(shape: PartShape, tool_from_part: Array, bite: Bite, up: Array
     angle = np.arctan2(sine, level @ jaw)
     angle = np.where(angle > np.pi / 2, angle - np.pi, np.where(angle < -np.pi / 2, angle + np.pi, angle))
     return float(angle[np.argmin(np.abs(angle))])
+
+
+def _meet_round(bite: Bite, turns: NDArray[np.bool_]) -> bool:
+    """Whether each jaw, on its way in, meets what is round (N,) first, and opposite the other."""
+    if not turns.any():
+        return False
+    y, faces = bite.corners[:, 1], np.array([np.abs(normals[:, 1]).max() > FACES for normals in bite.normals])
+    met = [faces & touching for touching in (y > y.max() - TOUCH_MM, y < y.min() + TOUCH_MM)]
+    if not all(jaw.any() and turns[jaw].all() for jaw in met):
+        return False
+    x = [bite.corners[jaw, 0] for jaw in met]
+    return bool(max(here.min() for here in x) <= min(here.max() for here in x))
 
 
 def _why_it_slips(bite: Bite, tool_from_part: Array, shape: PartShape, gripper: GripperTruth) -> str:
@@ -178,7 +247,7 @@ def _why_it_slips(bite: Bite, tool_from_part: Array, shape: PartShape, gripper: 
 
 def _angle_to_cone(direction: Array, normals: Sequence[Array]) -> float:
     """Angle, rad, between a unit direction and the cone spanned by unit normals."""
-    spanning = np.unique(np.round(np.vstack([np.zeros((0, 3)), *normals]), 9), axis=0)
+    spanning = np.unique(np.round(np.vstack([np.zeros((0, 3)), *normals]), 3), axis=0)
     best = np.pi
     for count in (1, 2, 3):
         for some in combinations(spanning, count):

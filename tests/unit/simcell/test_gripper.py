@@ -8,9 +8,12 @@ import pytest
 
 from daemon.arrays import Array
 from drivers.simcell.gripper import Grip, close_on, finger_rods, fingers
-from drivers.simcell.parts import part_shape
+from drivers.simcell.parts import PartShape, part_shape
 from drivers.simcell.rigid import apply, inverse, rigid, turn
+from tests.bench import machined
+from tests.fakes.drawn import obj, prism
 from tests.fakes.gripper_poses import TABLE_MM, TRUTH, tool
+from tests.fakes.machined import drawing, shown_shape
 
 
 def close_over(label: str, rest: int, part_turn_rad: float, hand: Array) -> Grip:
@@ -69,6 +72,44 @@ def test_a_grasp_beyond_the_grippers_tolerance_misses(label: str, part_turn_deg:
     assert not grip.held
     assert why in grip.why
     assert grip.struck == ("strikes" in why)
+
+
+def drawn(label: str) -> PartShape:
+    return shown_shape(label, machined.drawings()[label])
+
+
+@pytest.mark.parametrize("turn_deg", [-11.0, -4.0, 1.5, 7.0])
+@pytest.mark.parametrize(("label", "width_mm"), [("flange", 60.0), ("knob", 44.0)])
+def test_jaws_turn_no_disc_and_are_its_diameter_apart(label: str, width_mm: float, turn_deg: float) -> None:
+    shape, hand = drawn(label), tool(520.0, 0.0, TABLE_MM + 15.0)
+    standing = rigid(turn([0, 0, 1], np.radians(turn_deg)), [520.0, 1.0, TABLE_MM]) @ shape.rests[0]
+    grip = close_on(shape, inverse(hand) @ standing, inverse(hand)[:3, 2], TRUTH.gripper)
+    assert grip.held, grip.why
+    assert grip.turn_deg == 0.0
+    assert grip.width_mm == pytest.approx(width_mm, abs=0.15)
+
+
+def bar() -> PartShape:
+    """A rod of 30 mm, flat below."""
+    angles = np.radians(np.linspace(-60.0, 240.0, 61))
+    corners, rings = prism([(15.0 * np.cos(a), 15.0 * np.sin(a)) for a in angles], 60.0)
+    return shown_shape("bar", drawing("bar.obj", obj(corners, rings)))
+
+
+@pytest.mark.parametrize("turn_deg", [-9.0, 5.0])
+@pytest.mark.parametrize(("shape", "width_mm"), [(drawn("filleted_block"), 40.0), (bar(), 30.0)])
+def test_jaws_turn_flush_what_is_round_but_not_the_same_however_it_is_turned(
+    shape: PartShape, width_mm: float, turn_deg: float
+) -> None:
+    """They meet the roundings of a block beside one another, and a rod that lies along all of its side."""
+    (rest,) = [r for r in shape.rests if abs(r[2, 2]) < 0.5][:1]
+    along = np.arctan2(*(rest[:3, :3] @ [0.0, 0.0, 1.0])[1::-1])
+    hand = tool(520.0, 0.0, TABLE_MM + 15.0)
+    standing = rigid(turn([0, 0, 1], np.pi / 2 - along + np.radians(turn_deg)), [520.0, 0.0, TABLE_MM]) @ rest
+    grip = close_on(shape, inverse(hand) @ standing, inverse(hand)[:3, 2], TRUTH.gripper)
+    assert grip.held, grip.why
+    assert abs(grip.turn_deg) == pytest.approx(abs(turn_deg), abs=0.1)
+    assert grip.width_mm == pytest.approx(width_mm, abs=0.05)
 
 
 def test_a_part_gripped_by_its_end_swings_out() -> None:
