@@ -26,6 +26,11 @@ class PlannedGrasp:
         raise NotImplementedError
 
     @property
+    def any_turn(self) -> bool:
+        """Whether it holds the part however that is turned about the vertical."""
+        return False
+
+    @property
     def told(self) -> str:
         raise NotImplementedError
 

@@ -129,7 +129,7 @@ class TwoFingers(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", ta
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FingerGrasp(PlannedGrasp):
     """The fingers around the part. width_mm between the contacts; slip_deg: the larger angle of a contact's normal from
-    the closing direction; rounded: only what is round lies along the fingers, so that it may turn between them."""
+    the closing direction; rounded: only what is round lies along the fingers."""
 
     width_mm: float
     slip_deg: float
@@ -138,6 +138,10 @@ class FingerGrasp(PlannedGrasp):
     @property
     def risk(self) -> float:
         return 1.0 if self.rounded else self.slip_deg / SLIPS_DEG
+
+    @property
+    def any_turn(self) -> bool:
+        return self.rounded
 
     @property
     def told(self) -> str:
@@ -169,13 +173,30 @@ def tool_rotation(heading: Array, tilt_rad: float) -> Array:
 
 def felt(shape: Polyhedron) -> Polyhedron:
     """What two flat fingers feel of a part: itself where every side of it is known, flat or, from a drawing, curved;
-    else the convex hull of the corners that are known. Raises ValueError where those span no volume."""
-    curved = shape.covers.reshape(-1, 3)
+    the flat ones first. Else the convex hull of the corners that are known. Raises ValueError where those span no
+    volume."""
+    curved = np.concatenate([shape.covers.reshape(-1, 3), _fillets(shape)])
     if shape.open_edges and not (shape.smooth or shape.arcs or shape.holes or len(curved)):
         return hull(shape.corners_mm)
     sides = np.arange(len(curved)).reshape(-1, 4) + len(shape.corners_mm)
     whole = exact(np.concatenate([shape.corners_mm, curved]), [*shape.facets, *sides])
     return whole if len(whole.facets) >= 4 else hull(shape.corners_mm)
+
+
+def _fillets(shape: Polyhedron) -> Array:
+    """(4 N, 3) corners of N sides that close the roundings of inner edges, where two sides end smoothly and look
+    towards each other, each as far from where their planes meet: a finger meets such a rounding before either."""
+    of_side = {(ring[k - 1], ring[k]): side for side, ring in enumerate(shape.facets) for k in range(len(ring))}
+    smooth = [edge for pair in sorted(shape.smooth) for edge in (pair, pair[::-1]) if edge in of_side]
+    found, points = [np.zeros((0, 3))], shape.corners_mm
+    for (a, b), (c, d) in combinations(smooth, 2):
+        along, across = points[b] - points[a], points[d] - points[a]
+        alike = np.linalg.norm(along + points[d] - points[c]) < TOUCHING_MM
+        square = abs(float(across @ along)) < TOUCHING_MM * float(np.linalg.norm(along))
+        rises = across @ shape.normals[of_side[a, b]], -across @ shape.normals[of_side[c, d]]
+        if alike and square and min(rises) > TOUCHING_MM > abs(rises[0] - rises[1]):
+            found.append(points[[b, a, d, c]])
+    return np.concatenate(found)
 
 
 def hull(corners_mm: Array, flat_mm: float = 1.5) -> Polyhedron:
@@ -399,7 +420,7 @@ def grasps(
     """
     solid = felt(shape)
     solid = replace(solid, corners_mm=frames.apply(world_from_part, solid.corners_mm))
-    curved = len(shape.covers) if len(solid.facets) == len(shape.facets) + len(shape.covers) else 0
+    curved = (len(solid.corners_mm) - len(shape.corners_mm)) // 4
     mass, flat = centre_of_mass(solid), len(solid.facets) - curved
     sides, found = _sides(solid, flat), list[FingerGrasp]()
     for along in closing_directions(solid, flat):
@@ -447,7 +468,7 @@ def _placed(
     least_z = table_z_mm + gripper.tip_clearance_mm - float((tips @ rotation.T)[:, 2].min())
     centre = np.array([*middle[:2], max(middle[2], least_z)])
     in_hand = sides.seen_from(rotation, centre)
-    if centre[2] > sides.outlines[..., 2].max() - 3.0 or _in_the_palm(in_hand.outlines, gripper):
+    if _in_the_palm(in_hand.outlines, gripper):
         return None
     contact = contacts(in_hand, UP @ rotation, gripper)
     if contact is None or contact.slip_deg > np.degrees(np.arctan(gripper.friction)):

@@ -85,6 +85,13 @@ def test_a_low_part_is_grasped_as_low_as_the_tips_may_go_over_the_table():
         assert tips[:, 2].min() == pytest.approx(-300.0 + GRIPPER.tip_clearance_mm, abs=1e-6)
 
 
+@pytest.mark.parametrize(("high_mm", "held"), [(13.0, True), (9.0, True), (8.0, False)])
+def test_a_plate_is_taken_as_long_as_the_tips_reach_deep_enough_beside_it(high_mm, held):
+    plate = np.array([[x, y, z] for x in (-35.0, 35.0) for y in (-25.0, 25.0) for z in (0.0, high_mm)])
+    found = grasps(known(plate), frames.rigid(np.eye(3), np.array([520.0, 0.0, -300.0])), -300.0, GRIPPER)
+    assert bool(found) == held
+
+
 def test_a_part_too_wide_for_the_hand_has_no_grasp():
     corners = part_shape("cube").hull.vertices * 2.0
     assert not grasps(known(corners), frames.rigid(np.eye(3), np.array([520.0, 0, -250.0])), -300.0, GRIPPER)
