@@ -104,7 +104,8 @@ async def estimating(
         predicted_deg=estimate.predicted_deg,
         chi2=chi,
     )
-    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops):
+    any_turn = plan.grasp.any_turn and plan.way is None
+    if context.mover.dry or enough(estimate, len(target.sightings), settings.stops, any_turn):
         return PickEvent.SURE
     if target.looks < settings.stops.most_looks:
         return PickEvent.UNSURE

@@ -1,5 +1,7 @@
 """The approach, state by state: what is skipped, what is planned again, what closes all motion, who is blamed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,6 +108,25 @@ def test_an_estimate_that_the_planned_grasp_does_not_hold_leads_to_another_plan(
     monkeypatch.setattr(approach, "same_grasp", lambda *_: None)
     assert step(context, world, PickState.ESTIMATING) is PickEvent.ELSEWHERE
     assert world.replans == 1
+
+
+@pytest.mark.parametrize(
+    ("rounded", "at_place", "event"),
+    [(True, False, PickEvent.SURE), (False, False, PickEvent.UNSURE), (True, True, PickEvent.UNSURE)],
+)
+def test_a_round_part_of_unknown_turn_is_taken_to_the_bin_and_to_no_place(monkeypatch, rounded, at_place, event):
+    context, world = begun(one_part())
+    brought_to(PickState.ESTIMATING, context, world)
+    plan, fused = world.the_target().plan, approach.pose_fusion.fuse
+
+    def unturned(sightings, doubt):
+        estimate = fused([replace(one, covariance=1e-4 * np.eye(6)) for one in sightings], doubt)
+        return replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0, 0, 1.0]), predicted_mm=0.1)
+
+    found = replace(plan, grasp=replace(plan.grasp, rounded=rounded), way=object() if at_place else None)
+    monkeypatch.setattr(approach.pose_fusion, "fuse", unturned)
+    monkeypatch.setattr(approach, "same_grasp", lambda *_: found)
+    assert step(context, world, PickState.ESTIMATING) is event
 
 
 def twice_looked(fake, moved):

@@ -1,5 +1,7 @@
 """From how far a part is looked at: as near as is needed, and as often."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from daemon.pick.pose_fusion import fuse
@@ -23,3 +25,13 @@ def test_the_least_number_of_looks_is_kept_though_the_first_would_do():
     looks = [looked(rng, d, np.zeros(9)) for d in (450.0, 300.0, 200.0)]
     estimate = fuse(looks, DOUBT)
     assert [enough(estimate, n, stops) for n in (1, 2, 3)] == [False, False, True]
+
+
+def test_how_a_part_is_turned_about_the_vertical_need_not_be_known_where_it_is_held_however_that_is():
+    estimate = fuse([looked(np.random.default_rng(7), 200.0, np.zeros(9))], DOUBT)
+    unturned = replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0, 0, 0.1]))
+    leaning = replace(estimate, covariance=estimate.covariance + np.diag([0, 0, 0, 0.1, 0, 0]))
+    stops = Stops(enough_mm=1e6)
+    assert enough(estimate, 1, stops)
+    assert [enough(one, 1, stops) for one in (unturned, leaning)] == [False, False]
+    assert [enough(one, 1, stops, any_turn=True) for one in (unturned, leaning)] == [True, False]
