@@ -87,8 +87,10 @@ async def survey(context: PickContext, world: WorldModel) -> Literal[PickEvent.S
             await _settle_question(context, world)
             return PickEvent.SEEN
     await _settle_question(context, world)
-    if not world.found and world.result.outcome is Outcome.EMPTY:
+    if world.result.outcome is Outcome.EMPTY and not world.found:
         _tell_outlines(world)
+    elif world.result.outcome is Outcome.EMPTY:
+        _tell_places(context, world)
     return PickEvent.SEEN if world.left(context) else PickEvent.NOTHING
 
 
@@ -112,6 +114,17 @@ def _tell_outlines(world: WorldModel) -> None:
     elif odd:
         why = "outlines in both images, but no facet: light, focus, a knocked camera?"
         world.result = PickResult(Outcome.UNKNOWN, why, CauseCode.UNMATCHED_OUTLINES)
+
+
+def _tell_places(context: PickContext, world: WorldModel) -> None:
+    """Where all that is wanted lies at its place, that is what a pick says."""
+    lying = [
+        f"{part.label} lies at {goal.told}"
+        for part in world.found
+        if context.order.wants(part.label) and (goal := world.place_of(context, part)) is not None
+    ]
+    if lying:
+        world.result = PickResult(Outcome.EMPTY, f"nothing to pick: {', '.join(lying)} already", None)
 
 
 async def _settle_question(context: PickContext, world: WorldModel) -> None:

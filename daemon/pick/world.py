@@ -42,7 +42,7 @@ from daemon.pick.looks import (
     whole_look,
 )
 from daemon.pick.outcome import NOTHING_THERE, Observer, PickResult, Skipped, tell
-from daemon.pick.place_goals import PlaceTable
+from daemon.pick.place_goals import Goal, PlaceTable
 from daemon.pick.recogniser import PartRecogniser
 from daemon.pick.seen import ObservedPart, apart_mm, ordered, same_place, seen_parts, shown_again
 from daemon.pick.settings import Settings
@@ -265,8 +265,13 @@ class WorldModel:
             for part in ordered(self.found, context.settings.order)
             if (context.order.wants(part.label) or not part.named)
             and not any(same_place(s.centre, part.centre) for s in self.skipped)
-            and not any(same_place(goal.centre, part.centre, AT_PLACE_MM) for goal in context.placing.taken())
+            and self.place_of(context, part) is None
         ]
+
+    def place_of(self, context: PickContext, part: ObservedPart) -> Goal | None:
+        """The place that is taken, and at which a part lies."""
+        taken = context.placing.taken()
+        return next((goal for goal in taken if same_place(goal.centre, part.centre, AT_PLACE_MM)), None)
 
     def sides_unseen(self, centre: Array) -> list[Array]:
         """(3,) directions from a part that lies here in which a look along its approach did not find it."""

@@ -177,6 +177,7 @@ def test_a_part_that_lies_at_its_place_is_not_picked_again(tmp_path: Path) -> No
     story.pick()
     end = story.pick()
     assert (end.outcome, story.status()) == ("empty", PlaceStatus.RIGHT)
+    assert end.why == "nothing to pick: cube lies at place nest already"
 
 
 def test_a_part_that_somebody_laid_at_a_free_place_is_left_there_and_said_to_be(tmp_path: Path) -> None:
