@@ -148,7 +148,8 @@ def corrupt_files(state: Path) -> Iterator[str]:
         for view in model_store.views():
             if view.damage:
                 yield view.damage
-            view.images()
+            if view.mesh is None:
+                view.images()
         for version in {model_store.current, model_store.candidate, *model_store.history} - {None}:
             model_store.load(version)
     except FileError as error:
