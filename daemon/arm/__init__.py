@@ -1,6 +1,6 @@
-"""The one way to the arm: what it may never be told (guard), paths, bounded moves, the stop that comes first.
+"""Move the arm safely: the guard's limits, collision-checked paths, moves within limits, and the stop.
 
-Nothing here knows what a pick is; whoever wants the arm moved comes through this door.
+Every motion of arm and gripper goes through this package. It knows nothing of picks.
 """
 
 from daemon.arm.belief import Belief, Beliefs, BeliefSource, CellBelief, HeldPart, Reading, VoidingEvent

@@ -1,8 +1,8 @@
-"""What facetd believes of the arm and its gripper: each fact with how and when it was learnt, and what voids which.
+"""The state of arm and gripper as far as facetd knows it: each fact with its source and time, and what invalidates it.
 
-One value (`CellBelief`) with one owner (`Beliefs`). A teach pendant, a second terminal, a program in the controller or
-a part that slips changes the cell unseen, so a belief is a hint: whoever acts on one asks how it was learnt, and a
-move asks the controller again in the same turn of the line (motion.py).
+One value (`CellBelief`) has one owner (`Beliefs`). A teach pendant, a second terminal, a program in the controller or
+a part that slips can change the cell without facetd's knowledge. So a belief is only a hint: code that acts on one
+checks its source, and a move reads the position from the controller again immediately before it is sent (motion.py).
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Where the controller says the arm is: world_from_tool (4, 4) mm, joints_rad (6,)."""
+    """A position of the arm, as the controller reports it: world_from_tool (4, 4) mm, joints_rad (6,)."""
 
     world_from_tool: Array
     joints_rad: Array
@@ -47,8 +47,7 @@ class Belief(Generic[T]):
 
 @dataclass(frozen=True, eq=False)
 class HeldPart:
-    """The part that the gripper closed around: label; tool_from_part (4, 4) mm as it was grasped, with its covariance
-    (6, 6)."""
+    """The grasped part: label; tool_from_part (4, 4) mm at the grasp, with its covariance (6, 6)."""
 
     label: str
     tool_from_part: Array
@@ -57,14 +56,14 @@ class HeldPart:
 
 @dataclass(frozen=True, eq=False)
 class CellBelief:
-    """All that is believed; None: unknown.
+    """All beliefs about the cell; None: unknown.
 
-    position: where the arm is at rest; planned: where it would be by now had the moves of a dry run been sent;
-    turned: where the last joint-interpolated move ended, its shoulder, elbow and wrist turned as the controller turns
-    them for the next, also where a pendant has turned them over since;
-    tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is; holding: whether a part is
-    in it; held: which part facetd grasped, and how; load: what of that part is guarded, capsules in the tool's frame.
-    The monitor speed is no belief: each move sends its own.
+    position: where the arm is at rest; planned: in a dry run, where the arm would be had its moves been sent;
+    turned: where the last joint-interpolated move ended. The controller keeps that configuration of shoulder, elbow
+    and wrist for the next such move, even if a pendant has changed the arm's configuration since;
+    tool: the controller's TOOL, flange_from_tool (4, 4) mm; closed: whether the gripper is closed; holding: whether it
+    holds a part; held: which part facetd grasped, and how; load: the shape of that part for the guard, capsules in the
+    tool's frame. The monitor speed is not stored: each move sends its own.
     """
 
     position: Belief[Reading] | None = None
@@ -83,7 +82,7 @@ class CellBelief:
 
     @property
     def here(self) -> Reading | None:
-        """Where the next move starts: where the arm is or, in a dry run, would be by now."""
+        """Where the next move starts: where the arm is or, in a dry run, would be."""
         return self.at if self.planned is None else self.planned.value
 
     @property
@@ -98,24 +97,24 @@ class CellBelief:
 
     @property
     def empty_unproven(self) -> bool:
-        """Whether the gripper counts as empty although it is not known to be open since facetd opened it: an operator
-        may have looked at another cell or overlooked a small part, a record from before the start may be wrong, and
-        after a stop a pendant may have closed it on a part."""
+        """Whether the gripper counts as empty for another reason than that facetd opened it. Such a reason may be
+        wrong: an operator may have looked at another cell or overlooked a small part, a record from before the start
+        may be outdated, and after a stop somebody may have closed the gripper on a part with the pendant."""
         return self.holding is not None and not self.holding.value and self.holding.source is not BeliefSource.COMMANDED
 
     @property
     def may_hold(self) -> bool:
-        """Whether a part may be in the gripper as far as anybody knows: nobody looked since it was last known to be
-        open, or it is not known at all, or one is in it."""
+        """Whether a part is, or may be, in the gripper: it holds one, or that is unknown, or nobody has checked since
+        it was last known to be open."""
         return self.holding is None or self.holding.value or self.holding.source is BeliefSource.ASSUMED
 
     @property
     def capsules(self) -> tuple[Capsule, ...]:
-        """What is guarded of a part that is, or may be, in the gripper."""
+        """The guarded shape of a part that is, or may be, in the gripper."""
         return () if self.load is None else self.load.value
 
     def json(self, now_s: float) -> dict[str, dict[str, object]]:
-        """Each known fact for people: value, how it was learnt, how long ago in s."""
+        """Each known fact for people: its value, its source, and its age in s."""
         known = {field.name: getattr(self, field.name) for field in fields(self)}
         return {
             name: {"value": _plain(belief.value), "how": str(belief.source), "age_s": round(now_s - belief.learnt_s, 1)}
@@ -125,7 +124,7 @@ class CellBelief:
 
 
 class VoidingEvent(StrEnum):
-    """What makes beliefs void."""
+    """An event after which some beliefs are no longer valid (see VOIDS)."""
 
     MOVE_BEGUN = "the arm may be moving"
     GRIPPER_CLOSES = "the gripper is closing"
@@ -160,16 +159,16 @@ VOIDS: Mapping[VoidingEvent, frozenset[str]] = {
     VoidingEvent.OTHERS_TYPED: CONTROLLER | GRIPPER,
     VoidingEvent.GRIPPER_CHANGED: CONTROLLER | GRIPPER | {"turned"},
 }
-"""Which facts each change leaves unknown. What a stopped gripper holds stays believed, but where it was letting go. A
-closing gripper, or one that a pendant may have worked, may hold another part than the one that is guarded."""
+"""The facts that each event makes unknown. After a stop, what the gripper holds is still believed, unless it was
+opening. A closing gripper, or one that a pendant may have operated, may hold another part than the guarded one."""
 RECORDED = frozenset({VoidingEvent.GRIPPER_TYPED, VoidingEvent.OTHERS_TYPED, VoidingEvent.GRIPPER_CHANGED})
-"""After which nobody knows what is in the gripper, and no other record of the run says so."""
+"""The events after which the content of the gripper is unknown and that have no other record in the run."""
 
 
 def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
-    """What is still believed after a change. A gripper that is believed empty stays so, but once it is no longer known
-    to be open that is only assumed: a pendant may have closed it on a part. An assumed load is the largest of all that
-    may be held, whatever is, by that gripper."""
+    """The beliefs that remain after an event. A gripper believed to be empty stays so; but if it is no longer known to
+    be open, that is only assumed: a pendant may have closed it on a part. An assumed load stays, because it covers any
+    part that this gripper may hold; only another gripper voids it."""
     unknown = VOIDS[change]
     assumed = belief.load is not None and belief.load.source is BeliefSource.ASSUMED
     if assumed and change is not VoidingEvent.GRIPPER_CHANGED:
@@ -182,9 +181,10 @@ def voided(belief: CellBelief, change: VoidingEvent) -> CellBelief:
 
 
 class Beliefs:
-    """The one owner of what is believed of a cell: `now` is replaced here and nowhere else.
+    """The owner of the beliefs about a cell: only this class replaces `now`.
 
-    clock: the cell's; record: the run log's, which must have it that a part may be in the gripper before facetd dies.
+    clock: the cell's; record: writes to the run log. After a crash the log is the only source that says that a part
+    may be in the gripper, so that is recorded at once.
     """
 
     def __init__(self, clock: Callable[[], float], record: Callable[..., None]) -> None:
@@ -192,7 +192,7 @@ class Beliefs:
         self.now = CellBelief(holding=Belief(False, BeliefSource.ASSUMED, clock()))
 
     def learn(self, source: BeliefSource, **facts: object) -> None:
-        """Believe these facts from now on; a fact of None is unknown from now on."""
+        """Store new facts; a fact of None becomes unknown."""
         now_s = self._clock()
         learnt: dict[str, Any] = {
             name: None if value is None else Belief(value, source, now_s) for name, value in facts.items()
@@ -200,8 +200,8 @@ class Beliefs:
         self.now = replace(self.now, **learnt)
 
     def void(self, change: VoidingEvent) -> Callable[[], None]:
-        """Forget what a change leaves unknown. Gives what undoes that where the change turns out not to have begun; it
-        does nothing where anything else was learnt or voided meanwhile."""
+        """Make unknown what an event invalidates. Returns a function that undoes this, for an event that did not happen
+        after all; it does nothing once anything else was learnt or voided."""
         before, after = self.now, voided(self.now, change)
         self.now = after
         if change in RECORDED:
@@ -215,7 +215,7 @@ class Beliefs:
 
 
 def _plain(value: object) -> object:
-    """As JSON has it."""
+    """A belief's value as JSON."""
     match value:
         case Reading():
             return value.world_from_tool[:3, 3].round(2).tolist()

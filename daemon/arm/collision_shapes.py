@@ -1,6 +1,6 @@
-"""What a PUMA 560 and the hands on it are made of, as capsules and points: what may strike something. Pure.
+"""The collision shapes of a PUMA 560, its grippers and its cameras: capsules and points. Pure.
 
-A hand's body follows from the gripper's dimensions; the guard knows no kinds of gripper.
+A gripper's shape follows from its dimensions; the guard does not distinguish kinds of gripper.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from daemon.arm.body import Capsule, Point, point_of
 from daemon.arrays import Array
 
 PALM_MM, PALM_BEHIND_MM = 36.0, 35.0
-"""Radius of what carries a gripper, and how far behind the gripper its middle is."""
+"""Radius of the palm that carries a gripper, and the distance of its axis behind the gripper."""
 PALM_IN_MM = 20.0
-"""So far inside of two fingers the ends of the palm's axis lie."""
+"""Distance of the ends of the palm's axis from the inner faces of the open fingers."""
 
 
 @dataclass(frozen=True)
 class HandBody:
-    """What on the hand may strike something, tool frame, mm: capsules, and points where capsules are too round."""
+    """The collision shape of a gripper, tool frame, mm: capsules, and points for corners that capsules round off."""
 
     capsules: tuple[Capsule, ...]
     points_mm: tuple[Point, ...]
 
     def seen_from(self, new_from_old: Array) -> HandBody:
-        """The same in the frame of another tool, whose pose (4, 4) that gives."""
+        """The same shape in another tool frame; new_from_old: (4, 4) mm."""
 
         def moved(point: Point) -> Point:
             return point_of(frames.apply(new_from_old, np.array(point)[None])[0])
@@ -45,20 +45,20 @@ def two_fingers(
     tip_mm: float = 10.0,
 ) -> HandBody:
     """Two open fingers that close along tool y, from back_mm behind the tool centre point to tip_mm before it."""
-    half, beside = width_mm / 2, (opening_mm + thick_mm) / 2
+    half, off_axis = width_mm / 2, (opening_mm + thick_mm) / 2
     palm, behind = max(opening_mm / 2 - PALM_IN_MM, 0.0), -back_mm - PALM_BEHIND_MM
     return HandBody(
         (
             Capsule("palm", "tool", (0.0, -palm, behind), (0.0, palm, behind), PALM_MM),
-            Capsule("left finger", "tool", (0.0, beside, -back_mm), (0.0, beside, tip_mm - half), half),
-            Capsule("right finger", "tool", (0.0, -beside, -back_mm), (0.0, -beside, tip_mm - half), half),
+            Capsule("left finger", "tool", (0.0, off_axis, -back_mm), (0.0, off_axis, tip_mm - half), half),
+            Capsule("right finger", "tool", (0.0, -off_axis, -back_mm), (0.0, -off_axis, tip_mm - half), half),
         ),
         tuple((x, y, tip_mm) for y, x in product((opening_mm / 2, -opening_mm / 2), (half, -half))),
     )
 
 
 def suction_cup(radius_mm: float, length_mm: float) -> HandBody:
-    """A cup on a tube, its lip round the tool centre point, from the palm length_mm behind that."""
+    """A suction cup on a tube: its lip is at the tool centre point, the palm length_mm behind it."""
     behind, low = -length_mm - PALM_BEHIND_MM, -min(radius_mm, length_mm)
     around = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     rim = radius_mm * np.column_stack([np.cos(around), np.sin(around), np.zeros(len(around))])
@@ -77,12 +77,12 @@ CAMERA_POINTS_MM: tuple[Point, ...] = (
     (-100.0, 50.0, -110.0),
     (-100.0, -50.0, -110.0),
 )
-"""The corners of the cameras' bar, tool frame."""
+"""The corners of the camera bar, tool frame."""
 CAMERAS_ON_HAND: tuple[Capsule, ...] = (
     Capsule("camera arm", "tool", (0.0, 0.0, -95.0), (-90.0, 0.0, -95.0), 15.0),
     Capsule("camera bar", "tool", (-90.0, -50.0, -95.0), (-90.0, 50.0, -95.0), 20.0),
 )
-"""What carries the cameras of etc/ on the gripper; no part of the arm where they are fixed in the world."""
+"""The bracket of the cameras of etc/ on the gripper; not used where the cameras are fixed in the world."""
 CAMERAS = HandBody(CAMERAS_ON_HAND, CAMERA_POINTS_MM)
 
 ARM_LINKS: tuple[Capsule, ...] = (
@@ -92,21 +92,20 @@ ARM_LINKS: tuple[Capsule, ...] = (
     Capsule("forearm", "forearm", (0.0, 0.0, 150.0), (0.0, 0.0, 431.8), 72.0),
     Capsule("wrist", "wrist", (0.0, 0.0, 0.0), (0.0, 0.0, 56.0), 45.0),
 )
-"""A PUMA 560 without a hand: bounds of the robotics toolbox's meshes of it (UNIMATE/puma560: link 2 from 228 mm behind
-the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135; link 3 from 149 behind the elbow, 150 x 92 mm,
-tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the flange 56 mm out)."""
+"""A PUMA 560 without a gripper: bounds of the robotics toolbox's meshes of it (UNIMATE/puma560: link 2 from 228 mm
+behind the shoulder to 63 beyond the elbow, 304 x 135 mm, tapering to 158 x 135; link 3 from 149 behind the elbow,
+150 x 92 mm, tapering to 90 x 92; links 4 to 6 within 45 mm of the wrist's axis; the flange 56 mm out)."""
 ARM_LENGTHS_MM = 431.8, 150.05, 431.8
-"""Its a2, d3 and d4 (drivers/puma560.py)."""
+"""a2, d3 and d4 of a PUMA 560 (drivers/puma560.py)."""
 ARM: tuple[Capsule, ...] = (*ARM_LINKS, *two_fingers().capsules, *CAMERAS_ON_HAND)
-"""The same with the gripper and cameras of etc/. Palm and fingers: those the simulated cell has; the bar: round its
-own, and the points of body_mm."""
+"""A PUMA 560 with the gripper and cameras of etc/, which the simulated cell has too."""
 BODY_MM: tuple[Point, ...] = (*two_fingers().points_mm, *CAMERA_POINTS_MM)
-"""The points of that gripper and those cameras."""
+"""The corner points of that gripper and those cameras."""
 
 
 def links_like(a2_mm: float, d3_mm: float, d4_mm: float) -> tuple[Capsule, ...]:
-    """ARM_LINKS of an arm of other lengths, a PUMA's shape: along each link by that link's length, aside by the
-    shoulder's offset, to its side; as thick as the longest of them asks."""
+    """ARM_LINKS scaled to an arm of the same shape with other lengths: along each link by that link's length, sideways
+    by the shoulder's offset with its sign; radii by the largest of these factors."""
     a2, side, d4 = (np.array([abs(a2_mm), d3_mm, abs(d4_mm)]) / ARM_LENGTHS_MM).tolist()
     thick = max(a2, abs(side), d4)
     along = {"upper_arm": (a2, thick, side), "forearm": (thick, thick, d4), "wrist": (thick, thick, thick)}

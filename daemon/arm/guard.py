@@ -1,7 +1,7 @@
-"""What the arm may never be told. Pure: a command and how things stand in, the broken rule out.
+"""The rules that every move of the arm must obey. Pure: a command and the arm's state in, the broken rule out.
 
-Every motion of the arm passes `refuse` immediately before its bytes leave (motion.py), its whole way looked along
-before (sweep.py); nothing here remembers anything, so that each rule can be read, and tested, on its own.
+Every motion of the arm passes `refuse` immediately before it is sent (motion.py), after sweep.py has checked its whole
+path. Nothing here keeps state, so that each rule can be read, and tested, on its own.
 """
 
 from collections.abc import Callable
@@ -18,14 +18,14 @@ from daemon.quantities import Coordinate, Length, Percent, Seconds, Turn
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits that the guard keeps. Each refusal names its rule."""
+    """The limits that the guard enforces. Each refusal names its rule."""
 
     box_low_mm: Point = (0.0, -650.0, -300.0)
     """Lowest corner of the box that the tool centre point may be in, world frame, mm."""
     box_high_mm: Point = (900.0, 650.0, 1100.0)
     """Highest corner of that box, world frame, mm."""
     room_low_mm: Point = (-2000.0, -2000.0, -2000.0)
-    """Lowest corner of the room (walls, floor) that nothing of the arm leaves, world frame, mm."""
+    """Lowest corner of the room (walls, floor) that no section of the arm may leave, world frame, mm."""
     room_high_mm: Point = (2000.0, 2000.0, 2000.0)
     """Highest corner of the room (walls, ceiling), world frame, mm."""
     table_z_mm: Coordinate = -300.0
@@ -41,19 +41,18 @@ class Limits:
     max_look_age_s: Seconds = 20.0
     """Greatest age of the look that a location is computed from, s."""
     body_mm: tuple[Point, ...] = BODY_MM
-    """Points of the tool that may strike something, tool frame, mm."""
+    """Points of the tool that are checked for collisions, tool frame, mm."""
     capsules: tuple[Capsule, ...] = ARM
-    """Pieces of arm and gripper that may strike something. Default: a PUMA 560 with the gripper shown in
+    """Sections of arm and gripper that are checked for collisions. Default: a PUMA 560 with the gripper of
     etc/facetd.yaml."""
     keep_out: tuple[KeepOut, ...] = ()
-    """Boxes of the world that nothing of the arm may enter."""
+    """Boxes in the world that no section of the arm may enter."""
 
 
 @dataclass(frozen=True)
 class SupportContact:
-    """What the part in the gripper comes to rest on, on the last straight stretch: the support's height, world z, mm,
-    and the names of the boxes of its fixture, which the part goes in between. Arm and gripper keep clear of all as
-    ever."""
+    """The support on which the last straight move places the part: its height, world z, mm, and the names of the boxes
+    of its fixture, between which the part goes. Arm and gripper keep their clearance from all of these."""
 
     level_mm: float
     fixture: tuple[str, ...] = ()
@@ -61,9 +60,9 @@ class SupportContact:
 
 @dataclass(frozen=True, eq=False)
 class MoveCommand:
-    """One motion: world_from_tool (4, 4) mm; look_taken_s: when the look it was computed from was exposed, None for a
-    taught place; purpose in words for log and operator; contact: what the part in the gripper comes to rest on at its
-    end."""
+    """One motion: world_from_tool (4, 4) mm; look_taken_s: exposure time of the look that it was computed from, None
+    for a taught place; purpose: text for log and operator; contact: where the part in the gripper is placed at the end
+    of the move."""
 
     world_from_tool: Array
     straight: bool
@@ -75,7 +74,7 @@ class MoveCommand:
 
 @dataclass(frozen=True)
 class Strike:
-    """What the whole way of a command would break: the rule's name and a line for people."""
+    """A rule that a command breaks somewhere on its path: the rule's name and a line for people."""
 
     rule: str
     text: str
@@ -83,9 +82,9 @@ class Strike:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """How things stand at this moment: enabled by an operator, the fault that stands (None), where the arm is by its
-    own last word (None when it has none), the time on the clock that stamps looks, and what the way from there to the
-    command's target meets (sweep.py)."""
+    """The state that the rules are checked against. enabled: by an operator; fault: the active one or None; at: the
+    arm's last reported position, None: unknown; now_s: on the clock that stamps looks; strikes: the rules that the path
+    from there to the command's target breaks (sweep.py)."""
 
     enabled: bool
     fault: str | None
@@ -105,12 +104,12 @@ class Refusal:
 Rule = Callable[[MoveCommand, ArmState, Limits], str | None]
 
 
-def _fault_stands(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return f"the fault {standing.fault!r} stands until `resume`" if standing.fault is not None else None
+def _fault_stands(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
+    return f"the fault {state.fault!r} stands until `resume`" if state.fault is not None else None
 
 
-def _not_enabled(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return None if standing.enabled else "the arm is not enabled: say `enable`"
+def _not_enabled(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
+    return None if state.enabled else "the arm is not enabled: say `enable`"
 
 
 def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None:
@@ -121,8 +120,8 @@ def _not_a_location(command: MoveCommand, _: ArmState, __: Limits) -> str | None
     return None if wrong is None else f"the target's orientation is not a rotation: {wrong}"
 
 
-def _arm_lost(_: MoveCommand, standing: ArmState, __: Limits) -> str | None:
-    return "it is not known where the arm is: ask `where` first" if standing.at is None else None
+def _arm_lost(_: MoveCommand, state: ArmState, __: Limits) -> str | None:
+    return "it is not known where the arm is: ask `where` first" if state.at is None else None
 
 
 def _outside_workspace(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
@@ -134,12 +133,12 @@ def _outside_workspace(command: MoveCommand, _: ArmState, limits: Limits) -> str
 
 
 def hand_of(limits: Limits) -> ArmBody:
-    """What of the guarded body goes with the tool: gripper, what it holds, and what carries the cameras."""
+    """The part of the guarded body that is fixed to the tool: gripper, the part that it holds, camera bracket."""
     return body_of(tuple(c for c in limits.capsules if c.link == "tool"), limits.body_mm)
 
 
 def hand_above_mm(world_from_tool: Array, limits: Limits) -> float:
-    """How far the lowest of the hand, and what it holds, is above the table at a pose (4, 4)."""
+    """Height above the table of the lowest point of the gripper and what it holds, at a pose (4, 4), mm."""
     body = hand_of(limits)
     ends = frames.apply(world_from_tool, body.ends_mm)
     return float(np.where(body.encloses, np.inf, above_mm(ends, body.radius_mm, limits.table_z_mm)).min())
@@ -159,15 +158,15 @@ def _below_table(command: MoveCommand, _: ArmState, limits: Limits) -> str | Non
     return None
 
 
-def _step_too_long(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
-    assert standing.at is not None
-    step = float(np.linalg.norm(command.world_from_tool[:3, 3] - standing.at[:3, 3]))
+def _step_too_long(command: MoveCommand, state: ArmState, limits: Limits) -> str | None:
+    assert state.at is not None
+    step = float(np.linalg.norm(command.world_from_tool[:3, 3] - state.at[:3, 3]))
     return f"a step of {step:.1f} mm, {limits.max_step_mm:g} is the most" if step > limits.max_step_mm else None
 
 
-def _turn_too_far(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
-    assert standing.at is not None
-    turn = float(np.degrees(frames.angle_between(standing.at, command.world_from_tool)))
+def _turn_too_far(command: MoveCommand, state: ArmState, limits: Limits) -> str | None:
+    assert state.at is not None
+    turn = float(np.degrees(frames.angle_between(state.at, command.world_from_tool)))
     return f"a turn of {turn:.1f} degrees, {limits.max_turn_deg:g} is the most" if turn > limits.max_turn_deg else None
 
 
@@ -176,17 +175,17 @@ def _too_fast(command: MoveCommand, _: ArmState, limits: Limits) -> str | None:
     return None if within else f"speed {command.speed_pct:g} % is not within 0 to {limits.max_speed_pct:g}"
 
 
-def _stale_look(command: MoveCommand, standing: ArmState, limits: Limits) -> str | None:
+def _stale_look(command: MoveCommand, state: ArmState, limits: Limits) -> str | None:
     if command.look_taken_s is None:
         return None
-    age = standing.now_s - command.look_taken_s
+    age = state.now_s - command.look_taken_s
     if not 0 <= age <= limits.max_look_age_s:
         return f"the look behind it is {age:.1f} s old, {limits.max_look_age_s:g} is the most"
     return None
 
 
-# In this order: the first broken rule is the one named, and later rules may rely on earlier ones.
-# None: a rule of the way alone, which the sweep has judged.
+# The order matters: a refusal names the first broken rule, and later rules may rely on earlier ones.
+# None: a rule for paths only, which sweep.py checks.
 RULES: tuple[tuple[str, Rule | None], ...] = (
     ("fault_stands", _fault_stands),
     ("not_enabled", _not_enabled),
@@ -204,11 +203,11 @@ RULES: tuple[tuple[str, Rule | None], ...] = (
 )
 
 
-def refuse(command: MoveCommand, standing: ArmState, limits: Limits) -> Refusal | None:
-    """The first rule the command would break, or None when it may go."""
+def refuse(command: MoveCommand, state: ArmState, limits: Limits) -> Refusal | None:
+    """Return the first rule that the command breaks, or None where it may be sent."""
     for name, rule in RULES:
-        text = None if rule is None else rule(command, standing, limits)
-        text = text or next((strike.text for strike in standing.strikes if strike.rule == name), None)
+        text = None if rule is None else rule(command, state, limits)
+        text = text or next((strike.text for strike in state.strikes if strike.rule == name), None)
         if text is not None:
             return Refusal(name, text)
     return None

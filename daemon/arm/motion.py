@@ -1,7 +1,7 @@
-"""The one gate between a decision and the arm: guard, log, send, and see that it arrived. Decides nothing itself.
+"""Send moves to the arm: check each against the guard, log it, send it, and verify that the arm arrived.
 
-Whoever wants the arm to move goes through `Mover.go`; the guard is asked after every wait and immediately before the
-robot is told, so that a stop or a fault that came meanwhile closes the gate.
+Every move goes through `Mover.go`. The guard checks after every wait and immediately before a move is sent, so that a
+stop or a fault that came meanwhile prevents it.
 """
 
 import asyncio
@@ -18,8 +18,8 @@ from daemon.arm.body import PERHAPS_HELD, CarriedCapsule
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal, SupportContact, hand_above_mm
 from daemon.arm.permit import MotionPermit
 from daemon.arm.robot import HeldBackError, Kinematics
-from daemon.arm.route import OUT_MM, PathSegment, planned_way
-from daemon.arm.sweep import places_clear, way_clear
+from daemon.arm.route import OUT_MM, PathSegment, plan_path
+from daemon.arm.sweep import path_refusal, places_clear
 from daemon.arm.workcell import Workcell
 from daemon.arrays import Array, Flags
 from daemon.errors import FacetdError
@@ -28,7 +28,7 @@ from daemon.quantities import Length, Seconds, Turn
 
 
 class NotSentError(FacetdError):
-    """Nothing was sent, and that is no fault."""
+    """Nothing was sent to the arm; this is not a fault."""
 
 
 class MoveRefusedError(NotSentError):
@@ -41,35 +41,36 @@ class MoveRefusedError(NotSentError):
 
 
 class UnansweredError(NotSentError):
-    """Nobody confirmed a move while the look behind it was valid."""
+    """Nobody confirmed a move while its look was valid."""
 
 
 class NotAtTargetError(FacetdError):
-    """The controller says that the arm is at rest elsewhere than it was sent, or otherwise than it was to get there."""
+    """The controller reports that the arm stopped away from its target, or in another configuration than planned."""
 
     code = "arm_not_there"
 
 
 class MovedByOthersError(NotAtTargetError):
-    """The arm is not where it came to rest, and nothing of ours moved it; nothing was sent."""
+    """The arm is no longer where it came to rest, and facetd did not move it; nothing was sent."""
 
     code = "moved_by_others"
 
 
 class OutOfReachError(NotSentError):
-    """The arm, as it is configured, has no way there; nothing was sent."""
+    """The arm cannot reach the pose in its present configuration; nothing was sent."""
 
     code = "out_of_reach"
 
 
-OTHERWISE_DEG = 5.0
-"""More than what an arrival may be off (Arrival.within_deg) turns a joint by, the wrist as near to straight as it may
-be; an arm that has turned over is far more off."""
+CONFIGURATION_DEG = 5.0
+"""A joint farther than this from where it was planned: the arm is in another configuration. An error within
+Arrival.within_deg turns a joint by less, even with the wrist as straight as is allowed; another configuration is far
+more off."""
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """How far WHERE may be from the target, and how long a move may take before the arm counts as lost."""
+    """The tolerance of an arrival, and how long a move may take before the arm counts as lost."""
 
     within_mm: Length = 0.5
     """Largest distance of WHERE from the target, mm."""
@@ -85,30 +86,30 @@ class Arrival:
     """Longest time of any move, s."""
 
     def missed_by(self, off_mm: float, off_deg: float) -> bool:
-        """Whether that is elsewhere."""
+        """Whether a position that is off by so much is not the target."""
         return off_mm > self.within_mm or off_deg > self.within_deg
 
     def longest_s(self, start: Reading, command: MoveCommand, joints_rad: Array | None) -> float:
-        """How long this move may take; joints_rad (6,): where the joints end, if that is known."""
-        way_s = self._way_s(start, command.world_from_tool, joints_rad)
-        return min(self.timeout_s, self.slack_s + way_s / max(command.speed_pct / 100.0, 0.01))
+        """The longest time that this move may take; joints_rad (6,): the joints at its end, if known."""
+        path_s = self._path_s(start, command.world_from_tool, joints_rad)
+        return min(self.timeout_s, self.slack_s + path_s / max(command.speed_pct / 100.0, 0.01))
 
     def usual_s(self, start: Reading, world_from_tool: Array, joints_rad: Array | None, speed_pct: float) -> float:
-        """About how long a way takes, its stops left out."""
-        return self._way_s(start, world_from_tool, joints_rad) / 2 / (speed_pct / 100.0)
+        """The usual time of a path, without its stops."""
+        return self._path_s(start, world_from_tool, joints_rad) / 2 / (speed_pct / 100.0)
 
-    def _way_s(self, start: Reading, world_from_tool: Array, joints_rad: Array | None) -> float:
-        """At the slowest, and a speed of 100 percent."""
+    def _path_s(self, start: Reading, world_from_tool: Array, joints_rad: Array | None) -> float:
+        """The time of a path at a monitor speed of 100 % and the slowest expected speeds."""
         motion = frames.difference(world_from_tool, start.world_from_tool)
         turned = motion[3:] if joints_rad is None else np.append(joints_rad - start.joints_rad, motion[3:])
-        way_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
-        return way_s + float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
+        line_s = float(np.linalg.norm(motion[:3])) / self.slowest_mm_s
+        return line_s + float(np.degrees(np.abs(turned).max())) / self.slowest_deg_s
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """Where an arm that is at rest here can be, and how long it takes to go there: a value, for plans made in another
-    process. bounds: the limits with what is carried."""
+    """The poses that the arm can reach from where it is at rest, and the time to get there: a value, for plans that
+    another process makes. bounds: the limits, with the part in the gripper."""
 
     kinematics: Kinematics
     here: Reading
@@ -116,17 +117,17 @@ class Reach:
     arrival: Arrival
 
     def allows(self, world_from_tool: Array) -> bool:
-        """Whether the arm can be there: reached in its present configuration, and no rule of place broken."""
+        """Whether the arm can reach this pose in its present configuration, and keeps every limit there."""
         return bool(self.allows_each(world_from_tool[None])[0])
 
     def allows_each(self, world_from_tool: Array) -> Flags:
-        """(N,) the same of each of (N, 4, 4): for plans, which ask for thousands."""
+        """(N,): `allows` for each of (N, 4, 4); plans check thousands."""
         if not len(world_from_tool):
             return np.zeros(0, bool)
         near = np.tile(self.here.joints_rad, (len(world_from_tool), 1))
         joints = self.kinematics.along(world_from_tool, near)
         lost = ~np.isfinite(joints).all(axis=1)
-        if lost.any():  # perhaps by a turn of the wrist that is nearest, and past its limit
+        if lost.any():  # perhaps only because the nearest turn of the wrist is past a joint limit
             near[:, [3, 5]] = 0.0
             joints[lost] = self.kinematics.along(world_from_tool[lost], near[lost])
         allowed: Flags = np.asarray(np.isfinite(joints).all(axis=1))
@@ -135,18 +136,17 @@ class Reach:
         return allowed
 
     def takes_s(self, world_from_tool: Array, speed_pct: float) -> float:
-        """About how long it takes to go there from here."""
+        """The usual time of a move there from here, s."""
         joints = self.kinematics.reachable(world_from_tool, self.here.joints_rad)
         return self.arrival.usual_s(self.here, world_from_tool, joints, min(speed_pct, self.bounds.max_speed_pct))
 
 
 UNCONFIRMED = "not_confirmed"
-"""The rule by which a move is refused that waited for a yes until the look behind it was too old."""
+"""The rule of a refusal where nobody confirmed the move before its look was too old."""
 
 Gate = Callable[[str, Callable[[], Awaitable[object]], float], Awaitable[None]]
-"""May hold back what moves, told in words. How things stand after a wait is seen by the gate itself, by what it is
-given, and what was to be held by then is held again. The number: for how many seconds a yes counts. Raises
-UnansweredError where there is none."""
+"""Makes a move wait (Hold.wait). Arguments: the move as text; a check that runs after each wait; for how many seconds
+the move can be confirmed. Raises UnansweredError where nobody confirms it in that time."""
 
 
 async def _open_gate(*_: object) -> None:
@@ -154,8 +154,8 @@ async def _open_gate(*_: object) -> None:
 
 
 class Mover:
-    """Sends guarded moves, where the robot's permit allows them. gate may hold arm and gripper (pause, step); dry: all
-    but the bytes."""
+    """Sends guarded moves while the robot's permit allows motion. gate: may make moves wait (pause, step mode);
+    dry: everything is done but the sending."""
 
     def __init__(self, cell: Workcell, limits: Limits, arrival: Arrival, gate: Gate = _open_gate) -> None:
         self.cell = cell
@@ -163,7 +163,7 @@ class Mover:
         self.arrival = arrival
         self.gate = gate
         self.work_gripper: Callable[[bool, float], Awaitable[None]] = self.by_hand_valves
-        """Opens or closes the gripper, and waits for as long as it needs."""
+        """Opens or closes the gripper, and waits until that is done."""
         self.dry = False
         self.cycle = 0
 
@@ -174,23 +174,23 @@ class Mover:
 
     @property
     def beliefs(self) -> Beliefs:
-        """Who owns what is believed of this cell."""
+        """The owner of the beliefs about this cell."""
         return self.cell.robot.beliefs
 
     @property
     def belief(self) -> CellBelief:
-        """What is believed of this cell now."""
+        """The present beliefs about this cell."""
         return self.beliefs.now
 
     @property
     def bounds(self) -> Limits:
-        """The limits with what is, or may be, in the gripper: guarded as the gripper is. A dry run works no gripper and
-        moves nothing: it goes on as if one that counts as empty were."""
+        """The limits, with the part that is, or may be, in the gripper added to the guarded body. A dry run moves
+        nothing: there a gripper that counts as empty is treated as empty."""
         load = () if self.dry and self.belief.holds_part is False else self.belief.capsules
         return replace(self.limits, capsules=self.limits.capsules + load) if load else self.limits
 
     def _bounds(self, command: MoveCommand) -> Limits:
-        """The limits for one command: on the last stretch of a set-down the part may come down to its support."""
+        """The limits for one command: on the last move of a set-down the part may reach its support."""
         contact, bounds = command.contact, self.bounds
         if contact is None:
             return bounds
@@ -207,33 +207,34 @@ class Mover:
 
     @property
     def low(self) -> bool:
-        """Whether the hand, or what it holds, is amid what may lie on the table."""
+        """Whether the gripper, or the part in it, is so low that it may be between parts on the table."""
         assert self.here is not None
         return hand_above_mm(self.here.world_from_tool, self.bounds) < OUT_MM
 
-    def standing(self) -> ArmState:
-        """How things stand now."""
+    def arm_state(self) -> ArmState:
+        """The arm's present state, for the guard."""
         at = None if self.here is None else self.here.world_from_tool
         return ArmState(self.permit.enabled, self.permit.hindrance, at, self.cell.clock())
 
     async def rest(self) -> Reading:
-        """Ask the controller where the arm is at rest, and believe it. Raises where it moves on."""
+        """Read from the controller where the arm is at rest, and store it. Raises where the arm keeps moving."""
         self.beliefs.void(VoidingEvent.MOVE_BEGUN)
         reading = await self.cell.robot.rest()
         self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         return reading
 
     def check(self, command: MoveCommand) -> None:
-        """Raise MoveRefusedError, and log it, where the command breaks a rule now, on its whole way from here."""
-        refusal = way_clear(command, self.standing(), self.here, self.cell.robot.kinematics, self._bounds(command))
-        refusal = refusal or self._turned_over(command)
+        """Check a command, on its whole path from here. Raises MoveRefusedError, and logs it, where it breaks a
+        rule."""
+        refusal = path_refusal(command, self.arm_state(), self.here, self.cell.robot.kinematics, self._bounds(command))
+        refusal = refusal or self._configuration_refusal(command)
         if refusal is not None:
             raise self._refused(refusal)
 
-    def _turned_over(self, command: MoveCommand) -> Refusal | None:
-        """What keeps back a joint-interpolated move of an arm that a pendant turned over: the controller turns
-        shoulder, elbow and wrist as in the move before, and would turn them back on a path that nobody looked along. A
-        straight move keeps them as they are."""
+    def _configuration_refusal(self, command: MoveCommand) -> Refusal | None:
+        """Refuse a joint-interpolated move if somebody changed the arm's configuration with the pendant: the controller
+        uses the shoulder, elbow and wrist configuration of the previous such move, and would change it back on a path
+        that was not checked. A straight move keeps the present configuration."""
         last, here = self.belief.turned, self.here
         if command.straight or last is None or here is None:
             return None
@@ -241,7 +242,8 @@ class Mover:
             self.cell.robot.kinematics.reachable(command.world_from_tool, reading.joints_rad)
             for reading in (here, last.value)
         ]
-        if ends[0] is not None and ends[1] is not None and _joints_apart_deg(ends[0], ends[1]).max() <= OTHERWISE_DEG:
+        between = None if ends[0] is None or ends[1] is None else _joint_difference_deg(ends[0], ends[1])
+        if between is not None and between.max() <= CONFIGURATION_DEG:
             return None
         return Refusal(
             "turned_over",
@@ -252,25 +254,26 @@ class Mover:
 
     @property
     def reach(self) -> Reach:
-        """Where the arm can be from where it is at rest now."""
+        """The poses that the arm can reach from where it is at rest now."""
         assert self.here is not None
         return Reach(self.cell.robot.kinematics, self.here, self.bounds, self.arrival)
 
     async def go(self, command: MoveCommand, then: MoveCommand | None = None) -> Reading:
-        """One move, to rest; one that is held as it is being typed is checked and sent anew. then: the move that is to
-        follow at once. Raises MoveRefusedError before, NotAtTargetError after, or what the robot raises."""
+        """Make one move and wait until the arm is at rest. A move that a pause holds while it is being sent is checked
+        and sent again. then: the move that will follow at once. Raises MoveRefusedError before the move,
+        NotAtTargetError after it, or what the robot raises."""
         while True:
-            reading = await self._sent(command, then)
+            reading = await self._send(command, then)
             if reading is not None:
                 return reading
 
-    async def _sent(self, command: MoveCommand, then: MoveCommand | None) -> Reading | None:
-        """Check, wait out a hold, check again, send; None where it was held before its last byte left."""
+    async def _send(self, command: MoveCommand, then: MoveCommand | None) -> Reading | None:
+        """Check, wait while held, check again, send. None: the move was held before its last byte left."""
         self.check(command)
         look_s = command.look_taken_s
         valid_s = inf if look_s is None else self.limits.max_look_age_s - (self.cell.clock() - look_s)
         try:
-            await self._held(_in_words(command) + self._way_in_words(command), valid_s)
+            await self._wait_while_held(_describe(command) + self._describe_distance(command), valid_s)
         except UnansweredError as unanswered:
             raise self._refused(Refusal(UNCONFIRMED, str(unanswered))) from None
         self.check(command)
@@ -288,22 +291,22 @@ class Mover:
         try:
             reading = await self.cell.robot.move(
                 command.world_from_tool,
-                starts=lambda now: self._starts_there(command.purpose, start, now),
+                starts=lambda now: self._check_start(command.purpose, start, now),
                 straight=command.straight,
                 speed_pct=command.speed_pct,
                 timeout_s=longest_s,
                 then=then,
             )
-        except HeldBackError:  # as it was being typed: nothing has left, and all is asked again
+        except HeldBackError:  # held while it was being sent: nothing moved, so check everything again
             self._log_held_back("move")
             not_begun()
             return None
         self.beliefs.learn(BeliefSource.REPORTED, position=reading)
         self._arrived(command, reading, self.cell.clock() - started_s)
-        if not command.straight:  # elsewhere it may be where a pendant put it
+        if not command.straight:  # a straight move may end in a configuration that a pendant chose
             self.beliefs.learn(BeliefSource.REPORTED, turned=reading)
         if joints is not None:
-            _went_as_looked_along(command, reading, joints)
+            _check_configuration(command, reading, joints)
         return reading
 
     async def travel(
@@ -315,61 +318,61 @@ class Mover:
         look_taken_s: float | None = None,
         contact: SupportContact | None = None,
     ) -> None:
-        """Go there in as many moves as the step limits ask for, on the line or the joints' own way (or over what is
-        in that).
+        """Move to a pose in as many moves as the step limits require: on a straight line, or joint-interpolated and, if
+        something is in the way, above it.
 
-        speed_pct(world_from_tool of a step) is cut to the limit; contact: see MoveCommand. Raises OutOfReachError
-        before anything is sent, and what `go` raises.
+        speed_pct: the speed of a step from its world_from_tool; it is cut to the limit; contact: see MoveCommand.
+        Raises OutOfReachError before anything is sent, and what `go` raises.
         """
-        way = self._way(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact))
-        speeds = [min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct) for leg in way]
+        path = self._path(MoveCommand(target, straight, self.limits.max_speed_pct, purpose, look_taken_s, contact))
+        speeds = [min(round(speed_pct(leg.world_from_tool), 1), self.limits.max_speed_pct) for leg in path]
         moves = [
             MoveCommand(leg.world_from_tool, leg.straight, speed, purpose, look_taken_s, contact)
-            for leg, speed in zip(way, speeds, strict=True)
+            for leg, speed in zip(path, speeds, strict=True)
         ]
         for move, then in zip_longest(moves, moves[1:]):
             await self.go(move, then)
 
     def check_through(self, poses: Iterable[Array], contact: SupportContact | None = None) -> None:
-        """Raise what `travel` would where straight ways through these poses (4, 4), one after the other from here,
-        could not all be gone: for whoever must come out again of where he goes in."""
+        """Check that straight moves from here through these poses (4, 4), one after the other, are possible: for a
+        caller that must also get out of where it goes in. Raises what `travel` would."""
         here = self.here
         if here is None:
             return
         for pose in poses:
             command = MoveCommand(pose, straight=True, speed_pct=self.limits.max_speed_pct, purpose="plan")
-            self._way_from(here, replace(command, contact=contact))
+            self._path_from(here, replace(command, contact=contact))
             joints = self.cell.robot.kinematics.reachable(pose, here.joints_rad)
-            assert joints is not None, "there is a way to it"
+            assert joints is not None, "a path to it was found"
             here = Reading(pose, joints)
 
-    def _way(self, command: MoveCommand) -> tuple[PathSegment, ...]:
+    def _path(self, command: MoveCommand) -> tuple[PathSegment, ...]:
         if self.here is None:
             return (PathSegment(command.world_from_tool, command.straight),)
-        return self._way_from(self.here, command)
+        return self._path_from(self.here, command)
 
-    def _way_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
-        standing = replace(self.standing(), at=start.world_from_tool)
-        way = planned_way(command, standing, start, self.cell.robot.kinematics, self._bounds(command))
-        if not isinstance(way, Refusal):
-            return way
-        raise OutOfReachError(way.text) if way.rule == "out_of_reach" else self._refused(way)
+    def _path_from(self, start: Reading, command: MoveCommand) -> tuple[PathSegment, ...]:
+        state = replace(self.arm_state(), at=start.world_from_tool)
+        path = plan_path(command, state, start, self.cell.robot.kinematics, self._bounds(command))
+        if not isinstance(path, Refusal):
+            return path
+        raise OutOfReachError(path.text) if path.rule == "out_of_reach" else self._refused(path)
 
     async def hand(self, closed: bool, hand_s: float = 0.0) -> None:
-        """Open or close the gripper: held, and refused by enable and fault, as a move is. hand_s: what it
-        needs; until then it is neither open nor closed.
+        """Open or close the gripper. Like a move it can be held, and is refused while the arm is disabled or a fault is
+        active. hand_s: the time that it needs; until then it is neither open nor closed.
 
-        Whoever reads the log after a crash must not take a hand for open that only was to be: it is told closed before
-        it is, and open once it was opened.
+        The log must never call a gripper open that was only about to open, because it is read after a crash: closing
+        is logged before it begins, opening after it has ended.
         """
-        while not await self._gripper_worked(closed, hand_s):
+        while not await self._operate_gripper(closed, hand_s):
             pass
 
-    async def _gripper_worked(self, closed: bool, hand_s: float) -> bool:
-        """Whether it was worked, and not held before the last byte left."""
-        self._check_hand()
-        await self._held(f"{'close' if closed else 'open'} the gripper")
-        self._check_hand()
+    async def _operate_gripper(self, closed: bool, hand_s: float) -> bool:
+        """Whether the gripper was operated; False: it was held before the last byte left."""
+        self._check_gripper_permitted()
+        await self._wait_while_held(f"{'close' if closed else 'open'} the gripper")
+        self._check_gripper_permitted()
         if self.dry:
             self._log_hand(closed)
             return True
@@ -391,24 +394,24 @@ class Mover:
         return True
 
     async def by_hand_valves(self, closed: bool, hand_s: float) -> None:
-        """Work the gripper by the controller's own valves, and wait. Raises what the robot's hand raises."""
+        """Operate the gripper through the controller's own valves, and wait. Raises what Robot.hand raises."""
         await self.cell.robot.hand(closed)
         await asyncio.sleep(hand_s)
 
-    async def _held(self, text: str, valid_s: float = inf) -> None:
-        """Held back by the gate. Raises MovedByOthersError where the arm stands elsewhere after it: somebody had time
-        to move it by its pendant, and its way amid what lies there was planned from where it stood."""
+    async def _wait_while_held(self, text: str, valid_s: float = inf) -> None:
+        """Wait at the gate. Raises MovedByOthersError where the arm is at another place afterwards: somebody had time
+        to move it with the pendant, and the path was planned from where it was."""
         place = self.belief.at
 
-        async def still_there() -> None:
+        async def check_not_moved() -> None:
             if not self.dry:
                 now = await self.rest()
-                self._not_moved_by_others(text, place or now, now)
+                self._check_not_moved(text, place or now, now)
 
-        await self.gate(text, still_there, valid_s)
+        await self.gate(text, check_not_moved, valid_s)
 
-    def _way_in_words(self, command: MoveCommand) -> str:
-        """How far a move goes from here: for whoever confirms it."""
+    def _describe_distance(self, command: MoveCommand) -> str:
+        """How far a move goes from here: for the operator who confirms it."""
         if self.here is None:
             return ""
         x, y, z = np.round(command.world_from_tool[:3, 3] - self.here.world_from_tool[:3, 3]) + 0.0
@@ -416,49 +419,49 @@ class Mover:
         return f", from here x {x:+g} y {y:+g} z {z:+g} mm and {deg:.0f} degrees"
 
     async def still_there(self, doing: str) -> None:
-        """Raise MovedByOthersError where the arm is not where it came to rest: asked before anything else is blamed for
-        what that explains."""
+        """Check that the arm is where it came to rest, before its failure is blamed on anything else. Raises
+        MovedByOthersError."""
         place = self.belief.at
         if place is not None and not self.dry:
-            self._not_moved_by_others(doing, place, await self.cell.robot.where())
+            self._check_not_moved(doing, place, await self.cell.robot.where())
 
-    def _starts_there(self, purpose: str, start: Reading, now: Reading) -> None:
-        """Raise MovedByOthersError where a move's way, which was looked along from start, would begin elsewhere."""
+    def _check_start(self, purpose: str, start: Reading, now: Reading) -> None:
+        """Check that a move begins where its checked path begins. Raises MovedByOthersError."""
         try:
-            self._not_moved_by_others(purpose, start, now)
+            self._check_not_moved(purpose, start, now)
         except MovedByOthersError as moved:
             self.cell.log.record("refusal", cycle=self.cycle, rule="moved_by_others", text=str(moved))
             self._log_held_back("move")
             raise
 
-    def _not_moved_by_others(self, doing: str, then: Reading, now: Reading) -> None:
-        """Raise MovedByOthersError where the arm is farther from where it was than an arrival may be off.
+    def _check_not_moved(self, doing: str, then: Reading, now: Reading) -> None:
+        """Check that the arm is where it was, within the tolerance of an arrival. Raises MovedByOthersError.
 
-        No less: an arm that creeps so far as it settles, or gives so much as the hand closes, was not moved by anybody.
-        No more: every way is looked along `clearance_mm` (2) from what it must not touch, and each joint turned by
-        0.1 degrees, the tool 0.5 mm off, leaves nothing of an arm of 0.9 m farther than 1.6 mm from its looked-along
-        way. Joints are asked as well: about a straight wrist two of them turn, and the tool stays.
+        The tolerance is not smaller, because an arm creeps so far as it settles, and yields so far as the gripper
+        closes. It is not larger, because paths are checked with `clearance_mm` (2): if each joint is turned by 0.1
+        degrees and the tool is 0.5 mm off, no point of an arm of 0.9 m is farther than 1.6 mm from its checked path.
+        Joints are compared as well: with a straight wrist two of them can turn while the tool stays.
         """
         off_mm, off_deg = _apart(now.world_from_tool, then.world_from_tool)
         off_deg = max(off_deg, float(np.degrees(np.abs(now.joints_rad - then.joints_rad)).max()))
         if self.arrival.missed_by(off_mm, off_deg):
             self.beliefs.void(VoidingEvent.MOVED_BY_OTHERS)
-            told = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
+            by = f"by {off_mm:.2f} mm and {off_deg:.2f} degrees"
             raise MovedByOthersError(
-                f"{doing}: since it came to rest somebody else moved the arm, {told} (its pendant, another terminal?); "
+                f"{doing}: since it came to rest somebody else moved the arm, {by} (its pendant, another terminal?); "
                 "nothing was sent"
             )
 
-    def _check_hand(self) -> None:
+    def _check_gripper_permitted(self) -> None:
         hindrance = self.permit.hindrance
         if hindrance is not None or not self.permit.enabled:
             name = "fault_stands" if hindrance is not None else "not_enabled"
             raise self._refused(Refusal(name, f"the gripper does not move: {hindrance or 'the arm is not enabled'}"))
 
     def _refused(self, refusal: Refusal) -> MoveRefusedError:
-        """Logged, and to be raised."""
+        """Log a refusal and return its error."""
         if PERHAPS_HELD in refusal.text:
-            remedy = "look at the gripper: where it is empty say `holding no`, or open it (`hand open`)"
+            remedy = "look at the gripper: if it is empty, type `holding no`, or open it (`hand open`)"
             refusal = replace(refusal, text=f"{refusal.text}; {remedy}")
         self.cell.log.record("refusal", cycle=self.cycle, rule=refusal.rule, text=refusal.text)
         return MoveRefusedError(refusal)
@@ -467,7 +470,7 @@ class Mover:
         self.cell.log.record("hand", cycle=self.cycle, closed=closed, sent=not self.dry)
 
     def _log_held_back(self, what: str) -> None:
-        """That what was told last was taken back: read after a crash, it is on its way."""
+        """Record that the last logged command was not carried out: after a crash it would be read as carried out."""
         self.cell.log.record("held_back", cycle=self.cycle, what=what)
 
     def _log_move(self, command: MoveCommand) -> None:
@@ -498,32 +501,32 @@ class Mover:
             )
 
 
-def _went_as_looked_along(command: MoveCommand, reading: Reading, joints_rad: Array) -> None:
-    """Raise NotAtTargetError where the joints ended otherwise than planned (6,): somebody set the controller to turn
-    shoulder, elbow or wrist over (FLIP, LEFTY, BELOW), and the arm took a path that was never checked. On a straight
-    move a joint may have gone once round."""
+def _check_configuration(command: MoveCommand, reading: Reading, joints_rad: Array) -> None:
+    """Check that the joints ended as planned, joints_rad (6,). Otherwise somebody set the controller to another
+    configuration (FLIP, LEFTY, BELOW), and the arm took a path that was not checked. After a straight move a joint may
+    differ by a whole turn. Raises NotAtTargetError."""
     off_deg = np.degrees(np.abs(reading.joints_rad - joints_rad))
     if command.straight:
-        off_deg = _joints_apart_deg(reading.joints_rad, joints_rad)
+        off_deg = _joint_difference_deg(reading.joints_rad, joints_rad)
     joint = int(off_deg.argmax())
-    if off_deg[joint] > OTHERWISE_DEG:
+    if off_deg[joint] > CONFIGURATION_DEG:
         raise NotAtTargetError(
             f"{command.purpose}: the arm arrived with joint {joint + 1} turned by {off_deg[joint]:.0f} degrees against "
             "the planned path. Did somebody set FLIP, LEFTY or BELOW at the controller? Set it back, then `resume`"
         )
 
 
-def _joints_apart_deg(a: Array, b: Array) -> Array:
-    """(6,) degrees between two positions of the joints (6,) rad, whole turns left out."""
+def _joint_difference_deg(a: Array, b: Array) -> Array:
+    """(6,) degrees between two positions of the joints (6,) rad, without whole turns."""
     return np.asarray(np.abs((np.degrees(a - b) + 180.0) % 360.0 - 180.0))
 
 
 def _apart(a: Array, b: Array) -> tuple[float, float]:
-    """mm and degrees between two poses (4, 4)."""
+    """Distance and angle between two poses (4, 4): mm and degrees."""
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(frames.angle_between(a, b)))
 
 
-def _in_words(command: MoveCommand) -> str:
+def _describe(command: MoveCommand) -> str:
     x, y, z = np.round(command.world_from_tool[:3, 3], 1)
     how = "straight" if command.straight else "joint"
     return f"{command.purpose}: {how} move to x {x:g} y {y:g} z {z:g} mm at {command.speed_pct:.0f} %"

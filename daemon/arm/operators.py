@@ -1,4 +1,4 @@
-"""What operators say of the arm: what they let it do, the word that is being done, how one is refused. Values only."""
+"""Operator commands as the arm's code needs them: the command that is being carried out, interruptions, refusals."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,13 +8,13 @@ from enum import StrEnum
 from daemon.arm.motion import NotSentError
 
 SAID: ContextVar[tuple[str, int] | None] = ContextVar("said", default=None)
-"""The word that is being done, and how often the arm had been stopped when it was said."""
+"""The command that is being carried out, and the number of stops when the operator gave it."""
 
 
 @contextmanager
 def said(word: str, stops: int) -> Iterator[None]:
-    """What is done herein is done for an operator's word, said when the arm had been stopped so often: once it was
-    stopped again, however much later, that word begins nothing that moves."""
+    """Context: everything in it is done for one operator command. stops: the number of stops when the operator gave it;
+    after a later stop this command can no longer start a motion."""
     before = SAID.set((word, stops))
     try:
         yield
@@ -23,7 +23,7 @@ def said(word: str, stops: int) -> Iterator[None]:
 
 
 class Interruption(StrEnum):
-    """What comes over a job from outside."""
+    """An event that interrupts or ends a job from outside, or lets it continue."""
 
     PAUSE = "pause"
     RESUME = "resume"
@@ -33,10 +33,10 @@ class Interruption(StrEnum):
 
 
 class RefusedError(NotSentError):
-    """Not done now; the message says why and what to do."""
+    """The command is refused for now; the message says why and what to do."""
 
 
 class OperatorRefusedError(NotSentError):
-    """In step mode the operator said no to a move."""
+    """The operator refused a move that waited for confirmation."""
 
     code = "operator_no"

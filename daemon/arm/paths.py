@@ -1,4 +1,4 @@
-"""Ways from pose to pose: steps within the limits, backing off, lifting; how fast near a part and far from it. Pure."""
+"""Poses along a path: steps within limits, backing off, lifting; and the speed near a part and far from it. Pure."""
 
 import numpy as np
 
@@ -21,7 +21,8 @@ def lifted(world_from_tool: Array, height_mm: float) -> Array:
 
 
 def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Array]:
-    """Poses from at (left out) to target (last), none farther from the one before than the limits, straight between."""
+    """Poses on a straight line from `at` (not included) to target (included), each within the limits of the previous
+    one."""
     motion = frames.difference(target, at)
     far_mm, turn = frames.size(motion)
     share = max(far_mm / most_mm, float(np.degrees(turn)) / most_deg, 1e-9)
@@ -30,12 +31,12 @@ def steps(at: Array, target: Array, most_mm: float, most_deg: float) -> list[Arr
 
 
 def within(a: Array, b: Array, most_mm: float, most_deg: float) -> bool:
-    """Whether one move from a to b stays within the limits, with a little to spare."""
+    """Whether one move from a to b stays within the limits, with a margin of 2 %."""
     far_mm, turn = frames.size(frames.difference(b, a))
     return far_mm < 0.98 * most_mm and float(np.degrees(turn)) < 0.98 * most_deg
 
 
 def speed_pct(distance_mm: float, travel_pct: float, near_pct: float) -> float:
-    """Speed by distance to the part: near_pct within NEAR_MM, travel_pct beyond FAR_MM, a ramp between."""
+    """Speed for a distance from the part: near_pct within NEAR_MM, travel_pct beyond FAR_MM, linear between."""
     share = float(np.clip((distance_mm - NEAR_MM) / (FAR_MM - NEAR_MM), 0.0, 1.0))
     return near_pct + share * (travel_pct - near_pct)

@@ -1,8 +1,8 @@
-"""Whether arm and gripper may move at this moment: one object, held by the supervisor, the mover and the line.
+"""The motion permit: whether arm and gripper may move now. Supervisor, mover and controller line share one object.
 
-The supervisor grants and withdraws it, keeps the fault and the hold; the line to the controller says whether the stop
-is seen to work. The mover asks it before a move is planned and before it is sent, the line once more before the last
-byte of what moves leaves (drivers/val2/conversation.py).
+The supervisor grants and withdraws it, and sets the fault and the hold; the controller line reports whether the stop
+works. The mover checks the permit before it plans a move and before it sends it; the line checks it again before the
+last byte of a motion command leaves (drivers/val2/conversation.py).
 """
 
 from enum import StrEnum
@@ -13,89 +13,91 @@ class Grant(StrEnum):
 
     NOTHING = "nothing"
     BY_HAND = "by hand"
-    """Only what an operator tells the controller himself: no guard knows how this cell stands."""
+    """Only motions that an operator types to the controller: the guard cannot check moves in this cell."""
     ALL = "all"
 
 
 class MotionPermit:
-    """See the module. stop_seen: how often it has come to be seen that the controller takes the word that stops the
-    arm; 0 where it was not since the line was opened or the controller switched on. stop_answered: how often something
-    was heard behind that word; heard: how often anything was. stop_took_s: how long the stop took, as it was tried; 0
-    where it was not. fault: what is active until `resume`."""
+    """The motion permit (see the module).
+
+    stop_seen: how often facetd has verified that the controller accepts the stop command; 0: not yet since the line
+    was opened or the controller was switched on. stop_answered: how often the controller sent something after a stop
+    command; heard: how often it sent anything. stop_took_s: the duration of the tested stop; 0: not tested. fault:
+    the active fault, until `resume`."""
 
     def __init__(self) -> None:
         self.stop_seen = self.stop_answered = self.heard = 0
         self.stop_took_s = 0.0
         self.fault: str | None = None
         self.why = ""
-        """Why the arm is being stopped, or was last."""
+        """The reason of the current or last stop."""
         self._grant, self._granted_with = Grant.NOTHING, 0
         self._stops = 0
         self._holds = self._released_at = 0
-        """How often the next move was to wait (pause, step), and how often as the last one was released."""
+        """The number of holds (pause, step mode), and that number when the last move was released."""
 
     @property
     def granted(self) -> bool:
-        """Whether an operator let the arm move, be its stop seen to work still or not."""
+        """Whether an operator permits motion, whether or not the stop is still verified."""
         return self._grant is not Grant.NOTHING
 
     @property
     def enabled(self) -> bool:
-        """Whether an operator lets the arm move, its stop seen to work."""
+        """Whether an operator permits motion and the stop is verified."""
         return self._grant is Grant.ALL and self.stop_as_granted
 
     @property
     def by_hand_only(self) -> bool:
-        """Whether an operator lets the arm do what he tells the controller himself, and nothing else."""
+        """Whether only motions that an operator types to the controller are permitted."""
         return self._grant is Grant.BY_HAND and self.stop_as_granted
 
     @property
     def stop_as_granted(self) -> bool:
-        """Whether the stop is seen to work as it was when the permit was granted. Where it was not meanwhile (the line
-        was lost, the controller switched off, or refuses it), that it is seen again gives no permit back."""
+        """Whether the stop has stayed verified since the permit was granted. If it has not (the line was lost, the
+        controller was switched off, or it refused the stop), a new verification does not restore the permit."""
         return self.stop_seen == self._granted_with > 0
 
     @property
     def stopping(self) -> bool:
-        """Whether a stop is under way: until the arm was seen at rest and the job has ended."""
+        """Whether a stop is under way: until the controller reports the arm at rest and the job has ended."""
         return self._stops > 0
 
     @property
     def hindrance(self) -> str | None:
-        """The fault that is active, or the stop that is under way: nothing moves."""
+        """Why nothing may move: the active fault, or the stop that is under way. None: neither."""
         return self.fault or (f"being stopped ({self.why})" if self.stopping else None)
 
     @property
     def held(self) -> bool:
-        """Whether the next move is to wait, since one was released."""
+        """Whether a hold began since the last move was released."""
         return self._holds != self._released_at
 
     @property
     def withheld(self) -> bool:
-        """Whether what was released is held after all: asked before its last byte leaves. On a bad line it takes
-        seconds until that, and whoever says in them that the next move is to wait means this one."""
+        """Whether a released move must not be sent after all; the line checks this before its last byte leaves. On a
+        bad line sending takes seconds: an operator who pauses in that time means this move."""
         return self.held or self.hindrance is not None or not (self.enabled or self.by_hand_only)
 
     def grant(self, what: Grant) -> None:
-        """What an operator permits from now on, the stop as it is seen to work now."""
+        """Permit motion from now on, with the present verification of the stop."""
         self._grant, self._granted_with = what, self.stop_seen
 
     def withdraw(self) -> None:
-        """Nothing may move."""
+        """Permit no motion."""
         self._grant = Grant.NOTHING
 
     def stop_begins(self) -> None:
-        """Nothing moves until this stop has ended."""
+        """Block motion until this stop has ended."""
         self._stops += 1
 
     def stop_ends(self) -> None:
-        """One of the stops that began has ended."""
+        """End one of the stops that began."""
         self._stops -= 1
 
     def hold(self) -> None:
-        """The next move is to wait."""
+        """Hold the next move."""
         self._holds += 1
 
     def release(self) -> None:
-        """A move that waited, or had no need to, may be sent."""
+        """Let a move be sent, after it waited or had no need to."""
         self._released_at = self._holds

@@ -1,7 +1,7 @@
-"""Can this geometry be meant? Units, handedness and what must fit together, before anything is told to move. Pure.
+"""Check configured and calibrated geometry for implausible values: units, handedness, consistency. Pure.
 
-In: values of the configuration and the calibration. Out: what is implausible, each as the keys where it stands and one
-line that says what was expected, what was found and what to do. Whoever read the file adds its name and line.
+In: values of the configuration and the calibration. Out: each implausible value, as its keys and one line that says
+what was expected, what was found and what to do. The reader of the file adds its name and line number.
 """
 
 from collections.abc import Iterator
@@ -18,14 +18,14 @@ Keys = tuple[str | int, ...]
 
 ORIGIN = np.zeros(3)
 METRES_MM = 2.0
-"""What is shorter than this altogether was written in metres: the shortest length that is meant is some 50 mm."""
+"""A total length below this was written in metres: the shortest plausible one is about 50 mm."""
 LONGEST_HAND_MM = 500.0
-"""Neither tool nor cameras are farther than this from the wrist of an arm that carries a few kilograms."""
+"""The greatest distance of tool or cameras from the wrist, on an arm that carries a few kilograms."""
 SMALLEST_BOX_MM = 50.0
 FROM_TABLE_MM = 250.0
-"""How far the workspace box may begin above the table, or below it, and still be meant."""
+"""The greatest plausible distance of the workspace box's lowest side from the table, above or below."""
 LOOKS_ALONG = 0.2
-"""Least cosine between the cameras' axis and the way the gripper approaches."""
+"""Least cosine between the cameras' axis and the gripper's direction of approach."""
 LOWEST_MM = 100.0
 """Fixed cameras are at least this far above the table."""
 LIMITS: Keys = ("pick", "limits")
@@ -36,7 +36,7 @@ AS_DEFAULT = "nothing of it would be guarded; leave the key out for the default"
 
 @dataclass(frozen=True)
 class Implausible:
-    """keys: where it stands; problem: one line for the one who wrote it."""
+    """An implausible value. keys: its place in the file; problem: one line for the author of the file."""
 
     keys: Keys
     problem: str
@@ -47,7 +47,7 @@ def _found(keys: Keys, expected: str, found: str, remedy: str) -> Implausible:
 
 
 def rigid(matrix: Array, keys: Keys) -> Implausible | None:
-    """What is wrong with a (4, 4) that should be a rotation, and a translation in mm between things on the hand."""
+    """Check a (4, 4) transform, mm, between two bodies mounted on the arm's flange."""
     wrong = frames.not_rigid(matrix)
     if wrong is not None:
         return Implausible(keys, wrong)
@@ -62,7 +62,7 @@ def rigid(matrix: Array, keys: Keys) -> Implausible | None:
 
 
 def tool(flange_from_tool: Array) -> Iterator[Implausible]:
-    """arm.flange_from_tool (4, 4): the tool centre point from the wrist centre."""
+    """Check arm.flange_from_tool (4, 4): the tool centre point in the wrist centre's frame."""
     keys: Keys = ("arm", "flange_from_tool")
     wrong = rigid(flange_from_tool, keys)
     if wrong is not None:
@@ -72,7 +72,7 @@ def tool(flange_from_tool: Array) -> Iterator[Implausible]:
 
 
 def hand_eye(tool_from_cyclopean: Array, reach_mm: float) -> Iterator[Implausible]:
-    """hand_eye.tool_from_cyclopean (4, 4) of cameras on the hand of an arm that reaches reach_mm."""
+    """Check hand_eye.tool_from_cyclopean (4, 4) of cameras mounted on an arm that reaches reach_mm."""
     keys: Keys = ("hand_eye", "tool_from_cyclopean")
     wrong = rigid(tool_from_cyclopean, keys)
     away_mm, before_mm = float(np.linalg.norm(tool_from_cyclopean[:3, 3])), float(tool_from_cyclopean[2, 3])
@@ -89,7 +89,7 @@ def hand_eye(tool_from_cyclopean: Array, reach_mm: float) -> Iterator[Implausibl
 
 
 def fixed_cameras(world_from_cyclopean: Array, guard: Limits, reach_mm: float) -> Iterator[Implausible]:
-    """hand_eye.world_from_cyclopean (4, 4) of cameras fixed over the table of an arm that reaches reach_mm."""
+    """Check hand_eye.world_from_cyclopean (4, 4) of cameras fixed above the table of an arm that reaches reach_mm."""
     keys: Keys = ("hand_eye", "world_from_cyclopean")
     above_mm, down = float(world_from_cyclopean[2, 3]) - guard.table_z_mm, -float(world_from_cyclopean[2, 2])
     if 0.0 < float(np.linalg.norm(world_from_cyclopean[:3, 3])) < METRES_MM:
@@ -105,13 +105,13 @@ def fixed_cameras(world_from_cyclopean: Array, guard: Limits, reach_mm: float) -
 
 
 def on_table(world_from_cyclopean: Array, table_z_mm: float) -> Array:
-    """(3,) world mm where the axis of cameras that look down meets the table."""
+    """(3,) world mm: where the axis of cameras that look down meets the table."""
     along = (table_z_mm - world_from_cyclopean[2, 3]) / world_from_cyclopean[2, 2]
     return np.asarray(world_from_cyclopean[:3, 3] + along * world_from_cyclopean[:3, 2])
 
 
 def limits(guard: Limits, reach_mm: float, shoulder_mm: Array = ORIGIN) -> Iterator[Implausible]:
-    """pick.limits for an arm that reaches reach_mm from shoulder_mm (3,), world."""
+    """Check pick.limits for an arm that reaches reach_mm from shoulder_mm (3,), world."""
     low, high = np.array(guard.box_low_mm), np.array(guard.box_high_mm)
     smallest, nearest = float((high - low).min()), float(np.linalg.norm(np.clip(shoulder_mm, low, high) - shoulder_mm))
     if smallest < SMALLEST_BOX_MM:
@@ -155,8 +155,8 @@ def _capsule(capsule: Capsule, keys: Keys) -> Iterator[Implausible]:
 
 
 def hand(guard: Limits, tip_mm: float, outside: tuple[str, float]) -> Iterator[Implausible]:
-    """pick.gripper, by which grasps and touches are reckoned, against the hand that is guarded: a gripper that reaches
-    tip_mm beyond the tool centre point (z), and to either side of it (y) as far as outside says; the key, and mm."""
+    """Check that the guarded shape covers the gripper of pick.gripper, which grasps are computed with. tip_mm: how far
+    the gripper reaches beyond the tool centre point (z); outside: the key and the mm of its reach to each side (y)."""
     ends = [
         (np.array(end), capsule.radius_mm)
         for capsule in guard.capsules

@@ -1,4 +1,4 @@
-"""When the arm is still enough to look. The images tell it: two pairs, one after the other, that show the same."""
+"""Wait until the images are still: the arm has settled when two consecutive image pairs show the same."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,14 +14,14 @@ from daemon.vision.image import block_means
 
 
 class NotSettledError(FacetdError):
-    """The images still differ when the time is up: the arm shakes, a part moves, or the light flickers."""
+    """The images still changed at the time limit: the arm shakes, a part moves, or the light flickers."""
 
     code = "motion_blur"
 
 
 @dataclass(frozen=True)
 class Settling:
-    """When the images count as still after the arm came to rest."""
+    """Settings that say when images count as still after the arm came to rest."""
 
     still_noise: Annotated[float, Meta(gt=0, le=1000)] = 6.0
     """Largest change of an image block, in multiples of the image's own noise."""
@@ -35,7 +35,7 @@ class Settling:
 
 @dataclass(frozen=True, eq=False)
 class SettledPair:
-    """A pair that agrees with the one before it; seconds: from the arm's rest to the first of the two."""
+    """An image pair that agrees with the previous one; seconds: from the arm's rest to the previous one."""
 
     before: Pictures
     pictures: Pictures
@@ -45,7 +45,7 @@ class SettledPair:
 def change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> tuple[float, float]:
     """(largest, typical) change of a block between two images, grey levels: the 99.8 % quantile, and the robust noise.
 
-    A common change of brightness (lamps) is taken out first.
+    A change of brightness that is common to the whole image (lamps) is subtracted first.
     """
     difference = block_means(after) - block_means(before)
     difference = np.abs(difference - np.median(difference))
@@ -63,8 +63,8 @@ def still(before: Pictures, after: Pictures, settling: Settling) -> bool:
 
 
 async def settled_pair(cell: Workcell, rest_s: float, settling: Settling) -> SettledPair:
-    """Wait until two pairs agree. rest_s: since when the arm is at rest, on the cell's clock. Raises NotSettledError,
-    or the camera's error."""
+    """Wait until two consecutive pairs agree. rest_s: when the arm came to rest, on the cell's clock. Raises
+    NotSettledError, or the camera's error."""
     before = await cell.eyes.grab(rest_s, settling.timeout_s)
     while True:
         after = await cell.eyes.grab(max(before.left.taken_s, before.right.taken_s), settling.timeout_s)

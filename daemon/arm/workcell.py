@@ -1,8 +1,8 @@
-"""What the pick cycle is given to work with: a robot, eyes, a log, a clock. Protocols and values only; no hardware.
+"""What a pick cycle works with: the robot, the cameras, the run log, the clock. Protocols and values; no hardware.
 
-daemon/cell/pick_cell.py puts a Workcell together from the real, recorded or simulated parts that daemon/cell/build.py
-builds; tests hand in fakes. Anything a robot or camera raises ends the motion: the cycle stops the arm first and then
-reports the exception's own text.
+daemon/cell/pick_cell.py assembles a Workcell from the real, recorded or simulated hardware that daemon/cell/build.py
+builds; tests use fakes. Any exception of the robot or the cameras ends the motion: the cycle stops the arm first and
+then reports the exception's text.
 """
 
 from collections.abc import Callable
@@ -48,27 +48,28 @@ class Cameras(Protocol):
         """The newest pair whose frames were both exposed wholly after not_before_s, on the cell's clock."""
 
     async def expose(self, left: float, right: float) -> tuple[float, float] | None:
-        """Gather so many times as much light with each eye; what was taken, None where that is not to be set."""
+        """Multiply the exposure of each camera by these factors. Returns the factors in effect; None where exposure
+        cannot be set."""
 
 
 class Recorder(Protocol):
-    """The run log as the cycle sees it."""
+    """The interface to the run log."""
 
     def record(self, kind: str, /, **fields: object) -> None:
-        """Write one record; never blocks on a disk.
+        """Write one record without waiting for the disk.
 
         Fields are JSON values, numpy arrays (written as nested lists), or, under the name `images`, a dict of
-        name -> (H, W) uint8 array that is kept as PNG and replaced by file names.
+        name -> (H, W) uint8 array, which is stored as PNG files and replaced by their names.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """All of it. clock: seconds, monotonic, the one that stamps frames. mounting: where the cameras are.
-    compute: where looks, fusing and plans are computed, beside the loop that stops the arm.
+    """A cell to pick in. clock: seconds, monotonic; it stamps the images. mounting: where the cameras are. compute:
+    runs looks, fusion and plans outside the event loop that stops the arm.
 
-    alone: the one eye that looks, where the other is not there: `eyes` give its picture twice, and a pair is taken from
-    two places of the arm (daemon/pick/moved_pair.py). rig and mounting are then those of a usual such pair.
+    alone: the only camera in use, where the other one is missing. Then `eyes` return its image twice, and a stereo pair
+    is taken from two positions of the arm (daemon/pick/moved_pair.py); rig and mounting are those of such a pair.
     """
 
     robot: Robot

@@ -254,7 +254,7 @@ class LinuxcncArm:
             joints = self.kinematics.along(poses, here.joints_rad)
             joints[0] = here.joints_rad
         if not np.isfinite(joints).all():
-            raise CellError("the arm, as it is configured, does not get there; nothing was sent")
+            raise CellError("the arm cannot reach it in its present configuration; nothing was sent")
         return joints
 
     async def _block(self, joints_rad: Array, time_s: float, may: Callable[[], None]) -> None:

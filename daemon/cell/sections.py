@@ -91,7 +91,7 @@ def out_of_reach(config: Config) -> Iterator[str]:
     for name, place in (("home", pick.home), ("bin", pick.bin)):
         if not arm.ways(place.pose()):
             x, y, z = place.point_mm
-            yield f"pick.{name}: the arm as it is configured cannot reach {x:g}, {y:g}, {z:g} mm at that angle"
+            yield f"pick.{name}: the arm in its present configuration cannot reach {x:g}, {y:g}, {z:g} mm at that angle"
 
 
 def of_another_size(config: Config, calibration: Calibration) -> Iterator[str]:

@@ -63,9 +63,8 @@ def test_a_place_that_the_arm_cannot_reach_is_told_before_a_part_is_in_the_hand(
     near = "bin: {point_mm: [250, 410, -150]"
     path.write_text(path.read_text().replace(near, "bin: {point_mm: [880, 640, 900]"))
     assert main(["--check", "--sim", "--config", str(path)]) == 0
-    assert (
-        "pick.bin: the arm as it is configured cannot reach 880, 640, 900 mm at that angle" in capsys.readouterr().err
-    )
+    refused = "pick.bin: the arm in its present configuration cannot reach 880, 640, 900 mm at that angle"
+    assert refused in capsys.readouterr().err
 
 
 def test_one_device_for_both_cameras_is_refused_and_pictures_of_another_size_than_calibrated_are_told(

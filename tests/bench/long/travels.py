@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from daemon.arm.guard import refuse
-from daemon.arm.sweep import SLACK_MM, way_clear
+from daemon.arm.sweep import SLACK_MM, path_refusal
 from drivers.puma560 import UnreachableError
 from drivers.simcell.arm import SimulatedArm
 from tests.fakes.swept import ARM, NEARER, ROBOT, Travel, Truth, random_travel, truth_of
@@ -63,7 +63,7 @@ def judged(seed: int, chunk: int) -> tuple[int, list[Judged]]:
     for number in range(CHUNK):
         travel = random_travel(rng, SCENES[number % len(SCENES)], room=number % 2 == 1)
         began = time.process_time()
-        refusal = way_clear(travel.command, travel.standing, travel.start, ROBOT, travel.limits)
+        refusal = path_refusal(travel.command, travel.standing, travel.start, ROBOT, travel.limits)
         ms = 1000.0 * (time.process_time() - began)
         assert refuse(travel.command, travel.standing, travel.limits) is None, "its end alone is allowed"
         truth = truth_of(travel)

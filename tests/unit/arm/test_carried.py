@@ -15,7 +15,7 @@ from daemon.arm.belief import Reading
 from daemon.arm.body import CarriedCapsule, FixtureBox, KeepOut, away_mm, carried_part, upright_bounds
 from daemon.arm.guard import ArmState, Limits, MoveCommand, SupportContact, hand_above_mm
 from daemon.arm.motion import Arrival, Mover
-from daemon.arm.sweep import way_clear
+from daemon.arm.sweep import path_refusal
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.fake_cell import World, build, permitted
@@ -46,7 +46,7 @@ def lowered(limits: Limits, start_mm: float, end_mm: float, contact: SupportCont
     )
     command = MoveCommand(pose(end_mm), True, 10.0, "down", contact=contact)
     standing = ArmState(True, None, start, 0.0)
-    refusal = way_clear(command, standing, reading, ROBOT, replace(limits, capsules=capsules))
+    refusal = path_refusal(command, standing, reading, ROBOT, replace(limits, capsules=capsules))
     return None if refusal is None else refusal.rule
 
 

@@ -14,7 +14,7 @@ from daemon.arm.body import Capsule, KeepOut
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Refusal
 from daemon.arm.motion import Arrival, Mover, MoveRefusedError, OutOfReachError
 from daemon.arm.permit import MotionPermit
-from daemon.arm.route import planned_way
+from daemon.arm.route import plan_path
 from daemon.arm.workcell import Workcell
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
@@ -38,7 +38,7 @@ LEFT, RIGHT = hand(560, -200, -180), hand(560, 200, -180)
 
 def planned(start, target, straight=False, limits=LIMITS):
     standing = ArmState(True, None, start, 0.0)
-    return planned_way(MoveCommand(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
+    return plan_path(MoveCommand(target, straight, 50.0, "test"), standing, reading(start), ROBOT, limits)
 
 
 def test_a_free_way_is_gone_directly():
@@ -117,7 +117,7 @@ def test_where_nothing_leads_over_it_the_reason_is_that_of_the_direct_way():
     assert isinstance(refusal, Refusal)
     assert refusal.rule == "kept_out"
     assert "wall" in refusal.text
-    assert refusal.text.endswith("nor is a way over it clear")
+    assert refusal.text.endswith("no path above it is clear either")
 
 
 def test_where_the_direct_way_leaves_the_room_a_way_over_is_looked_for_too():
@@ -125,7 +125,7 @@ def test_where_the_direct_way_leaves_the_room_a_way_over_is_looked_for_too():
     refusal = planned(hand(500, -300, -180), hand(500, 300, -180), limits=narrow)
     assert isinstance(refusal, Refusal)
     assert refusal.rule == "outside_room"
-    assert refusal.text.endswith("nor is a way over it clear")
+    assert refusal.text.endswith("no path above it is clear either")
 
 
 def test_long_ways_are_parted_in_steps_within_the_limits():
@@ -215,7 +215,7 @@ def test_a_straight_way_out_of_reach_in_between_is_told_as_that():
 
 
 def test_a_step_that_was_swept_and_is_out_of_reach_for_the_next_is_refused(monkeypatch):
-    monkeypatch.setattr(route, "way_clear", lambda *_: None)
+    monkeypatch.setattr(route, "path_refusal", lambda *_: None)
     monkeypatch.setattr(route, "_steps", lambda leg, *_: [leg.world_from_tool])
     monkeypatch.setattr(ROBOT, "reachable", lambda *_: None, raising=False)
     refusal = planned(hand(560, -200, 100), hand(560, -190, 100), straight=True)
@@ -241,12 +241,12 @@ def test_the_way_over_is_measured_from_the_higher_of_start_and_target():
 def test_where_the_arm_may_not_be_at_the_target_itself_no_way_over_is_looked_for(monkeypatch):
     asked = []
     monkeypatch.setattr(
-        route, "_clear", lambda legs, *rest, clear=route._clear: asked.append(legs) or clear(legs, *rest)
+        route, "_checked", lambda legs, *rest, checked=route._checked: asked.append(legs) or checked(legs, *rest)
     )
     refusal = planned(LEFT, hand(560, 200, -305))
     assert isinstance(refusal, Refusal)
     assert len(asked) == 1
-    assert not refusal.text.endswith("nor is a way over it clear")
+    assert not refusal.text.endswith("no path above it is clear either")
 
 
 def test_a_straight_way_is_parted_on_its_line():

@@ -41,8 +41,8 @@ def stopped(arm: Any, said: list[str | None]) -> tuple[str | None, bool]:
 
     async def told() -> tuple[str | None, bool]:
         stopping = Stopping(lambda: arm, said.append)
-        assert stopping.tell("jog")
-        assert not stopping.tell("jog"), "who comes later joins in"
+        assert stopping.begin("jog")
+        assert not stopping.begin("jog"), "who comes later joins in"
         assert arm.permit.stopping
         outcome = await stopping.outcome()
         over = not stopping.under_way
@@ -71,7 +71,7 @@ def test_one_that_does_not_answer_at_once_is_told_again() -> None:
 def test_one_that_refuses_is_told_of_at_once_and_told_on_until_it_rests() -> None:
     arm, said = Arm(StopRefusedError("*Illegal command*")), list[str | None]()
     outcome, over = stopped(arm, said)
-    assert outcome == UNSURE.format("*Illegal command*") + "; the arm goes on being told to stop"
+    assert outcome == UNSURE.format("*Illegal command*") + "; facetd keeps sending the stop"
     assert not over
     assert said == [UNSURE.format("*Illegal command*"), None]
     assert arm.told == 2
@@ -80,7 +80,7 @@ def test_one_that_refuses_is_told_of_at_once_and_told_on_until_it_rests() -> Non
 def test_one_that_is_not_seen_at_rest_in_time_is_told_of_once_by_its_last_problem() -> None:
     arm, said = Arm(OSError("no echo"), OSError("no prompt")), list[str | None]()
     outcome, _ = stopped(arm, said)
-    assert outcome == UNSURE.format("no prompt") + "; the arm goes on being told to stop"
+    assert outcome == UNSURE.format("no prompt") + "; facetd keeps sending the stop"
     assert said == [UNSURE.format("no prompt")]
     assert arm.told > 2
 
@@ -97,7 +97,7 @@ def test_where_the_stop_took_long_as_it_was_tried_the_alarm_waits_for_two_of_it_
         loop = asyncio.get_running_loop()
         stopping = Stopping(lambda: arm, said.append)
         began_s = loop.time()
-        stopping.tell("jog")
+        stopping.begin("jog")
         assert not stopping.answered, "what was heard before was no answer to this stop"
         arm.permit.stop_answered += answers
         assert stopping.answered is answers

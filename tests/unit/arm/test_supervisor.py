@@ -312,7 +312,7 @@ def test_a_word_from_before_a_stop_begins_nothing_that_moves_and_what_a_job_leav
         with said("pick", supervisor.stops):
             await supervisor.run("pick", leaving())
             await supervisor.abort()
-            with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile; say `pick` once more"):
+            with pytest.raises(RefusedError, match="somebody stopped the arm meanwhile; type `pick` again"):
                 await supervisor.run("pick", work())
             assert await supervisor.run("look", work("seen"), moves=False) == "seen"
         assert await supervisor.run("pick", work()) == "done"
@@ -398,7 +398,7 @@ def test_what_is_to_hold_for_all_of_a_job_is_changed_between_jobs_alone():
     async def story() -> None:
         task = asyncio.create_task(supervisor.run("wait", asyncio.sleep(0.05)))
         await asyncio.sleep(0.0)
-        with pytest.raises(RefusedError, match="busy: wait; this in between"):
+        with pytest.raises(RefusedError, match="busy: wait; this only between jobs"):
             supervisor.between_jobs("this")
         await task
 
@@ -716,7 +716,7 @@ def test_an_arm_that_is_not_seen_at_rest_is_told_to_stop_eight_times_before_the_
         began_s = asyncio.get_running_loop().time()
         await supervisor.stop()
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(ABORT_S, abs=0.1)
-        supervisor._stopping._telling.cancel()
+        supervisor._stopping._task.cancel()
 
     lived(story())
     assert 8 <= len(told) <= 9
@@ -788,7 +788,7 @@ def test_an_enable_that_was_asked_for_before_a_stop_or_a_disable_is_void(voids):
     async def story() -> None:
         asked = supervisor.stops
         await getattr(supervisor, voids)()
-        with pytest.raises(RefusedError, match="say `enable` once more"):
+        with pytest.raises(RefusedError, match="type `enable` again"):
             supervisor.enable(asked)
         assert not supervisor.enabled
         supervisor.enable(supervisor.stops)
@@ -803,7 +803,7 @@ def test_nothing_moves_without_a_stop_that_was_seen_to_work_since_the_line_was_o
     robot.permit.stop_seen = 0
 
     async def story() -> None:
-        with pytest.raises(RefusedError, match="has not seen the stop work"):
+        with pytest.raises(RefusedError, match="the stop was not tested"):
             supervisor.enable()
         await supervisor.prove_stop()
         supervisor.enable()
@@ -827,7 +827,7 @@ def test_a_line_that_was_opened_anew_takes_the_enable_away_and_no_stop_gives_it_
         asked = supervisor.stops
         supervisor.line_opened_anew()
         assert (supervisor.enabled, supervisor.mover.belief.at) == (False, None)
-        with pytest.raises(RefusedError, match="say `enable` once more"):
+        with pytest.raises(RefusedError, match="type `enable` again"):
             supervisor.enable(asked)
         await supervisor.stop()
         supervisor.resume()
@@ -1089,8 +1089,8 @@ def test_a_stop_whose_telling_was_ended_with_the_daemon_is_not_called_confirmed(
 
     async def story() -> None:
         stopping = asyncio.create_task(supervisor.stop("by ann"))
-        await eventually(lambda: supervisor._stopping._telling is not None)
-        supervisor._stopping._telling.cancel()
+        await eventually(lambda: supervisor._stopping._task is not None)
+        supervisor._stopping._task.cancel()
         assert "NOT CONFIRMED: the daemon has ended: press the emergency stop" in str(await stopping)
 
     lived(story())
@@ -1156,7 +1156,7 @@ def test_an_arm_that_fails_to_say_whether_it_rests_once_nobody_waits_any_more_is
         supervisor.mover.cell.robot.at_rest = late
         assert not await supervisor.at_rest()
         await asyncio.sleep(20.0)
-        supervisor._asking = None
+        supervisor._rest_query = None
         gc.collect()
 
     lived(story())
@@ -1167,7 +1167,7 @@ def test_an_enable_asked_for_before_the_line_was_opened_anew_is_void():
     _, supervisor, _ = supervised(enabled=False)
     asked = supervisor.stops
     supervisor.line_opened_anew()
-    with pytest.raises(RefusedError, match="say `enable` once more"):
+    with pytest.raises(RefusedError, match="type `enable` again"):
         supervisor.enable(asked)
 
 
@@ -1325,7 +1325,7 @@ def test_a_stop_that_is_never_answered_at_all_sounds_the_alarm_with_that():
 
     async def story() -> str | None:
         alarm = await supervisor.stop("by hand")
-        supervisor._stopping._telling.cancel()
+        supervisor._stopping._task.cancel()
         return alarm
 
     alarm = lived(story())
@@ -1352,7 +1352,7 @@ def test_why_a_stop_could_not_be_confirmed_is_told_with_the_alarm(error, told):
 
     async def story() -> str | None:
         alarm = await supervisor.stop("by hand")
-        supervisor._stopping._telling.cancel()
+        supervisor._stopping._task.cancel()
         return alarm
 
     alarm = lived(story())

@@ -13,7 +13,7 @@ from daemon.arm import sweep
 from daemon.arm.belief import Reading
 from daemon.arm.body import Capsule, KeepOut, body_of
 from daemon.arm.guard import ArmState, Limits, MoveCommand, Strike, refuse
-from daemon.arm.sweep import SLACK_MM, gaps_of, reaches_mm, way_clear, way_of
+from daemon.arm.sweep import SLACK_MM, gaps_of, lever_arms_mm, path_of, path_refusal
 from daemon.pick.two_fingers import tool_rotation
 from drivers import puma560
 from tests.fakes.chosen import few
@@ -41,7 +41,7 @@ def travel(start, target, straight=True, limits=LIMITS):
 
 
 def asked(some):
-    return way_clear(some.command, some.standing, some.start, ROBOT, some.limits)
+    return path_refusal(some.command, some.standing, some.start, ROBOT, some.limits)
 
 
 def rule(some):
@@ -76,7 +76,7 @@ def goes_no_farther_than_bounded(some):
     """The way, None where there is none."""
     body = body_of(some.limits.capsules, some.limits.body_mm)
     joints = ROBOT.reachable(some.command.world_from_tool, some.start.joints_rad)
-    way = way_of(some.start, some.command, joints, ROBOT, body)
+    way = path_of(some.start, some.command, joints, ROBOT, body)
     shares, fine = np.linspace(0, 1, 41), np.linspace(0, 1, 401)
     if isinstance(way, Strike):
         return None
@@ -116,7 +116,7 @@ def test_what_is_bounded_is_the_same_wherever_the_arm_faces():
     for angle in (0.0, 0.5, 1.3):
         about = frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3))
         some = travel(about @ start, about @ target)
-        way = way_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
+        way = path_of(some.start, some.command, None, ROBOT, body_of(LIMITS.capsules, LIMITS.body_mm))
         found.append(way.gone_mm[-1])
     for turned in found[1:]:
         np.testing.assert_allclose(turned, found[0], rtol=1e-6)
@@ -144,7 +144,7 @@ def test_a_line_that_is_easy_is_followed_once_and_one_near_the_stretched_arm_mor
         (travel(hand(835, -150, -130), hand(665, -150, -130)), 2),
     ):
         asked_for.clear()
-        assert not isinstance(way_of(some.start, some.command, None, robot, body), Strike)
+        assert not isinstance(path_of(some.start, some.command, None, robot, body), Strike)
         assert len(asked_for) == count
 
 
@@ -162,10 +162,10 @@ def test_a_line_so_near_to_the_stretched_arm_that_it_would_be_asked_for_in_more_
     )
     robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
-    found = way_of(Reading(pose, joints), command, None, robot, body)
+    found = path_of(Reading(pose, joints), command, None, robot, body)
     assert isinstance(found, Strike)
     assert found.rule == "no_way"
-    assert "turn fast for little" in found.text
+    assert "near to a singular position" in found.text
     assert sum(asked_for) < 100
 
 
@@ -181,7 +181,7 @@ def along(ends, shares):
     """What a line is bounded by at these shares: motion (6,), places (N, 8, 4, 4), Jacobians, the wrist's way each."""
     start = reading(ends[0])
     motion = frames.difference(ends[1], ends[0])
-    places = ROBOT.frames(sweep._following(ROBOT, start, motion, shares, start.joints_rad))
+    places = ROBOT.frames(sweep._joints_along(ROBOT, start, motion, shares, start.joints_rad))
     wrists_mm = (np.linalg.norm(motion[:3]) + np.linalg.norm(motion[3:]) * 130.0) * np.diff(shares)
     return motion, places, sweep._jacobians_mm(places), wrists_mm
 
@@ -235,7 +235,7 @@ def test_what_the_jacobian_changes_for_a_radian_is_bounded_and_on_an_arm_straigh
 def test_how_fast_the_arm_s_own_joints_turn_on_a_line_is_as_they_do(ends):
     middle, step = 0.4, 1e-4
     motion, places, jacobians, _ = along(ends, np.array([0.0, middle]))
-    off = sweep._wrist_off(places)
+    off = sweep._wrist_from_tcp(places)
     np.testing.assert_allclose(off, -130.0 * places[:, 7, :3, 2], atol=1e-9)
     told = sweep._rates(jacobians, motion[:3] + np.cross(motion[3:], off))[1]
     before, after = joints_along(ends, np.array([middle - step, middle + step]))
@@ -250,12 +250,12 @@ def test_between_two_places_a_joint_gets_faster_for_half_a_stretch_at_most_and_n
 
 def test_where_the_least_lever_arm_could_fall_by_much_is_looked_at_in_so_many_parts_that_it_cannot():
     falls = np.array([0.0, 0.5, 0.74, 0.75, 1.0, 1.2, 5.9, 6.1, 1e9])
-    assert sweep._closer(falls).tolist() == [1, 1, 1, 2, 2, 3, 12, 12, 12]
+    assert sweep._subdivisions(falls).tolist() == [1, 1, 1, 2, 2, 3, 12, 12, 12]
 
 
 def bounded(ends, capsules=LIMITS.capsules):
     some = travel(*ends, limits=replace(LIMITS, capsules=capsules))
-    return way_of(some.start, some.command, None, ROBOT, body_of(capsules, LIMITS.body_mm))
+    return path_of(some.start, some.command, None, ROBOT, body_of(capsules, LIMITS.body_mm))
 
 
 def test_who_stays_in_place_goes_nowhere_and_what_hangs_on_the_hand_goes_as_the_hand_does():
@@ -277,7 +277,7 @@ def test_who_stays_in_place_goes_nowhere_and_what_hangs_on_the_hand_goes_as_the_
 
 def test_a_joint_s_way_is_looked_at_every_25_mm_of_what_goes_farthest_to_begin_with():
     for speed_mm, places in ((0.0, 3), (49.0, 3), (51.0, 4), (100.0, 5), (100.1, 6), (1e9, 121)):
-        way = sweep.JointWay(ROBOT, np.zeros(6), np.zeros(6), np.array([1.0, speed_mm]))
+        way = sweep.JointPath(ROBOT, np.zeros(6), np.zeros(6), np.array([1.0, speed_mm]))
         np.testing.assert_allclose(way.first(), np.linspace(0.0, 1.0, places))
 
 
@@ -285,7 +285,7 @@ def test_an_arm_too_far_stretched_out_to_know_its_elbow_s_way_is_refused():
     refused = bounded((hand(862, -150, -130), hand(800, -150, -130)))
     assert isinstance(refused, Strike)
     assert refused.rule == "no_way"
-    assert refused.text == "after 0 % of the way the arm is stretched out too far to know its elbow's way"
+    assert refused.text == "after 0 % of the way the arm is stretched too far to predict the path of its elbow"
     hand_only = tuple(capsule for capsule in LIMITS.capsules if capsule.link in ("wrist", "tool"))
     assert not isinstance(bounded((hand(862, -150, -130), hand(800, -150, -130)), hand_only), Strike)
 
@@ -300,7 +300,7 @@ def test_a_line_begins_where_the_arm_is_whatever_way_the_robot_would_have_it_sta
 
     robot = SimpleNamespace(**vars(ROBOT) | {"along": along})
     some = travel(hand(500, -100, 100), hand(500, 100, 100))
-    way = way_of(some.start, some.command, None, robot, body_of(LIMITS.capsules, LIMITS.body_mm))
+    way = path_of(some.start, some.command, None, robot, body_of(LIMITS.capsules, LIMITS.body_mm))
     np.testing.assert_allclose(way.places[0], ROBOT.frames(some.start.joints_rad[None])[0])
 
 
@@ -310,7 +310,7 @@ def test_nothing_of_the_body_is_ever_farther_from_a_joint_than_its_reach(seed):
     rng = np.random.default_rng(seed)
     body = body_of(LIMITS.capsules, LIMITS.body_mm)
     low, high = ARM.limits_rad.T
-    reach = reaches_mm(puma560.link_frames(rng.uniform(low, high, (1, 6)), ARM)[0], body)
+    reach = lever_arms_mm(puma560.link_frames(rng.uniform(low, high, (1, 6)), ARM)[0], body)
     links = puma560.link_frames(rng.uniform(low, high, (50, 6)), ARM)
     ends = body.placed(links)
     for joint in range(6):
@@ -438,7 +438,7 @@ def test_where_the_hand_turns_about_its_own_axis_its_points_go_as_far_as_they_re
     start = hand(560, 0, 0)
     target = start @ frames.rigid(frames.rotation_from_vector(np.array([0.0, 0.0, 1.0])), np.zeros(3))
     some, body = travel(start, target), body_of(LIMITS.capsules, LIMITS.body_mm)
-    way = way_of(some.start, some.command, None, ROBOT, body)
+    way = path_of(some.start, some.command, None, ROBOT, body)
     gone = way.travel_mm(np.array([0.0, 1.0]))[0]
     reach_mm = np.linalg.norm(body.ends_mm[..., :2], axis=-1).max(axis=1)
     assert (gone >= reach_mm)[body.frame == 7].all()
@@ -481,14 +481,14 @@ def test_a_way_is_looked_at_in_as_many_places_as_are_the_most_and_in_no_more(mon
         parts.append(np.where(np.arange(len(falls)) == 0, 3, 1))
         return parts[-1]
 
-    monkeypatch.setattr(sweep, "_closer", closer)
+    monkeypatch.setattr(sweep, "_subdivisions", closer)
     way = travel(hand(500, -150, 100), hand(500, 50, 100))
     assert rule(way) is None
     for most, told in ((parts[0].sum(), None), (parts[0].sum() - 1, "no_way")):
         monkeypatch.setattr(sweep, "MOST_PLACES", most)
         joints = ROBOT.reachable(way.command.world_from_tool, way.start.joints_rad)
         body = body_of(way.limits.capsules, way.limits.body_mm)
-        found = way_of(way.start, way.command, joints, ROBOT, body)
+        found = path_of(way.start, way.command, joints, ROBOT, body)
         assert (found.rule if isinstance(found, Strike) else None) == told
 
 
@@ -588,9 +588,9 @@ def test_what_is_outside_the_room_may_come_in_and_go_no_farther_out():
 def test_the_rules_of_the_moment_go_before_the_way():
     some = travel(hand(560, -200, 0), hand(560, 200, 0))
     fault = ArmState(True, "stopped", some.start.world_from_tool, 0.0)
-    assert way_clear(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_stands"
+    assert path_refusal(some.command, fault, some.start, ROBOT, LIMITS).rule == "fault_stands"
     lost = ArmState(True, None, None, 0.0)
-    assert way_clear(some.command, lost, None, ROBOT, LIMITS).rule == "arm_lost"
+    assert path_refusal(some.command, lost, None, ROBOT, LIMITS).rule == "arm_lost"
 
 
 def test_a_way_in_the_free_is_looked_at_in_few_places(monkeypatch):
@@ -610,8 +610,8 @@ def test_the_bound_is_what_keeps_it_true(monkeypatch):
     assert rule(through) == "kept_out"
     monkeypatch.setattr(sweep, "FIRST_MM", 1000.0)
     assert rule(through) == "kept_out"
-    honest = sweep.JointWay.travel_mm
-    monkeypatch.setattr(sweep.JointWay, "travel_mm", lambda way, *at: 0.0 * honest(way, *at))
+    honest = sweep.JointPath.travel_mm
+    monkeypatch.setattr(sweep.JointPath, "travel_mm", lambda way, *at: 0.0 * honest(way, *at))
     assert rule(through) is None
 
 
@@ -710,7 +710,7 @@ def test_an_arm_that_does_not_get_to_where_it_is_looked_at_more_closely_is_refus
     ends = [(400.0, LEAST_MM + 1.0)] * 2
     assert struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 2.9])) == ()
     (strike,) = struck(Along([0.0, 1.0], [0.0, 1.0], ends, [0.0, 3.1], lost=True))
-    assert strike == Strike("no_way", "after 50 % of the way the arm, as it is configured, cannot follow")
+    assert strike == Strike("no_way", "after 50 % of the way the arm cannot follow in its configuration")
 
 
 def test_what_is_inside_a_limit_is_held_against_the_least_depth_seen_as_long_as_anything_is_looked_at():
@@ -740,10 +740,10 @@ def test_what_cannot_come_near_is_not_looked_at_nor_what_would_only_just_touch()
             low = (-100.0 - far_mm, -5.0, -5.0) if side < 0 else (64.0 + far_mm, -5.0, -5.0)
             box = KeepOut("box", low, (low[0] + 100.0, 5.0, 5.0))
             limits = Limits(keep_out=(box,), capsules=capsules, table_z_mm=-18.0)
-            tight = sweep._not_far(ends, travel_mm, body, limits)
+            tight = sweep._broad_phase(ends, travel_mm, body, limits)
             assert tight.capsules.tolist() == told
             assert tight.boxes.tolist() == ([0] if len(told) > 1 else [])
-    assert sweep._not_far(ends, travel_mm, body, Limits(capsules=capsules, table_z_mm=-17.0)).capsules.tolist() == [
+    assert sweep._broad_phase(ends, travel_mm, body, Limits(capsules=capsules, table_z_mm=-17.0)).capsules.tolist() == [
         0,
         1,
         2,
@@ -814,13 +814,13 @@ def test_what_is_proven_at_the_first_look_is_not_looked_at_again_and_what_lacks_
     over_mm, looked_at, monkeypatch
 ):
     """A dip of 16 mm: the lowest finger lacks room for it, the other has just enough, or a hair less."""
-    asked, gaps_of = [], sweep.Tight.gaps_of
+    asked, gaps_of = [], sweep.Unproven.gaps_of
 
     def listening(tight, *about):
         asked.append(tight.capsules.tolist())
         return gaps_of(tight, *about)
 
-    monkeypatch.setattr(sweep.Tight, "gaps_of", listening)
+    monkeypatch.setattr(sweep.Unproven, "gaps_of", listening)
     other = Capsule("other finger", "tool", (0.0, 0.0, -46.5 + over_mm), (0.0, 0.0, -46.5 + over_mm), 0.0)
     limits = Limits(body_mm=(), capsules=(LOW, other), table_z_mm=0.0)
 

@@ -81,7 +81,7 @@ def test_nobody_looks_while_the_eyes_are_changed_and_a_stop_leaves_them_as_they_
         await asyncio.sleep(0.1)
         with pytest.raises(RefusedError, match="busy: change cameras"):
             await here.cycle.look()
-        with pytest.raises(RefusedError, match="busy: change cameras; cameras are changed in between"):
+        with pytest.raises(RefusedError, match="busy: change cameras; cameras are changed only between jobs"):
             await here.context.look_with(None, "somebody else")
         if stopped:
             await here.cycle.supervisor.stop()
@@ -137,7 +137,7 @@ def test_a_yes_to_teach_a_new_part_moves_no_eye_where_the_arm_was_stopped_since_
             return frontend.answers.pop(0)
 
         frontend.ask = asked  # type: ignore[method-assign]
-        with said("teach", here.cycle.supervisor.stops), pytest.raises(RefusedError, match="say `teach` once more"):
+        with said("teach", here.cycle.supervisor.stops), pytest.raises(RefusedError, match="type `teach` again"):
             await teach.run(here.context, ["bolt"], frontend)
         assert not here.log.said("move")
 

@@ -80,7 +80,7 @@ HEARS_OTHERS: Guard = (LineSession, "_refuse_others", nothing)
 LONGER = rigid(np.eye(3), [0.0, 0.0, -100.0])
 """A tool that reaches 100 mm less far than ours does."""
 COUNTS_RELEASED: Guard = (take, "released", lambda label, *_: PickResult(Outcome.PICKED, label, None))
-COMPARES_WHERE: Guard = (Mover, "_not_moved_by_others", nothing)
+COMPARES_WHERE: Guard = (Mover, "_check_not_moved", nothing)
 
 
 def still_empty(before: CellBelief, change: VoidingEvent) -> CellBelief:
@@ -254,7 +254,7 @@ def test_a_tool_that_another_terminal_sets_moves_no_arm():
             typed(story, text, 8.0)
 
     unseen: Guard = (whole_daemon, "belongs_together", lambda *_: True)
-    proven(act, "below the table", HEARS_OTHERS, unseen, (motion, "_went_as_looked_along", nothing))
+    proven(act, "below the table", HEARS_OTHERS, unseen, (motion, "_check_configuration", nothing))
 
 
 def test_a_motion_that_another_terminal_typed_is_noticed_before_the_next_move():

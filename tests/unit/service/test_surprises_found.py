@@ -267,7 +267,7 @@ def test_a_reload_that_is_refused_after_it_had_disabled_the_arm_takes_nothing_ov
     story.wait(0.01)
     story.sockets[1].say("where")
     story.wait(1.0)
-    refused = "busy: where; settings are changed in between"
+    refused = "busy: where; settings are changed only between jobs"
     disabled = f"The arm is disabled; nothing else has changed, as the reload was refused: {refused}"
     assert {refused, disabled} <= set(story.texts)
     assert NO_LONGER not in story.texts
@@ -329,7 +329,7 @@ def test_a_yes_to_go_on_counts_only_in_the_cell_that_it_was_asked_in(story: Stor
     story.sockets[0].answer("y")
     story.wait(2.0)
     assert story.cell.controller.machine.at_rest()
-    assert any("say `resume` once more" in text for text in story.texts)
+    assert any("type `resume` again" in text for text in story.texts)
     assert story.violations() == ()
 
 
